@@ -14,7 +14,7 @@ from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, R
 from framework.control.variation import Spread, Variation, draw_noise, vary
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import integrate
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.schemes import State
@@ -40,7 +40,7 @@ class DelayLine(NamedTuple):
         return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return the delayed ones, at first the first."""
+        """Store commanded torques (R, n_a); return the delayed torques, until then the first ones."""
         self.past.append(torque)
         if len(self.past) == 1:
             return torque
@@ -77,14 +77,19 @@ def run_closed_loop(
     """Drive R varied robots along the plan, from rest at its start.
 
     In every sampling period the encoders are read, the controller commands torques, these are limited and
-    delayed, and the robots move. `record` keeps all torques; `report_progress` is called with the share of
-    the motion that is done.
+    delayed, and the robots move. Runs that are lost end early.
+
+    Args:
+        record: whether all torques are returned with the run.
+        report_progress: called with the share of the motion that is done.
 
     Raises:
         InvalidInput: the loops of a varied robot do not close; a limit that is no torque.
     """
-    ref, limit = controller.reference, torque_limit(controller.reference, loop)
-    robots, last = _Robots.of(controller, spread, variations), len(ref.times) - 1
+    ref = controller.reference
+    limit = torque_limit(controller.reference, loop)
+    robots = _Robots.of(controller, spread, variations)
+    last = len(ref.times) - 1
     delay_line = DelayLine.of(controller, variations)
     monitor = RunMonitor.of(len(variations), ref.robot)
     q, v = robots.start
@@ -99,13 +104,18 @@ def run_closed_loop(
         if k == last or not monitor.alive.any():
             break
         q, v = robots.step(k, q, v, torque)
-        is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
-        is_lost = ~(np.isfinite(q).all(axis=1) & is_slow.all(axis=1))
-        monitor.end(ref.times[k + 1], np.asarray(is_lost))
+        monitor.end(ref.times[k + 1], _find_lost(ref, q, v))
         # NaN of one run would spoil the stacked solutions of all: put ended runs back to their start
-        running = monitor.alive[:, None]
-        q, v = np.where(running, q, robots.start.q), np.where(running, v, robots.start.v)
+        is_running = monitor.alive[:, None]
+        q = np.where(is_running, q, robots.start.q)
+        v = np.where(is_running, v, robots.start.v)
     return monitor.judge(loop, variations)
+
+
+def _find_lost(ref: Reference, q: Array, v: Array) -> BoolArray:
+    """Return a mask (R,) of the runs whose joints are not finite, or move too far in one period."""
+    is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
+    return np.asarray(~(np.isfinite(q).all(axis=1) & is_slow.all(axis=1)))
 
 
 class _Robots(NamedTuple):
@@ -122,12 +132,14 @@ class _Robots(NamedTuple):
     @staticmethod
     def of(controller: Controller, spread: Spread, variations: Sequence[Variation]) -> _Robots:
         """Return the robots at rest at the start of the plan, loops closed."""
-        ref, count = controller.reference, len(variations)
+        ref = controller.reference
+        count = len(variations)
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
             varied_robots = [vary(ref.robot, variation) for variation in variations]
             stepper = Stepper.of(varied_robots, like=ref.robot)
-            torque, q = np.tile(ref.torque[0], (count, 1)), np.tile(ref.motion.q[0], (count, 1))
+            torque = np.tile(ref.torque[0], (count, 1))
+            q = np.tile(ref.motion.q[0], (count, 1))
             start = stepper.start(q, None, torque, world=world)
         except NotAssembled as error:
             raise InvalidInput(
@@ -150,11 +162,14 @@ class _Robots(NamedTuple):
         With encoders on all joints their noise moves the measured platform by dx/dq, the pseudo-inverse of
         the planned N = dq/dx.
         """
-        ref, robot = self.reference, self.reference.robot
+        ref = self.reference
+        robot = self.reference.robot
         noise = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]
         rates = v if self.noise is None else v + self.noise[k][:, 1]
-        n, motors = robot.gear_ratio, robot.actuated
-        angle, speed = n * (robot.actuated_coordinates(q) + noise[:, motors]), n * rates[:, motors]
+        n = robot.gear_ratio
+        motors = robot.actuated
+        angle = n * (robot.actuated_coordinates(q) + noise[:, motors])
+        speed = n * rates[:, motors]
         if sensors == "motors":
             return Measurement(motor_angle=angle, motor_speed=speed, state=None)
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
@@ -167,7 +182,8 @@ class _Robots(NamedTuple):
 
         Wrenches of the world are those in the middle of the period, where the present rates lead.
         """
-        ref, world = self.reference, None
+        ref = self.reference
+        world = None
         if self.world.acts:
             middle = np.repeat(min(ref.times[k] + 0.5 * ref.period, ref.times[-1]), len(q))
             q_middle = integrate(ref.robot, q, 0.5 * ref.period * v)

@@ -79,9 +79,9 @@ class FeedforwardPD:
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]."""
         ref = self.reference
-        return ref.period_torque[k] + self.feedback.torque(
-            ref.motor_angle[k] - measurement.motor_angle, ref.motor_speed[k] - measurement.motor_speed
-        )
+        angle_error = ref.motor_angle[k] - measurement.motor_angle
+        speed_error = ref.motor_speed[k] - measurement.motor_speed
+        return ref.period_torque[k] + self.feedback.torque(angle_error, speed_error)
 
 
 # ------------------------------------------------------------------ linear-quadratic regulator
@@ -136,7 +136,9 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
     With the error e = [x; dx], de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0],
     [d(ddx)/dtau]].
     """
-    robot, motion, n = reference.robot, reference.motion, reference.robot.n
+    robot = reference.robot
+    motion = reference.motion
+    n = reference.robot.n
     slopes = forward_derivatives(
         robot,
         motion.q,
@@ -145,7 +147,9 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
         wrenches=reference.planned_wrenches,
         turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
     )
-    by_x, by_dx, by_torque = slopes.acceleration_y, slopes.acceleration_dy, slopes.acceleration_torque
+    by_x = slopes.acceleration_y
+    by_dx = slopes.acceleration_dy
+    by_torque = slopes.acceleration_torque
     identity = np.broadcast_to(np.eye(n), by_x.shape)
     A = np.block([[np.zeros_like(by_x), identity], [by_x, by_dx]])
     return A, np.concatenate([np.zeros_like(by_torque), by_torque], axis=1)
@@ -155,16 +159,19 @@ def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
     """Solve the discrete Riccati equation from the last instant backwards: gains (K, n_a, 2n).
 
     Torques are constant for a period h: e_(k+1) = F e_k + G tau_k with [F, G; 0, 1] = exp([A, B; 0, 0] h).
+    With the cost to go e' P e the gain is K = (R + G' P G)^-1 G' P F, and the cost to go one step earlier
+    Q + K' R K + (F - G K)' P (F - G K).
     """
-    count, size, inputs = B.shape
     from scipy.linalg import expm
 
+    count, size, inputs = B.shape
     generator = np.zeros((count, size + inputs, size + inputs))
     generator[:, :size] = np.concatenate([A, B], axis=2) * period
     transition = expm(generator)
-    F, G = transition[:, :size, :size], transition[:, :size, size:]
+    F = transition[:, :size, :size]
+    G = transition[:, :size, size:]
     gain = np.empty((count, inputs, size))
-    P = Q.copy()  # of the cost to go e' P e
+    P = Q.copy()
     for k in range(count - 1, -1, -1):
         PG = P @ G[k]
         gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
@@ -207,8 +214,12 @@ class ComputedTorque:
         return ComputedTorque(reference, frequency, damping, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero."""
-        ref, robot = self.reference, self.reference.robot
+        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero.
+
+        P' lambda = r_p for the multipliers lambda, then tau = r_a - J_a' lambda on the joint side.
+        """
+        ref = self.reference
+        robot = self.reference.robot
         state = estimated_state(ref, k, measurement, aware=self.multipliers is not None)
         command = (
             ref.ddx[k]
@@ -250,7 +261,8 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     each run is solved on its own. Infinite where the platform does not determine the joints.
     """
     robot = reference.robot
-    frames, columns = frames_at(robot, state.q), robot.moving
+    frames = frames_at(robot, state.q)
+    columns = robot.moving
     rows = robot.loops
     loops = loop_equations(rows, frames).jacobian
     F = np.concatenate([robot.platform.jacobian(frames), loops], axis=1)[:, :, columns]
@@ -271,7 +283,8 @@ def _planned_multipliers(reference: Reference) -> Array:
     At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows J' lambda = r - S' tau
     do, with the torque tau of the plan.
     """
-    robot, motion = reference.robot, reference.motion
+    robot = reference.robot
+    motion = reference.motion
     r = tree_forces(robot, motion)
     n = robot.gear_ratio
     r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])

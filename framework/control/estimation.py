@@ -55,7 +55,8 @@ def estimated_state(reference: Reference, k: int, measurement: Measurement, *, a
     """
     if measurement.state is not None:
         return measurement.state
-    robot, N = reference.robot, reference.N[k]
+    robot = reference.robot
+    N = reference.N[k]
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
     angle_error = measurement.motor_angle - reference.motor_angle[k]
     speed_error = measurement.motor_speed - reference.motor_speed[k]

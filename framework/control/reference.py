@@ -51,7 +51,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
         InvalidInput: the period is not positive, longer than a tenth of the motion, or so short that
             there would be more than 200000 samples.
     """
-    shortest, longest = plan.duration / MAX_SAMPLES, plan.duration / 10
+    shortest = plan.duration / MAX_SAMPLES
+    longest = plan.duration / 10
     if not (np.isfinite(period) and shortest < period <= longest):
         raise InvalidInput(
             f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "

@@ -97,7 +97,7 @@ class RunMonitor:
         self.positions.append(np.where(self.alive[:, None], x, np.nan))
 
     def end(self, time: float, runs: NDArray[np.bool_]) -> None:
-        """End the marked ones of the runs (R,) that are not over yet."""
+        """End the runs of a mask (R,) that are not over yet."""
         for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"
         self.alive = self.alive & ~runs
@@ -111,12 +111,14 @@ class RunMonitor:
     def judge(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
         """Return the runs with the reasons why some did not pass."""
         error = np.where(self.alive, self.error, MAX_DEVIATION)
-        for run in np.flatnonzero(self.alive & (self.worst > loop.tolerance)):
+        is_near_plan = self.worst <= loop.tolerance
+        is_near_end = error <= loop.end
+        for run in np.flatnonzero(self.alive & ~is_near_plan):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
-        for run in np.flatnonzero(self.alive & (self.worst <= loop.tolerance) & (error > loop.end)):
+        for run in np.flatnonzero(self.alive & is_near_plan & ~is_near_end):
             self.why[run] = f"{error[run]:.3g} off at the end"
         return Run(
-            passed=self.alive & (self.worst <= loop.tolerance) & (error <= loop.end),
+            passed=self.alive & is_near_plan & is_near_end,
             why=tuple(self.why),
             tracking_error=self.worst,
             end_error=error,

@@ -128,7 +128,8 @@ def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Ru
 
 def _missing_chunks(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
     """Return the first `runs` runs without the finished ones, in chunks of at most `chunk` runs."""
-    missing, end = [], 0
+    missing: list[range] = []
+    end = 0
     end_of_all = range(runs, runs)  # closes the last gap
     for part in (*sorted(finished, key=lambda part: part.start), end_of_all):
         gap = range(end, part.start)
@@ -177,9 +178,8 @@ class KeptRuns:
     @staticmethod
     def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
         """Return the store in the folder `out` for runs of this setup, a document of JSON."""
-        plan = {
-            key: value for key, value in setup["plan"].items() if key != "seconds"
-        }  # same plan, other time
+        plan = dict(setup["plan"])
+        plan.pop("seconds", None)  # the same plan, made in another time
         return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
 
     def read(self) -> list[tuple[range, Run]]:

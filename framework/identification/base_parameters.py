@@ -30,7 +30,7 @@ from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
 RANDOM_SETS = 3  # of instants, whose ranks must agree
 ROWS_PER_PARAMETER = 1.5  # of a set
 STEP = 0.5  # [rad, robot lengths] largest move of the platform in a step of a random walk
-# of each walk; of walks that have not moved yet, where each further step is half as long
+# steps of each random walk; of walks that have not moved by then, each further step half as long
 STEPS, MAX_STEPS = 16, 36
 
 
@@ -124,21 +124,21 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
     require_square(robot)
     q, x = _random_poses(robot, count, random)
     rate = np.sqrt(gravity_of(robot) / robot.length)
-    dx, ddx = (
-        size * robot.platform_scale * random.standard_normal((count, robot.n)) for size in (rate, rate**2)
-    )
+    dx = rate * robot.platform_scale * random.standard_normal((count, robot.n))
+    ddx = rate**2 * robot.platform_scale * random.standard_normal((count, robot.n))
     return motion_at(robot, close_loops(robot, x, q), dx, ddx)
 
 
 def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
     """Draw assembled configurations (count, nq) and platform coordinates (count, n).
 
-    Each is the end of a random walk from the reference. Steps at whose end the loops do not close, or are
-    near a singularity, are not taken. After STEPS steps only walks without any step continue, with shorter
-    ones.
+    Each is the end of a random walk from the reference. A step is rejected if the loops do not close at its
+    end, or if the end is near a singularity. After STEPS steps only walks without an accepted step continue,
+    with shorter ones.
     """
-    q, x = (np.repeat(start[None], count, axis=0) for start in (robot.reference.q, robot.reference.x))
-    is_done = np.zeros(count, dtype=bool)  # walks that take no further step
+    q = np.repeat(robot.reference.q[None], count, axis=0)
+    x = np.repeat(robot.reference.x[None], count, axis=0)
+    is_done = np.zeros(count, dtype=bool)
     has_moved = is_done.copy()
     for k in range(MAX_STEPS):
         if k >= STEPS:
@@ -148,9 +148,10 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
         step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
         target = x + step * 0.5 ** max(k - STEPS, 0)
         closed = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
-        accepted = closed.closed & ~is_done
+        accepted = closed.closed & ~is_done  # (count,)
         accepted[accepted] = clearance(robot, linearised_at(robot, closed.q[accepted], None)) > BRANCHES_MEET
-        q[accepted], x[accepted] = closed.q[accepted], target[accepted]
+        q[accepted] = closed.q[accepted]
+        x[accepted] = target[accepted]
         has_moved |= accepted
     if has_moved.all():
         return q, x

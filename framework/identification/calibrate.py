@@ -52,11 +52,11 @@ LEAST_NOISE = 1e-3  # residuals over the assumed noise that count as rounding
 class Calibration(ReadOnlyArrays):
     """A calibrated geometry, validated by poses that were held out.
 
-    Attributes: values, deviations: (p,) of `geometry.names` [m, rad], about the file's, with standard
-        deviations. combinations: of the parameters that the data determine; other directions keep the prior.
+    Attributes:
+        values, deviations: (p,) of `geometry.names` [m, rad], off the file's, with standard deviations.
+        combinations: of the parameters that the data determine; other directions keep the prior.
         error_before, error_after: (m,) by column of `measured`, root mean square error of predictions from
-        the
-            motors' angles at instants held out; zero for the motors themselves.
+            the motors' angles at instants held out; zero for the motors themselves.
         noise: residual over the assumed noise, by which deviations are scaled; 1 if the data are too few to
             estimate it. If it is estimated, deviations are widened by Student's t, so that an interval of
             three deviations has the same probability as with known noise.
@@ -158,17 +158,16 @@ def calibrate(
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    start = _start(geometry.model, measured)
+    start = _solve_poses(geometry.model, measured)
     used = measured.rows(~is_test)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = GaussNewton(geometry.model, used, start[~is_test], prior)
     solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
     combinations, at_file = _determine(geometry, used, start[~is_test], prior)
-    error_before, error_after = (
-        _prediction_error(geometry.model, measured.rows(is_test), start[is_test], values)
-        for values in (np.zeros_like(prior), solver.values)
-    )
+    test = measured.rows(is_test)
+    error_before = _prediction_error(geometry.model, test, start[is_test], np.zeros_like(prior))
+    error_after = _prediction_error(geometry.model, test, start[is_test], solver.values)
     return Calibration(
         robot=robot,
         geometry=geometry,
@@ -197,7 +196,7 @@ def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
             raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
 
 
-def _start(model: ParallelRobot, measured: Measurements) -> Array:
+def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
     """Solve the forward kinematics of the file's geometry at the measured motor angles: q (T, nq)."""
     stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
     for refusal in stack.refused.values():
@@ -210,7 +209,7 @@ def _determine(
 ) -> tuple[Combinations, ParameterEquations]:
     """Compute the combinations of parameters that data or loops determine at poses q of the file's geometry.
 
-    Also returned are the equations from which they follow.
+    Return also the equations at q.
     """
     equations = eliminate_poses(geometry.model, measured, q)
     loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # in units of the noise
@@ -242,9 +241,9 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
     From q (T, nq) the motors are moved to their measured angles and the parameters to `values` (p,), then the
     loops are closed.
     """
-    turns = measured.values[:, : measured.driven] - model.actuated_coordinates(q)
-    change = np.hstack([turns, np.tile(values, (len(q), 1))])
-    q = integrate_columns(model, q, np.concatenate([model.actuated, model.elastic]), change)
+    motor_steps = measured.values[:, : measured.driven] - model.actuated_coordinates(q)
+    steps = np.hstack([motor_steps, np.tile(values, (len(q), 1))])
+    q = integrate_columns(model, q, np.concatenate([model.actuated, model.elastic]), steps)
     poses = close_at_motors(model, q, np.zeros((len(q), model.model.nv)), q)
     if not poses.closed.all():
         worst = int(np.argmin(poses.closed))
@@ -276,11 +275,11 @@ def _describe_unseen(
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
         least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
-        responding = (
-            name for name, slope in unused.items() if np.abs(np.vecdot(slope, motion)).max() > least
-        )
-        sensor = next(responding, None)
-        advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
+        advice = "no pose or joint angle depends on it"
+        for name, slope in unused.items():
+            if np.abs(np.vecdot(slope, motion)).max() > least:
+                advice = f"{name} would show it"
+                break
         sentences.append(f"{unseen_text(geometry.names, direction)}; {advice}")
     return tuple(sentences)
 
@@ -328,9 +327,15 @@ class GaussNewton:
 
     def __init__(self, model: ParallelRobot, measured: Measurements, q: Array, prior: Array) -> None:
         """Start at the file's parameters, all instants of full weight, with the assumed noise."""
-        self.model, self.measured, self.q, self.prior = model, measured, q, prior
-        self.values, self.weights = np.zeros(len(prior)), np.ones(len(q))
-        self.noise, self.freedom, self.count = 1.0, 0.0, 0
+        self.model = model
+        self.measured = measured
+        self.q = q
+        self.prior = prior
+        self.values = np.zeros(len(prior))
+        self.weights = np.ones(len(q))
+        self.noise = 1.0
+        self.freedom = 0.0
+        self.count = 0
         self.deviations = prior
 
     def run(self, name: str, progress: Callable[[int], None]) -> None:
@@ -339,19 +344,23 @@ class GaussNewton:
         A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). Poses
         follow the parameters linearly.
         """
-        damping, equations = FIRST_DAMPING, eliminate_poses(self.model, self.measured, self.q)
+        damping = FIRST_DAMPING
+        equations = eliminate_poses(self.model, self.measured, self.q)
         cost = self._weigh(equations)
         for self.count in range(1, MAX_STEPS + 1):
             progress(self.count)
             change = self._change(equations, damping)
-            q, values = self._move_poses(equations, change), self.values + change
+            q = self._move_poses(equations, change)
+            values = self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
             if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
                 damping *= 10.0
                 if damping > MAX_DAMPING:
                     break
                 continue
-            self.q, self.values, equations = q, values, next_equations
+            self.q = q
+            self.values = values
+            equations = next_equations
             damping = max(0.1 * damping, 1e-12)
             cost = self._weigh(equations)
             if np.abs(change / self.prior).max() < CONVERGED:
@@ -371,7 +380,11 @@ class GaussNewton:
         return integrate_columns(self.model, self.q, columns, np.hstack([joint_step, parameter_step]))
 
     def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
-        """Return rows on parameters over their prior deviations, of unit noise, and their residuals."""
+        """Return rows (N, p) on parameters over their prior deviations, of unit noise, and residuals (N,).
+
+        The first rows are the data's, weighted by instant; the others are loop equations that no joint can
+        close.
+        """
         weights = self.weights[:, None] / self.noise
         matrix = np.concatenate(
             [rows_of(weights[..., None] * equations.matrix), rows_of(equations.loop_slopes)]
@@ -397,7 +410,7 @@ class GaussNewton:
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
     def _weigh(self, equations: ParameterEquations) -> float:
-        """Set the noise by the median residual of instants, and Huber's weights; return the cost.
+        """Set the noise by the median residual of the instants, and Huber's weights; return the cost.
 
         An instant whose residual is above HUBER times the noise has the weight HUBER noise / residual, so
         that its cost grows linearly (Huber, Annals of Mathematical Statistics 35, 1964).
@@ -439,7 +452,8 @@ class GaussNewton:
         def freedom(noise: float) -> float:
             return count - float(np.sum(powers / (powers + noise**2)))
 
-        self.noise, self.freedom = 1.0, freedom(LEAST_NOISE)
+        self.noise = 1.0
+        self.freedom = freedom(LEAST_NOISE)
         if self.freedom < 1.0:
             return
         from scipy.optimize import brentq  # takes time to import
@@ -454,10 +468,10 @@ class GaussNewton:
         self.freedom = freedom(self.noise)
 
     def _squared_singular_values(self, equations: ParameterEquations) -> Array:
-        """Return squared singular values (p,) of A S: the data's rows A per deviation S of parameters.
+        """Return squared singular values (p,) of A S, with the data's rows A and a prior of covariance S S'.
 
-        S combines the prior deviations D and the slopes L of loop equations that no joint can close. With
-        L D = U diag(w) V^T it is D V diag(1 + w^2)^(-1/2).
+        The prior combines the deviations D and the slopes L of loop equations that no joint can close:
+        (S S')^-1 = D^-2 + L'L. With L D = U diag(w) V' that is S = D V diag(1 + w^2)^(-1/2).
         """
         size = len(self.prior)
         # zero rows make w and V complete where there are fewer loop equations than parameters

@@ -36,9 +36,9 @@ class Measurements(ReadOnlyArrays):
     axes: IntArray  # of the platform's coordinates
     others: IntArray  # of 0..2: positions of the frame's origin that are no coordinates of the platform
 
-    def rows(self, which: BoolArray) -> Measurements:
-        """Return the measurements at the instants marked in `which` (T,)."""
-        return replace(self, values=self.values[which])
+    def rows(self, instants: BoolArray) -> Measurements:
+        """Return the measurements at the instants of a mask (T,)."""
+        return replace(self, values=self.values[instants])
 
 
 def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:
@@ -51,13 +51,14 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
     Raises:
         InvalidInput: motor angles are missing, or the recording has nothing else.
     """
-    robot, model = geometry.robot, geometry.model
+    robot = geometry.robot
+    model = geometry.model
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     encoders = {column: name for column, name in joint_names(model).items() if name in data.names}
     measured_axes = [name.removeprefix("platform_") for name in data.names if name.startswith("platform_")]
     axes = [axis for axis in robot.axis_names if axis in measured_axes]
     others = [axis for axis in LINEAR_AXES if axis in measured_axes and axis not in axes]
-    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + others)]
+    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + others)]  # beside the motors
     if not names:
         raise InvalidInput(
             f"{data.source}: motor angles alone show nothing of the geometry; platform_"
@@ -98,11 +99,14 @@ class MeasuredOffsets(NamedTuple):
 
 
 def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
-    """Compute the offsets of joints, platform coordinates and positions from the measured values.
+    """Compute the model's joints, platform coordinates and positions less the measured ones, with slopes.
 
-    Coordinates that are not measured are the model's own.
+    The columns are in the order of `Measurements`. Platform coordinates that are not measured are the model's
+    own.
     """
-    joints, axes, others = measured.columns, measured.axes, measured.others
+    joints = measured.columns
+    axes = measured.axes
+    others = measured.others
     ends = np.cumsum([len(joints), len(axes)])
     joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
     x = model.platform.coordinates(frames)  # (T, n)
@@ -138,7 +142,8 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
     z = -B^+ (r + A dp), so the equations (1 - B B^+) (r + A dp) remain (variable projection, Golub and
     Pereyra 1973).
     """
-    frames, scale = frames_at(model, q), model.column_scale[model.joints]  # (k,)
+    frames = frames_at(model, q)
+    scale = model.column_scale[model.joints]  # (k,)
     loops = _close_linearly(model, frames)
     measurements = offsets(model, measured, frames)
     slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv) over the noise
@@ -147,7 +152,8 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
     A = slopes[:, :, model.elastic] + by_joints @ loops.follow  # (T, m, p)
     B = by_joints @ loops.free  # (T, m, f)
     B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
-    z, z_slope = np.matvec(B_inverse, r), B_inverse @ A  # (T, f), (T, f, p), both with the opposite sign
+    z = np.matvec(B_inverse, r)  # (T, f) -z at constant parameters
+    z_slope = B_inverse @ A  # (T, f, p) minus its derivatives along them
     return ParameterEquations(
         right=r - np.matvec(B, z),
         matrix=A - B @ z_slope,
@@ -177,13 +183,16 @@ def _close_linearly(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
     F_q = U S V'. The first columns of U and V, as many as the rank, give the step; the other columns of V are
     the free motions, the other columns of U the equations that no joint can close.
     """
-    loops, weights = loop_equations(model.rows, frames), 1.0 / model.row_lengths
-    residual, jacobian = weights * loops.residual, weights[:, None] * loops.jacobian
+    loops = loop_equations(model.rows, frames)
+    weights = 1.0 / model.row_lengths
+    residual = weights * loops.residual
+    jacobian = weights[:, None] * loops.jacobian
     F_q = jacobian[:, :, model.joints] * model.column_scale[model.joints]  # (T, r, k)
     F_p = jacobian[:, :, model.elastic]  # (T, r, p)
     U, S, V_rows = np.linalg.svd(F_q)
     rank = len(model.structure.independent)
-    U_rows, V = U.swapaxes(1, 2), V_rows.swapaxes(1, 2)
+    U_rows = U.swapaxes(1, 2)
+    V = V_rows.swapaxes(1, 2)
     inverse = V[:, :, :rank] / S[:, None, :rank] @ U_rows[:, :rank]  # (T, k, r)
     unreachable = U_rows[:, rank:] / LOOP_GAP
     return _LinearLoops(

@@ -78,39 +78,43 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     R = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))  # of columns of unit length
     values = singular_values(R)
     rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
-    first = _leading(R, rank)  # among the seen
-    others = np.setdiff1d(np.arange(len(seen)), first)
-    leading, dependent = seen[first], seen[others]
+    of_rank = _independent_columns(R, rank)  # among the seen
+    others = np.setdiff1d(np.arange(len(seen)), of_rank)
+    leading = seen[of_rank]
+    dependent = seen[others]
 
     # each dependent column is a sum of leading ones: R_dependent = R_leading shares
-    shares = np.linalg.lstsq(R[:, first], R[:, others], rcond=None)[0]  # (rank, dependent)
+    shares = np.linalg.lstsq(R[:, of_rank], R[:, others], rcond=None)[0]  # (rank, dependent)
     in_sizes = shares * lengths[dependent] / lengths[leading, None]  # of columns in sizes of the parameters
     largest = np.abs(in_sizes).max(axis=0, initial=0.0)
     shares[np.abs(in_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
 
-    weights = lengths / sizes  # lengths of columns in units of the parameters
+    # in the units of the parameters: a column of unit length is the column of the regressor over its length
+    unit_lengths = lengths / sizes
     coefficients = np.zeros((rank, len(sizes)))
     coefficients[np.arange(rank), leading] = 1.0
-    coefficients[:, dependent] = shares * weights[dependent] / weights[leading, None]
+    coefficients[:, dependent] = shares * unit_lengths[dependent] / unit_lengths[leading, None]
     return Combinations(rank, values, leading, coefficients, np.setdiff1d(np.arange(len(sizes)), seen))
 
 
-def _leading(matrix: Array, rank: int) -> IntArray:
+def _independent_columns(matrix: Array, rank: int) -> IntArray:
     """Return the indices (rank,) of the first independent columns of a matrix with columns of unit length.
 
-    A column is independent if it is not in the span of the independent columns before it. Where rounding
-    makes their number differ from the rank, a QR decomposition with column pivoting chooses them.
+    Gram and Schmidt: a column is independent if it is not in the span of the independent columns before it.
+    Where rounding makes their number differ from the rank, a QR decomposition with column pivoting chooses
+    them.
     """
-    basis, leading = np.empty((len(matrix), 0)), []
+    basis = np.empty((len(matrix), 0))
+    independent = []
     for k, column in enumerate(matrix.T):
         remainder = column - basis @ (basis.T @ column)
         remainder -= basis @ (basis.T @ remainder)  # once more, against rounding
         length = np.linalg.norm(remainder)
         if length > RANK_ROUNDING:
             basis = np.column_stack([basis, remainder / length])
-            leading.append(k)
-    if len(leading) == rank:
-        return np.array(leading, dtype=np.intp)
+            independent.append(k)
+    if len(independent) == rank:
+        return np.array(independent, dtype=np.intp)
     return np.sort(row_pivots(matrix.T)[:rank])
 
 

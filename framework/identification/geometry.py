@@ -52,7 +52,10 @@ class Geometry(ReadOnlyArrays):
 
 
 def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
-    """Return a robot with its geometric parameters.
+    """Return a robot with its geometric parameters, six of each joint's origin.
+
+    Each joint gets a spring of six virtual joints behind its origin: behind the joint itself if it is fixed,
+    else behind a fixed joint that takes over its origin.
 
     Args:
         joints: those whose origins are parameters; by default all between the base and the frames of the
@@ -64,14 +67,15 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
     description = robot.description
     urdf = ElementTree.fromstring(description.urdf_text)
     elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
-    candidates = _leading(description, elements)
+    candidates = _joints_to_frames(description, elements)
     for name in joints or ():
         check_choice("joint", name, candidates)
     chosen = tuple(name for name in candidates if joints is None or name in joints)
     springs = []
     for name in chosen:
-        after = name if elements[name].get("type") == "fixed" else _split(urdf, elements[name])
-        springs.append(Spring(f"{name}_{ERRORS}", "joint", after, AXES, (1.0,) * len(AXES)))
+        is_fixed = elements[name].get("type") == "fixed"
+        origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
+        springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, (1.0,) * len(AXES)))
     text = ElementTree.tostring(urdf, encoding="unicode")
     with_errors = replace(description, urdf_text=text, springs=tuple(springs))
     return Geometry(
@@ -83,21 +87,21 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
     )
 
 
-def _leading(description: RobotDescription, elements: dict[str, ElementTree.Element]) -> list[str]:
+def _joints_to_frames(description: RobotDescription, elements: dict[str, ElementTree.Element]) -> list[str]:
     """Return the joints between the base and the frames of the platform and of closures, in the URDF's order.
 
     A frame is the name of a link, or of a joint for its child link.
     """
     joint_of_link = {_end(joint, "child"): joint for joint in elements.values()}
     frames = {description.platform.frame, *(name for c in description.closures for name in c.frames)}
-    leading = set()
+    joints = set()
     for frame in frames:
         is_joint = frame not in joint_of_link and frame in elements
         link = _end(elements[frame], "child") if is_joint else frame
         while link in joint_of_link:
-            leading.add(joint_of_link[link].get("name", ""))
+            joints.add(joint_of_link[link].get("name", ""))
             link = _end(joint_of_link[link], "parent")
-    return [name for name in elements if name in leading]
+    return [name for name in elements if name in joints]
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:
@@ -106,12 +110,13 @@ def _end(joint: ElementTree.Element, end: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _split(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
+def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
     """Insert a fixed joint with the origin of a moving joint before this joint; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     ElementTree.SubElement(urdf, "link", name=link)
-    parent, origin = joint.find("parent"), joint.find("origin")
+    parent = joint.find("parent")
+    origin = joint.find("origin")
     fixed = joint_element(ChainJoint(name, "fixed"), _end(joint, "parent"), link)
     if parent is not None:
         parent.set("link", link)

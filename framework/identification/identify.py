@@ -35,7 +35,7 @@ from framework.numerics.output import Document, plain
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out
-KEPT_SPREAD = 1e-3  # of its deviation: how far a base parameter that is not seen may be off the file's
+UNSEEN_SPREAD = 1e-3  # of its deviation: how far a base parameter that is not seen may be off the file's
 LEAST_SPREAD = 1e-6  # the same over its size: its square is added to a matrix of rows
 DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the size of each body's parameters
 
@@ -60,9 +60,8 @@ class Identification(ReadOnlyArrays):
         values, deviations: (rank,) identified, with their standard deviations, infinite where these data do
             not determine one.
         parameters: (p,) of `base.parameters`: possible bodies, nearest to the file's.
-        links, link_values: the same of single links.
-            They are the file's along base parameters that these data do not show, and all of them where
-            the file predicts the torques held out better.
+        links, link_values: the same of single links. Along base parameters that these data do not show the
+            values are the file's, and all are where the file predicts the torques held out better.
         error_before, error_after: (n_a,) of motor torques held out, by the file and by `parameters`, root
             mean square over that of the measured torques; NaN if all of them are at Type 2.
     """
@@ -99,8 +98,9 @@ class Identification(ReadOnlyArrays):
         change = np.abs(self.values - self.base.values)
         return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
 
-    def _base_names(self, which: BoolArray) -> tuple[str, ...]:
-        return tuple(self.base.names[k] for k in np.flatnonzero(which))
+    def _base_names(self, mask: BoolArray) -> tuple[str, ...]:
+        """Return the names of the base parameters in a mask (rank,)."""
+        return tuple(self.base.names[k] for k in np.flatnonzero(mask))
 
     @property
     def _description(self) -> RobotDescription:
@@ -181,7 +181,7 @@ def identify(
     data = recording_of(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
-    test = _held_out(measured.times)
+    test = _is_held_out(measured.times)
     rows = _whiten(robot, regressor, measured).select(~test)
     if len(rows.right) <= base.rank:
         raise InvalidInput(
@@ -189,12 +189,16 @@ def identify(
             f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
     estimate = _estimate_base_parameters(base, rows)
-    file, links = base.described.values, link_parameters_of(robot, base.described)
+    file = base.described.values
+    links = link_parameters_of(robot, base.described)
     link_values = _fit_possible_bodies(robot, base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
-    before, after = (torque_error(robot, regressor, measured, test, each) for each in (file, parameters))
-    if np.linalg.norm(before) <= np.linalg.norm(after):
-        link_values, parameters, after = links.values, file, before
+    error_before = torque_error(robot, regressor, measured, test, file)
+    error_after = torque_error(robot, regressor, measured, test, parameters)
+    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # the file is better, and stays
+        link_values = links.values
+        parameters = file
+        error_after = error_before
     return Identification(
         robot=robot,
         base=base,
@@ -203,8 +207,8 @@ def identify(
         parameters=parameters,
         links=links,
         link_values=link_values,
-        error_before=before,
-        error_after=after,
+        error_before=error_before,
+        error_after=error_after,
         noise=estimate.noise,
         cutoff=measured.cutoff,
         poses=measured.source,
@@ -220,7 +224,7 @@ def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: Measu
     The covariance of a wrench is C = G' E E' G = V diag(variance) V', with E the noise of the torques. Rows
     times diag(variance)^(-1/2) V' are independent and have unit noise.
     """
-    scale = robot.platform_scale  # forces and moments are compared as forces
+    scale = robot.platform_scale  # moments over it are compared with forces
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
     wrench_noise = regressor.motors * noise / scale[:, None]  # (T, n, n_a) G' E
     variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))  # ascending
@@ -236,7 +240,7 @@ def _are_unseen(base: BaseParameters, values: Array, deviations: Array) -> BoolA
     return deviations > np.maximum(np.abs(values), np.abs(base.values))
 
 
-def _held_out(times: Array) -> BoolArray:
+def _is_held_out(times: Array) -> BoolArray:
     """Mark the instants (T,) held out for validation: every fourth block of time."""
     share = (times - times[0]) / (times[-1] - times[0])
     blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
@@ -285,10 +289,10 @@ def _fit_possible_bodies(
     A base parameter that is not seen is kept near the file's value by a further row of small deviation.
     """
     sizes = base.described.sizes[base.combinations.leading]
-    spread = np.clip(KEPT_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, KEPT_SPREAD * sizes)
+    spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
     is_unseen = _are_unseen(base, estimate.values, estimate.deviations)
-    kept_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
-    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + kept_rows.T @ kept_rows  # (p, p)
+    file_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
+    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + file_rows.T @ file_rows  # (p, p)
     misfit = rows.right - rows.matrix @ base.described.values
     residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
     return possible_parameters(robot, links, information, residual, prior)

@@ -28,7 +28,7 @@ from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import whole_turns
 from framework.tolerances import MAX_MOTOR_MISFIT
 
-ORDER, SPLINE_DEGREE = 4, 5  # of the filter, of the splines
+ORDER, SPLINE_DEGREE = 4, 5  # of the filter; of the splines
 MIN_INSTANTS = 8
 MIN_SAMPLES = 64
 SIGNAL_TO_NOISE = 10.0  # of a spectrum, below which a frequency counts as noise
@@ -81,16 +81,17 @@ def measured_motion(
     period = uniform_period(data)
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    joints = _from_reference(robot, data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio)
+    joints = _subtract_turns(robot, data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio)
     torque = _measured_torques(robot, data)
     low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
-    angles, instants = low_pass.differentiate(joints), low_pass.instants(data)
+    angles = low_pass.differentiate(joints)
+    instants = low_pass.instants(data)
     filtered_torque = low_pass.filter(torque)
-    removed = np.std(torque - filtered_torque, axis=0)
-    torque_noise = removed * np.sqrt(2.0 * low_pass.cutoff * period)
+    torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
     if poses not in (None, "motors", "platform"):
         raise InvalidInput(f"poses: needs motors or platform, got {poses!r}")
-    source, misfit = poses or "motors", 0.0
+    source = poses or "motors"
+    misfit = 0.0
     if source == "motors":
         try:
             motion = _motion_of_motors(robot, [rows[instants] for rows in angles], progress)
@@ -125,7 +126,7 @@ def _measured_torques(robot: ParallelRobot, data: Recording) -> Array:
     return torque
 
 
-def _from_reference(robot: ParallelRobot, joints: Array) -> Array:
+def _subtract_turns(robot: ParallelRobot, joints: Array) -> Array:
     """Subtract whole turns from motors' joints (T, n_a) to start within half a turn of the reference."""
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
@@ -137,7 +138,8 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
     Raises:
         InvalidInput: the cutoff is not in the range that the recording allows, or there is no such range.
     """
-    lowest, highest = MIN_PERIODS / (len(data) * period), MAX_CUTOFF / period
+    lowest = MIN_PERIODS / (len(data) * period)
+    highest = MAX_CUTOFF / period
     if cutoff is None:
         if lowest > highest:
             raise InvalidInput(f"{data.source}: {len(data)} samples are too few to filter")
@@ -161,7 +163,7 @@ def _signal_frequency(joints: Array, period: float) -> float:
     power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2
     power = uniform_filter1d(power, SMOOTHING_BINS, axis=0, mode="nearest")
     noise = np.median(power[len(power) // 2 :], axis=0)
-    is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)
+    is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
     first_noise_bin = [len(column) if column.all() else np.argmin(column) for column in is_signal.T]
     return max(first_noise_bin) / (count * period)
 

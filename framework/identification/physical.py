@@ -51,7 +51,8 @@ def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> Li
     """
     urdf = ElementTree.fromstring(robot.description.urdf_text)
     in_file = {link.get("name", ""): inertial_parameters(link) for link in urdf.findall("link")}
-    links, columns = [], []  # a link's columns of `to_parameters`, (p, 10)
+    links: list[str] = []
+    columns: list[Array] = []  # a link's columns of `to_parameters`, (p, 10)
     for i, j in enumerate(map(int, parameters.bodies)):
         for frame in robot.model.frames:
             is_link = frame.parentJoint == j and frame.type == pin.FrameType.BODY
@@ -63,12 +64,11 @@ def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> Li
                 columns.append(of_link)
     motors = slice(10 * len(parameters.bodies), None)
     of_motors = np.eye(len(parameters.names))[:, motors]
-    values = [*(in_file[link] for link in links), parameters.values[motors]]
-    spread = [*(_body_sizes(in_file[link]) for link in links), _motor_spread(parameters, motors)]
+    link_values = [in_file[link] for link in links]
     return LinkParameters(
         links=tuple(links),
-        values=np.concatenate(values),
-        spread=np.concatenate(spread),
+        values=np.concatenate([*link_values, parameters.values[motors]]),
+        spread=np.concatenate([*map(_body_sizes, link_values), _motor_spread(parameters, motors)]),
         to_parameters=np.concatenate([*columns, of_motors], axis=1),
     )
 
@@ -76,8 +76,9 @@ def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> Li
 def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
     """Return the sizes (3 n_a,) of motors' parameters; of a rotor the file's inertia, or next to nothing."""
     spread = parameters.sizes[motors].copy()
-    rotors = slice(None, None, len(OF_MOTORS))
-    spread[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * spread[rotors])
+    rotors = slice(None, None, len(OF_MOTORS))  # the first of each motor's parameters
+    rotor_values = parameters.values[motors][rotors]
+    spread[rotors] = np.maximum(rotor_values, NO_ROTOR * spread[rotors])
     return spread
 
 
@@ -120,17 +121,12 @@ def possible_parameters(
     Raises:
         NotConverged: the solver does not converge.
     """
-    deviation = prior * links.spread  # (u,)
-    T = links.to_parameters * deviation  # (p, u) in units of the deviations
-    # unknowns y in which the quadratic form is a distance; with the prior no eigenvalue is below 1
-    eigenvalues, axes = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
-    root = np.sqrt(np.maximum(eigenvalues, 1.0))
-    change = deviation[:, None] * axes / root  # (u, u)
-    best = links.values + change @ (axes.T @ (T.T @ residual) / root)
+    best, change = _minimise_misfit(links, information, residual, prior * links.spread)
     bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
     matrices = [_inertia_cone(links.values[body], change[body], best[body]) for body in bodies]
     motors = slice(10 * len(links.links), None)
-    positive = Affine(change[motors] / deviation[motors, None], best[motors] / deviation[motors])
+    unit = prior * links.spread[motors]
+    positive = Affine(change[motors] / unit[:, None], best[motors] / unit)
     y = semidefinite_least_squares(matrices, positive)
     if isinstance(y, Unsolved):
         raise NotConverged(
@@ -147,10 +143,26 @@ def possible_parameters(
     return values
 
 
-def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return the scaled pseudo-inertia of a link with parameters best + change y (10,), affine in y (u,).
+def _minimise_misfit(
+    links: LinkParameters, information: Array, residual: Array, deviation: Array
+) -> tuple[Array, Array]:
+    """Minimise misfit and prior without constraints: the minimum (u,), and a change (u, u).
 
-    D P D is scaled by the file's values, and a small multiple of 1 is added for rounding.
+    About the minimum both together are |y|^2 for parameters minimum + change y. In units of the deviations
+    (u,), with T of `to_parameters`, the quadratic form has the matrix T' A'A T + 1 = V diag(w) V', and the
+    minimum is at V diag(1 / w) V' T' A'r off the file's values.
+    """
+    T = links.to_parameters * deviation  # (p, u)
+    w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
+    root = np.sqrt(np.maximum(w, 1.0))  # with the prior no eigenvalue is below 1
+    change = deviation[:, None] * V / root
+    return links.values + change @ (V.T @ (T.T @ residual) / root), change
+
+
+def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
+    """Return the scaled pseudo-inertia D P D of a link with parameters best + change y, affine in y (u,).
+
+    D is chosen by the file's values (10,), and a small multiple of 1 is added for rounding.
     """
     D = _balance(file)
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
@@ -175,7 +187,8 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
         if (values[body] != links.values[body]).any():
             _write_inertial(elements[name], values[body])
     motors = values[10 * len(links.links) :].reshape(-1, len(OF_MOTORS))
-    actuators, joints = [], dict(description.joints)
+    actuators = []
+    joints = dict(description.joints)
     for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
         actuators.append(replace(actuator, rotor_inertia=rotor))
         in_file = joints.get(actuator.joint, JointDynamics())
@@ -193,7 +206,8 @@ def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
 
     Second moments about the centre c are S - m c c', and the inertia is tr(S) - S.
     """
-    mass, centre = float(parameters[0]), parameters[1:4] / parameters[0]
+    mass = float(parameters[0])
+    centre = parameters[1:4] / parameters[0]
     second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
     moments, axes = np.linalg.eigh(second_moments)  # not negative but for the solver's rounding
     second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T

@@ -64,9 +64,9 @@ class Recording(ReadOnlyArrays):
         lines = [",".join(map(repr, row)) for row in self.values.tolist()]
         return "\n".join([",".join(self.names), *lines]) + "\n"
 
-    def rows(self, which: slice | IntArray) -> Recording:
-        """Return the samples `which`."""
-        return Recording(self.source, self.names, self.values[which])
+    def rows(self, index: slice | IntArray) -> Recording:
+        """Return the samples at an index."""
+        return Recording(self.source, self.names, self.values[index])
 
 
 def known_columns(robot: ParallelRobot) -> tuple[str, ...]:
@@ -159,12 +159,13 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
 
 
 def _is_in_degrees(angles: Array, start: Array) -> bool:
-    """Whether angles (T, k) are near their reference (k,) only after conversion from degrees.
+    """Whether angles (T, k) are near their start (k,) at the reference only after conversion from degrees.
 
     Yes if the first angles are more than half a turn off, conversion brings them nearer than subtraction of
     whole turns does, and all converted angles are within half a turn of the reference.
     """
-    distance, converted_distance = angles[0] - start, np.radians(angles) - start
+    distance = angles[0] - start
+    converted_distance = np.radians(angles) - start
     distance_without_turns = np.abs(distance - whole_turns(distance)).max()
     return bool(
         np.abs(distance).max() > np.pi

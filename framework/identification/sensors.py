@@ -46,7 +46,7 @@ class Sensors:
 def record_sensors(
     simulation: Simulation, torque: Callable[[Array], Array], sensors: Sensors | None = None
 ) -> Recording:
-    """Sample a simulated motion as sensors do.
+    """Sample a simulated motion as sensors do: motor angles, motor torques and platform, with their errors.
 
     Args:
         torque: motor torques (T, n_a) of the motion, motor side, at t (T,), such as `plan.torque`.
@@ -55,7 +55,8 @@ def record_sensors(
         InvalidInput: more than ten million samples.
     """
     sensors = sensors or Sensors()
-    robot, random = simulation.robot, np.random.default_rng(sensors.seed)
+    robot = simulation.robot
+    random = np.random.default_rng(sensors.seed)
     count = int(np.floor(simulation.duration * sensors.rate * (1.0 + 1e-12))) + 1
     if count > MAX_SAMPLES:
         raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
@@ -85,14 +86,14 @@ def _measure(random: np.random.Generator, values: Array, noise: Array | float, s
     return np.where(has_step, np.round(noisy / divisor) * step, noisy)
 
 
-def sensors_of(words: dict[str, float]) -> Sensors:
-    """Return sensors with the properties in `words`, defaults for the others.
+def sensors_of(properties: dict[str, float]) -> Sensors:
+    """Return sensors with these properties by name, and defaults for the others.
 
     Raises:
         InvalidInput: an unknown name, or a value out of range.
     """
     known = {field.name for field in fields(Sensors)}
-    for name in words:
+    for name in properties:
         check_choice("property of --sensors", name, known)
-    values: dict[str, Any] = {**words, "seed": int(words.get("seed", 0))}
+    values: dict[str, Any] = {**properties, "seed": int(properties.get("seed", 0))}
     return Sensors(**values)

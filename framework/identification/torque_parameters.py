@@ -54,7 +54,8 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
             f"{robot.name}, {robot.flexibility}: parameters are of the rigid robot; load it with "
             f"flexibility='rigid'"
         )
-    model, columns = robot.model, robot.actuated
+    model = robot.model
+    columns = robot.actuated
     bodies = [j for j in range(1, model.njoints) if massless or model.inertias[j].mass > 0]
     links = tuple(link_of(model, j) for j in bodies)
     names = (
@@ -111,16 +112,17 @@ def parameter_regressor(
     Args:
         signs: (T, n_a) of the motors' speeds, as filtered; by default those of the motion.
     """
-    G, N = motor_speeds(robot, motion.linearised)  # (T, n_a, n), (T, nv, n)
+    G, N = motor_speeds(robot, motion.linearised)  # speeds of motors (T, n_a, n) and joints (T, nv, n)
     columns = robot.actuated
     of_bodies = N.swapaxes(1, 2) @ tree_regressor(robot, motion, parameters.bodies)  # (T, n, 10 b)
-    v, a = motion.v[:, columns], motion.a[:, columns]
+    v = motion.v[:, columns]
+    a = motion.a[:, columns]
     signs = np.sign(v) if signs is None else signs
     joint_torques = np.stack([robot.gear_ratio**2 * a, v, signs], axis=2)  # (T, n_a, 3) of unit parameters
     of_motors = N[:, columns].transpose(0, 2, 1)[..., None] * joint_torques[:, None]  # (T, n, n_a, 3)
     matrix = np.concatenate([of_bodies, of_motors.reshape(*of_motors.shape[:2], -1)], axis=2)
 
-    in_tree_forces = parameters.values.copy()  # of these `tree_forces` has bodies and damping
+    in_tree_forces = parameters.values.copy()  # without rotors and dry friction
     motor_values = in_tree_forces[of_bodies.shape[2] :].reshape(-1, len(OF_MOTORS))  # a view
     motor_values[:, [OF_MOTORS.index("rotor_inertia"), OF_MOTORS.index("friction")]] = 0.0
     known = np.matvec(N.swapaxes(1, 2), tree_forces(robot, motion)) - matrix @ in_tree_forces

@@ -1,7 +1,7 @@
-"""The parameter in which the functions that follow from a law are smooth, and its rate in time.
+"""The parameter p of Chebyshev series of functions along a law, such as deflections, and its rate in time.
 
-With a polynomial in time that is time itself; with an optimal law s = phi(sigma(t)) it is xi(sigma), in which
-the squared speed is a Chebyshev series.
+Of a polynomial law p is time itself; of an optimal law s = phi(sigma(t)) it is xi(sigma), in which the
+squared speed is a Chebyshev series. In p such functions are smooth.
 """
 
 from __future__ import annotations
@@ -53,8 +53,10 @@ class OnParameter:
         law = self.law
         sigma = law.stretch.inverse(p)
         s = [law.evaluate_at(sigma, order) for order in range(3)]
-        z, u = law.squared_speed(sigma), 0.5 * law.squared_speed(sigma, 1)
-        dxi, ddxi = law.stretch(sigma, 1), law.stretch(sigma, 2)
+        z = law.squared_speed(sigma)
+        u = 0.5 * law.squared_speed(sigma, 1)
+        dxi = law.stretch(sigma, 1)
+        ddxi = law.stretch(sigma, 2)
         return s, np.asarray(dxi * np.sqrt(z)), np.asarray(ddxi * z + dxi * u)
 
     def parameter(self, t: Array) -> Array:

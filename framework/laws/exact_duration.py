@@ -1,4 +1,4 @@
-"""A squared speed that takes exactly so long: the integral of z^(-1/2) and how it is met.
+"""Squared speeds z of an exact duration T = integral of z^(-1/2).
 
 z has coefficients y on a `SpeedBasis` in xi(sigma), see `optimal_law`. Its integral is taken on the panels
 that resolve z^(-1/2), however near to zero z comes.
@@ -17,12 +17,12 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import COEFFICIENT_ROUNDING, nodes
 from framework.numerics.cone_program import Affine
 
-MAX_ADJUSTMENT_STEPS = 12  # of the adjustment, from a duration that is nearly right
+MAX_ADJUSTMENT_STEPS = 12  # of Newton's method, from a duration that is nearly right
 MAX_BLEND_STEPS = 60  # of Newton's method from the slow side, which converges from there however far it is
-BLEND_DURATION_ERROR = 1e-9  # of the duration, what a blend may miss: the adjustment does the rest
-FREE_DEGREE = 8.0  # up to which a coefficient is free to change in proportion
-DEGREE_WEIGHT_POWER = 4.0  # power of the degree with which a coefficient resists being adjusted
-MIN_EASE = 1e-3  # of the mean coefficient of a spline, by which a smaller one may change as easily
+BLEND_DURATION_ERROR = 1e-9  # of the duration, that a blend may miss: the adjustment does the rest
+FREE_DEGREE = 8.0  # of Chebyshev coefficients, up to which their changes cost little
+DEGREE_WEIGHT_POWER = 4.0  # power of the degree with which changes of a coefficient cost more
+MIN_RELATIVE_SIZE = 1e-3  # of the mean coefficient of a spline: smaller ones may change as much as this size
 
 
 class SpeedSpace(NamedTuple):
@@ -37,26 +37,31 @@ class SpeedSpace(NamedTuple):
         return float(weights @ (values @ y) ** -0.5)
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
-        """Compute the coefficients between two (size,) that take `duration` [s], between theirs.
+        """Compute the combination of coefficients `quick` and `slow` (size,) that takes a duration [s].
 
-        Duration is convex along the blend, so Newton's method from the slow end never leaves the interval.
+        It is slow + share (quick - slow), with a duration between those of both. Duration is convex along the
+        blend, so Newton's method from the slow end never leaves the interval.
         """
-        y, toward = slow, quick - slow
-        share = 0.0  # of the quick one
+        y = slow
+        direction = quick - slow
+        share = 0.0
         for _ in range(MAX_BLEND_STEPS):
             values, weights = self._quadrature(y)
             z = values @ y
-            missing = float(weights @ z**-0.5) - duration
-            if missing <= BLEND_DURATION_ERROR * duration:
+            excess = float(weights @ z**-0.5) - duration
+            if excess <= BLEND_DURATION_ERROR * duration:
                 break
-            share += missing / float(0.5 * weights @ (z**-1.5 * (values @ toward)))
-            y = slow + share * toward
+            share += excess / float(0.5 * weights @ (z**-1.5 * (values @ direction)))
+            y = slow + share * direction
         return np.asarray(y)
 
     def adjust(
         self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
     ) -> Array:
         """Compute the nearest coefficients (size,) that meet the equalities and take exactly `duration` [s].
+
+        Newton's method: with the linearised equations A step = -values, the step of least step' W step is
+        -W^-1 A' (A W^-1 A')^-1 values, see `_inverse_weights`.
 
         Args:
             duration: any if None.
@@ -66,49 +71,57 @@ class SpeedSpace(NamedTuple):
         Raises:
             InvalidInput: Newton's method on the duration finds no positive z.
         """
-        ease = self._ease(y, relative)
+        inverse_weights = self._inverse_weights(y, relative)
         for _ in range(MAX_ADJUSTMENT_STEPS):
-            rows, miss = np.asarray(equalities.matrix @ np.eye(len(y))), equalities(y)  # (c, size), (c,)
-            if duration is not None:
-                values, weights = self._quadrature(y)
-                z = values @ y
-                rows = np.concatenate([rows, -0.5 * ((weights * z**-1.5) @ values)[None]])
-                miss = np.append(miss, weights @ z**-0.5 - duration)
-            norms = np.linalg.norm(rows, axis=1)
+            slopes, values = self._linearise(y, equalities, duration)
+            norms = np.linalg.norm(slopes, axis=1)
             norms[norms == 0] = 1.0  # a condition that holds anyway
-            rows = rows / norms[:, None]
-            directions = ease @ rows.T  # (size, c) in which coefficients change
-            step = directions @ np.linalg.lstsq(rows @ directions, miss / norms, rcond=None)[0]
+            A = slopes / norms[:, None]
+            directions = inverse_weights @ A.T  # (size, c) in which coefficients change
+            step = directions @ np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
             y = y - step
             if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
                 break
         return y
 
-    def _ease(self, y: Array, relative: bool) -> Array:
-        """Return a matrix (size, size) of how easily coefficients change: a step costs step' ease^-1 step.
+    def _linearise(self, y: Array, equalities: Affine, duration: float | None) -> tuple[Array, Array]:
+        """Return slopes (c, size) and values (c,) at y of the equalities, and of T(y) - duration if given.
 
-        Those of splines in proportion to their size; of one polynomial the more easily, the lower its
-        degree. Relative to z: the inverse of the matrix of |change of z|^2 / z^2, with a resistance that
-        grows with the degree.
+        T = integral of z^(-1/2), so that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
         """
-        if self.basis.is_spline:
-            return np.diag(np.maximum(np.abs(y), MIN_EASE * np.abs(y).mean()) ** 2)
+        slopes = np.asarray(equalities.matrix @ np.eye(len(y)))
+        values = equalities(y)
+        if duration is None:
+            return slopes, values
+        basis_values, weights = self._quadrature(y)
+        z = basis_values @ y
+        slopes = np.concatenate([slopes, -0.5 * ((weights * z**-1.5) @ basis_values)[None]])
+        return slopes, np.append(values, weights @ z**-0.5 - duration)
+
+    def _inverse_weights(self, y: Array, relative: bool) -> Array:
+        """Return W^-1 (size, size), where step' W step is the cost of changing coefficients y by a step.
+
+        Splines: W = 1 / y^2, so that they change in proportion. One polynomial: W grows with the degree, or,
+        relative to z, W = mean of (change of z)^2 / z^2 and a resistance that grows with the degree.
+        """
         size = len(y)
-        if not relative:  # the lower the degree, the more
+        if self.basis.is_spline:
+            return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
+        if not relative:
             return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
         values = chebyshev.chebvander(nodes(4 * size), size - 1)
         z = values @ y
-        share = values.T * (z.mean() / z) ** 2 @ values / len(z)
+        mean_square = values.T * (z.mean() / z) ** 2 @ values / len(z)
         resistance = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
-        return np.asarray(np.linalg.inv(share + resistance))
+        return np.asarray(np.linalg.inv(mean_square + resistance))
 
     def _quadrature(self, y: Array) -> tuple[Any, Array]:
         """Return values (P, size) of the basis and weights (P,) in sigma that integrate z^(-1/2).
 
-        They are those of Gauss and Legendre on the panels that resolve this function.
+        Points and weights are those of Gauss and Legendre on the panels that resolve this function.
         """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
         points, weights = legendre.leggauss(PANEL_NODES)
-        half = 0.5 * np.diff(edges)[:, None]
-        sigma = (edges[:-1, None] + half * (points + 1.0)).ravel()
-        return self.basis.matrix(self.stretch(sigma)), (half * weights).ravel()
+        half_widths = 0.5 * np.diff(edges)[:, None]
+        sigma = (edges[:-1, None] + half_widths * (points + 1.0)).ravel()
+        return self.basis.matrix(self.stretch(sigma)), (half_widths * weights).ravel()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from framework.errors import InvalidInput, check_order
-from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
@@ -54,7 +54,7 @@ class MotionLaw(Protocol):
 
 
 class ExactLaw(ABC):
-    """A motion law of this package: its derivatives are exact, and need no check."""
+    """A motion law of this package, whose derivatives are exact and need no check."""
 
     @property
     def edges(self) -> Array:
@@ -142,21 +142,21 @@ class Law(ReadOnlyArrays, PlannedLaw):
             InvalidInput: t lies outside [0, duration], where the polynomial means nothing, or is not finite.
         """
         check_order(order)
-        local = self._local(t)
-        return evaluate(local.ravel(), self._series(order)[:, None]).reshape(local.shape)
+        x = self._normalise(t)
+        return evaluate(x.ravel(), self._series(order)[:, None]).reshape(x.shape)
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         """Compute s and its time derivatives of orders 0 .. count - 1, each shaped like t [1/s^order]."""
         series = np.stack([self._series(order) for order in range(count)], axis=1)
-        local = self._local(t)
-        return list(evaluate(local.ravel(), series).T.reshape(count, *local.shape))
+        x = self._normalise(t)
+        return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
 
-    def _local(self, t: ArrayLike) -> Array:
-        """Return the normalised times 2 t / duration - 1 in [-1, 1]; refuse t outside the duration."""
-        local = np.asarray(t, dtype=float) * (2.0 / self.duration) - 1.0
-        if not np.all(np.abs(local) <= 1.0 + SAME_PLACE):
+    def _normalise(self, t: ArrayLike) -> Array:
+        """Return the normalised times x = 2 t / duration - 1 in [-1, 1]; refuse t outside the duration."""
+        x = np.asarray(t, dtype=float) * (2.0 / self.duration) - 1.0
+        if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
             raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
-        return np.minimum(np.maximum(local, -1.0), 1.0)
+        return np.minimum(np.maximum(x, -1.0), 1.0)
 
     def _series(self, order: int) -> Array:
         """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative."""
@@ -188,7 +188,8 @@ class Law(ReadOnlyArrays, PlannedLaw):
         )
         orders = np.array([order for _, order, _ in conditions])
         # with more digits than a float has, where the machine has them
-        right_side = np.array([value for *_, value in conditions], np.longdouble) / scale**orders / row_sizes
+        values = np.array([value for *_, value in conditions], np.longdouble)
+        right_side = values / scale**orders / row_sizes
         solution = inverse @ right_side
         for _ in range(2):  # iterative refinement: rows of high order are ill-conditioned
             solution += inverse @ (right_side - rows @ solution)
@@ -221,8 +222,9 @@ class Law(ReadOnlyArrays, PlannedLaw):
     def advance(self, smoothness: int) -> float:
         """Return the least p(x) on [-1, 1] over the mean of |p|, where s' = (1 - x^2)^smoothness p(x).
 
-        Positive for a monotone law. x = 2 t / T - 1 is the normalised time. The zeros that rest at the ends
-        forces on s' are divided out, so that rounding does not decide the sign near the ends.
+        Positive for a monotone law. x = 2 t / T - 1 is the normalised time. At rest at the ends s' has the
+        zeros of (1 - x^2)^smoothness; these are divided out, so that rounding does not decide the sign near
+        the ends.
         """
         return _least_over_mean(_divide_out_ends(self.degree, smoothness) @ self.coefficients)
 
@@ -241,22 +243,33 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     Returns:
         The advance is negative infinity where conditions repeat or contradict each other.
     """
-    count, scale = len(times), 2.0 / duration
-    x = np.repeat(times * scale - 1.0, 3, axis=1)  # in [-1, 1]
-    x = np.append(x, np.ones((count, 1)), axis=1)  # (m, c) of the conditions, c = 3 k + 1
+    count = len(times)
+    scale = 2.0 / duration
+    end = np.ones((count, 1))  # both x and s at the end
+    x = np.append(np.repeat(times * scale - 1.0, 3, axis=1), end, axis=1)  # (m, c), c = 3 k + 1
     orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)  # (c,)
-    integrals = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c)
-    angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]
-    polynomials = np.cos(angles * np.arange(integrals.shape[1]))  # (c, m, n), T_k(x) = cos(k arccos x)
-    rows = (polynomials @ integrals).swapaxes(0, 1)  # (m, c, c)
-    targets = np.append(values.reshape(count, len(orders) - 1), np.ones((count, 1)), axis=1) / scale**orders
+    targets = np.append(values.reshape(count, len(orders) - 1), end, axis=1) / scale**orders  # (m, c)
+    rows = _rows_of_laws_at_rest(smoothness, x, orders)
     is_regular = np.linalg.det(rows) != 0.0
-    series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]
+    series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]  # of p
     p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
-    advances, peaks = np.full(count, -np.inf), np.full(count, np.inf)
-    advances[is_regular] = p.min(axis=1) / np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
+    mean = np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
+    advances = np.full(count, -np.inf)
+    peaks = np.full(count, np.inf)
+    advances[is_regular] = p.min(axis=1) / mean
     peaks[is_regular] = np.abs(accelerations).max(axis=1) * scale**2
     return advances, peaks
+
+
+def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
+    """Return rows (m, c, c) from coefficients of p to derivatives of s of `orders` (c,) at x (m, c).
+
+    The derivative is a series of integrals (n, c) of degree n - 1, with T_k(x) = cos(k arccos x).
+    """
+    integrals = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c)
+    angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]
+    polynomials = np.cos(angles * np.arange(integrals.shape[1]))  # (c, m, n)
+    return (polynomials @ integrals).swapaxes(0, 1)
 
 
 def _least_over_mean(series: Array) -> float:
@@ -282,17 +295,17 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
         InvalidInput: rows are linearly dependent.
     """
     count = len(conditions)
-    x, orders = np.array([x for x, _ in conditions]), [order for _, order in conditions]
-    derivatives = np.array([derivative_matrix(count, order) for order in orders])
-    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(x, count - 1), derivatives)
+    x = np.array([x for x, _ in conditions])
+    derivatives = np.array([derivative_matrix(count, order) for _, order in conditions])  # (k, k, k)
+    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(x, count - 1), derivatives)  # T_j(x_i) times D_i
     sizes = np.abs(rows).max(axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
-    U, singular_values, V_rows = np.linalg.svd(rows)
-    if not singular_values[-1] > INDEPENDENT_CONDITIONS:
+    U, S, V_rows = np.linalg.svd(rows)
+    if not S[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
             "the conditions on the law repeat or contradict each other, or are too near to each other in time"
         )
-    return rows, (V_rows.T / singular_values) @ U.T, sizes
+    return rows, (V_rows.T / S) @ U.T, sizes
 
 
 @lru_cache(maxsize=64)
@@ -304,8 +317,8 @@ def _interior_values(size: int) -> Array:
 @lru_cache(maxsize=64)
 def _search_samples(smoothness: int, size: int) -> Array:
     """Return the matrix (size, 2 m) that maps coefficients of p to m samples of p, then m of d2s/dx2."""
-    x, second_derivatives = nodes(SEARCH_SAMPLES * size), _rest_integrals(smoothness, size)[2]
-    polynomials = chebyshev.chebvander(x, len(second_derivatives) - 1)
+    second_derivatives = _rest_integrals(smoothness, size)[2]  # (n, size)
+    polynomials = chebyshev.chebvander(nodes(SEARCH_SAMPLES * size), len(second_derivatives) - 1)
     return np.vstack([polynomials[:, :size], polynomials @ second_derivatives]).T
 
 
@@ -330,7 +343,8 @@ def _rest_integrals(smoothness: int, size: int) -> Array:
     """
     bump = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
     integrals = np.zeros((2 * smoothness + size + 1, size))
-    for k, unit in enumerate(np.eye(size)):
-        series = chebyshev.chebint(chebyshev.chebmul(bump, unit[: k + 1]), lbnd=-1)
+    for k, unit_vector in enumerate(np.eye(size)):
+        T_k = unit_vector[: k + 1]
+        series = chebyshev.chebint(chebyshev.chebmul(bump, T_k), lbnd=-1)
         integrals[: len(series), k] = series
     return np.array([derivative_matrix(len(integrals), order) @ integrals for order in range(3)])

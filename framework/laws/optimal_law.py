@@ -96,11 +96,16 @@ class Stretch:
         return float(start), float(end)
 
     def _raw(self, sigma: Array, order: int) -> Array:
-        """Evaluate the map before scaling, or its derivative up to order 3."""
+        """Evaluate the map before scaling, or its derivative up to order 3.
+
+        With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
+        w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
+        """
         identity = sigma if order == 0 else np.full(sigma.shape, float(order == 1))
         if not self.at:
             return identity
-        w, d = STRETCH_WIDTH, sigma[..., None] - np.array(self.at)
+        w = STRETCH_WIDTH
+        d = sigma[..., None] - np.array(self.at)
         denominator = w**2 + d**2
         if order == 0:
             arctangents = np.arctan(d / w)
@@ -204,7 +209,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         instants = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
         if abs(instants[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
             correction = self.duration / instants[-1]
-            series, instants = series * correction, instants * correction
+            series = series * correction
+            instants = instants * correction
         return TimeFunction(slowness.edges, series), read_only(instants)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
@@ -213,7 +219,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         With primes for d/d sigma and z_k for derivatives of z in xi, the chain rule gives z' = z_1 xi',
         z" = z_2 xi'^2 + z_1 xi" and z'" = z_3 xi'^3 + 3 z_2 xi' xi" + z_1 xi'".
         """
-        xi, cells = self.stretch(sigma), np.array(self.cells)
+        xi = self.stretch(sigma)
+        cells = np.array(self.cells)
         if order == 0:
             return evaluate_on_cells(cells, self.series, xi)
         z = {k: evaluate_on_cells(cells, self.series, xi, k) for k in range(1, order + 1)}
@@ -294,10 +301,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     def advance(self, smoothness: int) -> float:
         """Return the least z over its mean in xi: positive, so that s' > 0 between the ends."""
-        # A cell's integral over xi is that over its local coordinate in [-1, 1] times half its width. The
-        # mean is the sum over cells divided by 2, the length of [-1, 1] in xi.
-        integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
-        mean = float(0.25 * np.diff(self.cells) @ integrals)
+        # the integral of a cell over xi is that over its local coordinate in [-1, 1] times half its width
+        local_integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
+        integral = 0.5 * np.diff(self.cells) @ local_integrals
+        mean = float(0.5 * integral)  # [-1, 1] has the length 2
         return least_value(self.series) / mean
 
     @cached_property
@@ -329,14 +336,15 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     t = np.frombuffer(instants)
     time_in_panel, panel_starts = law._time
     panel = np.clip(np.searchsorted(panel_starts, t, side="right") - 1, 0, len(panel_starts) - 2)
-    start, width = time_in_panel.edges[panel], np.diff(time_in_panel.edges)[panel]
-    target = t - panel_starts[panel]
+    start = time_in_panel.edges[panel]
+    width = np.diff(time_in_panel.edges)[panel]
+    time = t - panel_starts[panel]  # since the start of the panel
     series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
-    x = np.clip(2.0 * target / np.diff(panel_starts)[panel] - 1.0, -1.0, 1.0)
+    x = np.clip(2.0 * time / np.diff(panel_starts)[panel] - 1.0, -1.0, 1.0)
     for _ in range(12):
-        time = _evaluate_each(x, series)
+        residual = time - _evaluate_each(x, series)
         slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5  # dt/d sigma
-        step = (target - time) / (0.5 * width * slowness)
+        step = residual / (0.5 * width * slowness)
         x = np.clip(x + step, -1.0, 1.0)
         if np.abs(step).max(initial=0.0) < NEWTON_STEP:
             break
@@ -345,7 +353,8 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
 
 def _check_cells(law: OptimalLaw) -> None:
     """Raise InvalidInput unless cells and coefficients of a law fit each other."""
-    cells, count = np.array(law.cells), len(law.coefficients)
+    cells = np.array(law.cells)
+    count = len(law.coefficients)
     if len(cells) < 2 or (cells[0], cells[-1]) != ONE_CELL or not np.all(np.diff(cells) > 0):
         raise InvalidInput("law: cells must ascend from -1 to 1")
     if not count or (len(cells) > 2 and count != len(cells) - 1 + SPLINE_DEGREE):
@@ -389,17 +398,17 @@ def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFun
     edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
-        grid, widths = TimeGrid(edges, PANEL_NODES), np.diff(edges)
+        grid = TimeGrid(edges, PANEL_NODES)
+        widths = np.diff(edges)
         z = evaluate_on_cells(cells, series, stretch(grid.times))
         if not z.min() > 0:
             break
         slowness = grid.fit(z[:, None] ** -0.5)
         panel_series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
+        duration = panel_series[:, 0] @ widths  # by the mean of each panel
+        truncation = np.abs(panel_series[:, -2:]).max(axis=1) * widths  # of the time of each panel
         least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
-        # errors of each panel's time, and the duration by the mean of each panel
-        truncation = np.abs(panel_series[:, -2:]).max(axis=1) * widths
         rounding = 0.5 * z_rounding * least_z**-1.5 * widths
-        duration = panel_series[:, 0] @ widths
         unresolved = np.flatnonzero(truncation > np.maximum(SLOWNESS_TAIL * duration, rounding))
         if not len(unresolved):
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
@@ -429,10 +438,14 @@ def _least_extremum(series: Array) -> float:
 
 def count_reversals(speed: Array) -> int:
     """Count changes between rising and falling of samples (T,), without swings below 1e-3 of the largest."""
-    turns, direction, extreme = 0, 1.0, speed[0]  # direction 1.0: rising; extreme: of the current swing
+    reversals = 0
+    sign = 1.0  # of the current swing: 1 if rising
+    extreme = speed[0]  # largest value of a rising swing, least of a falling one
     for value in speed:
-        if (value - extreme) * direction > 0:
+        if (value - extreme) * sign > 0:
             extreme = value
         elif abs(value - extreme) > MIN_SWING * speed.max():
-            turns, direction, extreme = turns + 1, -direction, value
-    return turns
+            reversals += 1
+            sign = -sign
+            extreme = value
+    return reversals

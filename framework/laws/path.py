@@ -67,7 +67,7 @@ def _points(points: Any, least: int, kind: str) -> Array:
     return read_only(array)
 
 
-def _hold(frozen: object, **values: Any) -> None:
+def _set_fields(frozen: object, **values: Any) -> None:
     """Set derived attributes of a frozen object."""
     for name, value in values.items():
         object.__setattr__(frozen, name, value)
@@ -87,9 +87,9 @@ class PointPath(ReadOnlyArrays):
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
         """Compute x(s) or its derivative by s of this order: s of any shape (...) gives (..., n)."""
         check_order(order)
-        places = np.asarray(s, dtype=float)
-        values = self._evaluate(places.reshape(-1), order)
-        return values.reshape(*places.shape, values.shape[1])
+        s_values = np.asarray(s, dtype=float)
+        values = self._evaluate(s_values.reshape(-1), order)
+        return values.reshape(*s_values.shape, values.shape[1])
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or its derivative at s (T,), (T, n)."""
@@ -124,7 +124,7 @@ class Line(PointPath):
 
     def __post_init__(self) -> None:
         points = _points([self.start, self.end], 2, "line")
-        _hold(self, start=points[0], end=points[1], points=points)
+        _set_fields(self, start=points[0], end=points[1], points=points)
 
     def _evaluate(self, s: Array, order: int) -> Array:
         direction = self.end - self.start
@@ -154,19 +154,24 @@ class Arc(PointPath):
     knots: ClassVar[Array] = NO_KNOTS
 
     def __post_init__(self) -> None:
-        """Compute center, radius, plane and signed angle [rad] of the arc through the three points."""
-        start, via, end = points = _points([self.start, self.via, self.end], 3, "arc")
+        """Compute center, radius, plane and signed angle [rad] of the arc through the three points.
+
+        The plane has the unit vectors u, towards the start, and the part of the chord to `via` across u.
+        """
+        points = _points([self.start, self.via, self.end], 3, "arc")
+        start, via, end = points
         center = _circle_center(points)
         radius = float(np.linalg.norm(start - center))
-        u, chord = (start - center) / radius, via - start
+        u = (start - center) / radius
+        chord = via - start
         across = chord - (chord @ u) * u
         spokes = np.array([u, across / np.linalg.norm(across)])
-        cosines, sines = spokes @ (points[1:] - center).T  # of via and end
-        angle_via, angle_end = (np.arctan2(sines, cosines) % (2 * np.pi)).tolist()
+        along_u, along_w = spokes @ (points[1:] - center).T  # (2,) of via and end
+        angle_via, angle_end = (np.arctan2(along_w, along_u) % (2 * np.pi)).tolist()
         # `via` lies between the ends: its angle decides in which direction the arc turns
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
-        _hold(self, start=start, via=via, end=end, points=points)
-        _hold(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
+        _set_fields(self, start=start, via=via, end=end, points=points)
+        _set_fields(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute c + r (cos(a s) u + sin(a s) w), or its derivative by s, (T, n)."""
@@ -208,7 +213,7 @@ class Spline(PointPath):
     def __post_init__(self) -> None:
         """Check the distances between points; keep the inner knots of the spline."""
         points = _points(self.points, 2, "spline")
-        _hold(self, points=points)
+        _set_fields(self, points=points)
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
             k = int(np.argmin(chords))
@@ -217,7 +222,7 @@ class Spline(PointPath):
                 f"uneven to tell their places on the curve"
             )
         degree = min(5, len(points) - 1)
-        _hold(self, knots=read_only(np.unique(self._spline.t[degree + 1 : -degree - 1])))
+        _set_fields(self, knots=read_only(np.unique(self._spline.t[degree + 1 : -degree - 1])))
 
     @cached_property
     def _spline(self) -> Any:
@@ -290,29 +295,32 @@ class Polyline(PointPath):
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
         knots = (arc_lengths[1:-1, None] + blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
         knots = np.unique(np.round(knots, 14))  # one where two blends meet
-        _hold(self, points=points, blend=blend, knots=read_only(knots))
-        _hold(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
+        _set_fields(self, points=points, blend=blend, knots=read_only(knots))
+        _set_fields(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or its derivative by s, (T, n).
 
-        About the nearest corner c, x = c + b (-f(-w) d_1 + f(w) d_2), with directions d_1, d_2 before and
-        after the corner, w the distance from it over b, and the blend f of `_blend_value`.
+        About the nearest corner c, x = c + b (-f(-w) d_1 + f(w) d_2), with directions d_1, d_2 of the
+        segments that meet there, w the distance from it over b, and the blend f of `_blend_value`. A
+        derivative by s is one by w times the power of dw/ds = total / b, with the total length.
         """
-        total, corners = self._arc_lengths[-1], self._arc_lengths[1:-1]
+        total = self._arc_lengths[-1]
+        corners = self._arc_lengths[1:-1]
         corner = np.abs(s[:, None] * total - corners).argmin(axis=1)  # (T,) the nearest
         w = (s * total - corners[corner]) / self.blend
-        before, after = (sign ** (order + 1) * _blend_value(sign * w, order) for sign in (-1.0, 1.0))
-        value = before[:, None] * self._directions[corner] + after[:, None] * self._directions[corner + 1]
+        first = (-1.0) ** (order + 1) * _blend_value(-w, order)  # the derivative of -f(-w)
+        second = _blend_value(w, order)
+        value = first[:, None] * self._directions[corner] + second[:, None] * self._directions[corner + 1]
         value = value * self.blend * (total / self.blend) ** order
         return np.asarray(value + self.points[corner + 1] if order == 0 else value)
 
 
 def _blend_value(w: Array, order: int) -> Array:
-    """Compute a derivative of f(w): 0 ahead of the blend, w behind."""
-    line = Polynomial([0.0, 1.0])
-    inside, behind = (part.deriv(order)(w) if order else part(w) for part in (_BLEND, line))
-    return np.where(w <= -1.0, 0.0, np.where(w >= 1.0, behind, inside))
+    """Compute f(w), 0 for w <= -1 and w for w >= 1 with the blend between, or a derivative."""
+    blend = _BLEND.deriv(order)
+    line = Polynomial([0.0, 1.0]).deriv(order)
+    return np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line(w), blend(w)))
 
 
 def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
@@ -323,13 +331,13 @@ def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
     """
     order = len(law_values) - 1
     check_order(order, HIGHEST_ORDER)
-    x = [path(law_values[0], k) for k in range(order + 1)]
-    d = [value[..., None] for value in law_values]
+    x = [path(law_values[0], k) for k in range(order + 1)]  # derivatives in s
+    ds = [value[..., None] for value in law_values]  # derivatives of s in time
     bell = {(m, 0): np.array(float(m == 0)) for m in range(order + 1)}
     derivatives = [x[0]]
     for m in range(1, order + 1):
         for k in range(1, m + 1):
-            terms = [comb(m - 1, i - 1) * d[i] * bell[m - i, k - 1] for i in range(1, m - k + 2)]
+            terms = [comb(m - 1, i - 1) * ds[i] * bell[m - i, k - 1] for i in range(1, m - k + 2)]
             bell[m, k] = np.sum(terms, axis=0)
         derivatives.append(np.sum([x[k] * bell[m, k] for k in range(1, m + 1)], axis=0))
     return derivatives
@@ -366,16 +374,17 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
     The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a).
     """
-    nodes, weights = _gauss()
-    inside = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)
     ends = np.concatenate([starts, starts + lengths])
-    first, last = np.split(_values(path, ends, order - 1), 2)
-    rates = _values(path, inside.ravel(), order).reshape(*inside.shape, path.n)
-    means = 0.5 * np.einsum("k,ikn->in", weights, rates)
-    quotients = (last - first) / lengths[:, None]
+    at_start, at_end = np.split(_values(path, ends, order - 1), 2)
+    nodes, weights = _gauss()
+    s = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)  # (intervals, nodes)
+    derivatives = _values(path, s.ravel(), order).reshape(*s.shape, path.n)
+    means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
+    quotients = (at_end - at_start) / lengths[:, None]
+    # of the largest derivative, and what rounding of the values makes of the quotient
     size = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)
-    values = np.maximum(np.abs(first), np.abs(last)).max(axis=0)
-    allowed = WRONG_DERIVATIVE * size + DIFFERENCE_ROUNDING * values / lengths[:, None]
+    value_size = np.maximum(np.abs(at_start), np.abs(at_end)).max(axis=0)
+    allowed = WRONG_DERIVATIVE * size + DIFFERENCE_ROUNDING * value_size / lengths[:, None]
     excess = np.abs(means - quotients) - allowed
     if np.any(excess > 0):
         i, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
@@ -387,8 +396,9 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 
 def _check_continuous(path: Path, order: int) -> None:
-    """Compare the largest change of a derivative on a coarse and a fine grid."""
-    s, changes = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1], []
+    """Refuse a derivative whose largest change is not halved where the grid is refined about the change."""
+    s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
+    changes = []
     for _ in range(JUMP_GRIDS):
         values = _values(path, s, order)
         change = np.abs(np.diff(values, axis=0)).max(axis=1)

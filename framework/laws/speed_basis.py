@@ -72,15 +72,17 @@ class SpeedBasis(ReadOnlyArrays):
 
         if not len(xi):  # `design_matrix` refuses an empty array
             return sparse.csr_array((0, self.size))
-        knots, derivative = self.knots, sparse.identity(self.size, format="csr")
+        knots = self.knots
+        to_derivative = sparse.identity(self.size, format="csr")
         for degree in range(SPLINE_DEGREE, SPLINE_DEGREE - order, -1):
-            slope = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
-            shape = len(slope), len(slope) + 1
-            differences = sparse.diags_array([-slope, slope], offsets=[0, 1], shape=shape)
-            derivative = differences @ derivative
+            factor = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])  # p / (t_(i+p+1) - t_(i+1))
+            shape = len(factor), len(factor) + 1
+            differences = sparse.diags_array([-factor, factor], offsets=[0, 1], shape=shape)
+            to_derivative = differences @ to_derivative
             knots = knots[1:-1]
         inside = np.minimum(np.maximum(xi, -1.0), 1.0)
-        return sparse.csr_array(BSpline.design_matrix(inside, knots, SPLINE_DEGREE - order) @ derivative)
+        values = BSpline.design_matrix(inside, knots, SPLINE_DEGREE - order)
+        return sparse.csr_array(values @ to_derivative)
 
     def series(self, y: Array) -> Array:
         """Return Chebyshev series (k, degree + 1) on the cells of the function with coefficients y."""

@@ -18,13 +18,13 @@ Stack = TypeVar("Stack", bound=tuple[Any, ...])  # a named tuple of arrays, one 
 
 
 def select(stack: Stack, which: Any) -> Stack:
-    """Return the items `which` of all arrays of a named tuple, nested ones too."""
+    """Return the items `which` (index, slice or mask) of all arrays of a named tuple, nested ones too."""
     make: Any = type(stack)
     return make(*(part[which] if isinstance(part, np.ndarray) else select(part, which) for part in stack))
 
 
 def assign(stack: Stack, rows: Any, new: Stack) -> None:
-    """Write the items `new` into some rows of all arrays of a named tuple."""
+    """Assign the items of `new` to some rows of all arrays of a named tuple."""
     for values, new_values in zip(stack, new, strict=True):
         values[rows] = new_values
 
@@ -46,15 +46,15 @@ def read_only(array: _Any) -> _Any:
 
 def freeze(value: object) -> None:
     """Make the arrays of our own tuple or dataclass read-only, nested ones included."""
-    within = [value]
-    while within:
-        item = within.pop()
+    remaining = [value]
+    while remaining:
+        item = remaining.pop()
         if isinstance(item, np.ndarray):
             item.setflags(write=False)
         elif isinstance(item, tuple):
-            within.extend(item)
+            remaining.extend(item)
         elif not isinstance(item, ReadOnlyArrays) and is_dataclass(item):
-            within.extend(vars(item).values())
+            remaining.extend(vars(item).values())
 
 
 class ReadOnlyArrays:

@@ -38,15 +38,22 @@ class Band(ReadOnlyArrays):
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-        # the graph of which rows meet which columns, its nodes rows, then columns; its order gives both
-        ends = (np.concatenate([row, size + column]), np.concatenate([size + column, row]))
+        # the graph whose nodes are the rows, then the columns; an entry joins its row and its column
+        entry_row = row
+        entry_column = size + column
+        ends = (np.concatenate([entry_row, entry_column]), np.concatenate([entry_column, entry_row]))
         graph = coo_array((np.ones(2 * len(row)), ends), shape=(2 * size, 2 * size)).tocsr()
         order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
-        row_order, column_order = order[order < size], order[order >= size] - size
-        row_position, column_position = np.argsort(row_order), np.argsort(column_order)
-        i, j = row_position[row], column_position[column]
-        lower, upper = int(np.max(i - j, initial=0)), int(np.max(j - i, initial=0))
-        # LAPACK's storage: entry (i, j) in column j, at lower + upper + i - j; the first `lower` are its own
+        row_order = order[order < size]
+        column_order = order[order >= size] - size
+        row_position = np.argsort(row_order)
+        column_position = np.argsort(column_order)
+        i = row_position[row]  # of each entry in the band
+        j = column_position[column]
+        lower = int(np.max(i - j, initial=0))
+        upper = int(np.max(j - i, initial=0))
+        # LAPACK stores entry (i, j) in column j of the band, at lower + upper + i - j; the first `lower`
+        # numbers of a column are room for its pivots
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
         return Band(size, lower, upper, row_order, column_order, row_position, column_position, index)
 
@@ -111,11 +118,15 @@ class Factors:
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
-        """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular."""
+        """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular.
+
+        A determinant is the product of the pivots of U, times -1 for each exchange of rows, times the signs
+        of the orders of rows and columns.
+        """
         diagonal = self.lu[self.band.lower + self.band.upper]
-        turned = (diagonal < 0) ^ (self.pivots != np.arange(len(self.pivots)))
-        odd = np.logical_xor.reduce(turned.reshape(-1, self.band.size), axis=1)
-        sign = self.band.orientation * (1.0 - 2.0 * odd)
+        is_exchanged = self.pivots != np.arange(len(self.pivots))
+        is_odd = np.logical_xor.reduce(((diagonal < 0) ^ is_exchanged).reshape(-1, self.band.size), axis=1)
+        sign = self.band.orientation * (1.0 - 2.0 * is_odd)
         with np.errstate(divide="ignore") if self.singular else nullcontext():
             sizes = np.log(np.abs(diagonal)).reshape(-1, self.band.size).sum(axis=1)
         return np.where(sizes > -np.inf, sign, 0.0) if self.singular else sign, sizes

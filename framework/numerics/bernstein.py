@@ -43,21 +43,23 @@ def cell_nodes() -> Array:
 
 
 def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
-    """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; tell (k,) which cells are resolved.
+    """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return also a mask (k,) of resolved cells.
 
     The Chebyshev series through all nodes is cut after `DEGREE`. The bound of the error adds the coefficients
     that are cut off, an estimate of those beyond the nodes (the last two, as in `Bernstein`), and rounding.
     """
-    count, shape = len(values), values.shape[2:]
-    chebyshev_values = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)
-    series = np.linalg.inv(chebyshev_values) @ values.reshape(count, NODES, -1)
+    count = len(values)
+    shape = values.shape[2:]
+    polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # T_j at the nodes
+    series = np.linalg.inv(polynomials) @ values.reshape(count, NODES, -1)  # (k, NODES, all components)
     largest = np.abs(series).max(axis=1)
     cut_off = np.abs(series[:, DEGREE + 1 :]).sum(axis=1)
     last_two = np.abs(series[:, -2:]).sum(axis=1)
     error = cut_off + last_two + VALUE_ROUNDING * largest
     coefficients = _from_chebyshev() @ series[:, : DEGREE + 1]
+    is_resolved = np.asarray((last_two <= MAX_TAIL * largest).all(axis=1))
     function = Bernstein(coefficients.reshape(count, DEGREE + 1, *shape), error.reshape(count, *shape))
-    return function, np.asarray((last_two <= MAX_TAIL * largest).all(axis=1))
+    return function, is_resolved
 
 
 @lru_cache(maxsize=1)
@@ -66,7 +68,8 @@ def _from_chebyshev() -> Array:
 
     Both bases have the same values at DEGREE + 1 points u: B c = T a, so c = B^-1 T a.
     """
-    u, i = np.linspace(0.0, 1.0, DEGREE + 1)[:, None], np.arange(DEGREE + 1)
+    u = np.linspace(0.0, 1.0, DEGREE + 1)[:, None]
+    i = np.arange(DEGREE + 1)
     binomials = np.array([comb(DEGREE, k) for k in i])
     bernstein_values = np.asarray(binomials * u**i * (1.0 - u) ** (DEGREE - i), dtype=float)
     chebyshev_values = chebyshev.chebvander(2.0 * u[:, 0] - 1.0, DEGREE)
@@ -88,7 +91,10 @@ def product_weights(m: int, n: int) -> Array:
 
 
 def multiply(first: Array, second: Array) -> Array:
-    """Return coefficients (k, m + n + 1, ...) of the products of polynomials of degrees m and n."""
+    """Return coefficients (k, m + n + 1, ...) of the products of polynomials of degrees m and n.
+
+    They are c_j = sum over a, b of w_jab first_a second_b, see `product_weights`.
+    """
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
     return np.asarray(np.einsum("jab,ka...,kb...->kj...", weights, first, second))
 
@@ -106,7 +112,8 @@ def bound_mean_size(coefficients: Array, halvings: int) -> Array:
 
     The bound is the mean of the absolute coefficients. Each halving of the cells makes it tighter.
     """
-    count, shape = len(coefficients), coefficients.shape[2:]
+    count = len(coefficients)
+    shape = coefficients.shape[2:]
     for _ in range(halvings):
         coefficients = _halve_cells(coefficients)
     return np.asarray(np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1))
@@ -118,7 +125,9 @@ def _halve_cells(coefficients: Array) -> Array:
     Neighbours are averaged until one number is left. The first numbers of all rounds are the coefficients of
     the left half, the last ones, in reverse order, those of the right half.
     """
-    averages, left, right = coefficients, [], []
+    averages = coefficients
+    left = list[Array]()
+    right = list[Array]()
     while averages.shape[1]:
         left.append(averages[:, 0])
         right.append(averages[:, -1])

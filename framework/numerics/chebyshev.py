@@ -84,19 +84,25 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    They are eigenvalues of the colleague matrix; of degree 2, as p' of a law through one crossing, in closed
-    form. Roots that rounding moves off the real axis or beyond an end, within SAME_PLACE, are accepted.
+    Roots are eigenvalues of the colleague matrix; of degree 2, as p' of a law through one crossing, in closed
+    form. Those that rounding moves off the real axis or beyond an end, within SAME_PLACE, are accepted.
     """
     size = np.abs(series)
     degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
-    # Where roots are accepted |T_k| is at most base^k. A constant above the sum of all other terms has no
-    # root.
-    base = 1.0 + 2.0 * SAME_PLACE**0.25
-    if degree == 0 or size[0] > size[1 : degree + 1] @ base ** np.arange(1, degree + 1):
+    if degree == 0 or _is_dominated(size[: degree + 1]):
         return np.empty(0)
     roots = _quadratic_roots(series) if degree == 2 else _colleague_eigenvalues(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
+
+
+def _is_dominated(size: Array) -> bool:
+    """Whether the constant |c_0| is above the sum of all other terms where roots are accepted: no root.
+
+    There |T_k| is at most base^k, with |c_k| as `size` (degree + 1,).
+    """
+    base = 1.0 + 2.0 * SAME_PLACE**0.25
+    return bool(size[0] > size[1:] @ base ** np.arange(1, len(size)))
 
 
 def _quadratic_roots(series: Array) -> NDArray[Any]:
@@ -124,7 +130,9 @@ def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
 def _colleague(degree: int) -> tuple[Array, Array]:
     """Return the colleague matrix of T_degree and weights (degree,) of the lower coefficients in its column.
 
-    Rows and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
+    Its eigenvalues are the roots of a series once the lower coefficients over the last, times the weights,
+    are subtracted from the column. Rows and columns are in reverse order, which reduces rounding errors, as
+    in numpy's `chebroots`.
     """
     weights = np.full(degree, 0.5)
     weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
@@ -146,7 +154,8 @@ class TimeFunction(ReadOnlyArrays):
         """
         check_order(order)
         times = np.asarray(t, dtype=float)
-        start, end = self.edges[0], self.edges[-1]
+        start = self.edges[0]
+        end = self.edges[-1]
         slack = SAME_PLACE * (end - start)
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
@@ -231,18 +240,19 @@ class TimeGrid(ReadOnlyArrays):
         """
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         series = function.coefficients
-        values, slopes, curvatures = (
-            (basis @ series / half_widths**order).reshape(series.shape[0] * self.size, series.shape[2])
-            for order, basis in enumerate(basis_values(self.size))
-        )
-        return values, slopes, curvatures
+        shape = (series.shape[0] * self.size, series.shape[2])
+        basis, first, second = basis_values(self.size)
+        values = (basis @ series).reshape(shape)
+        slopes = (first @ series / half_widths).reshape(shape)
+        return values, slopes, (second @ series / half_widths**2).reshape(shape)
 
     def differentiate(self, values: Array) -> tuple[Array, Array]:
         """Compute first and second time derivatives, each (panels * size, k), of values at the nodes."""
         first, second = _differentiation(self.size)
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         stacked = self._stack_panels(values)
-        slopes, curvatures = first @ stacked / half_widths, second @ stacked / half_widths**2
+        slopes = first @ stacked / half_widths
+        curvatures = second @ stacked / half_widths**2
         return slopes.reshape(values.shape), curvatures.reshape(values.shape)
 
     @staticmethod
@@ -251,12 +261,14 @@ class TimeGrid(ReadOnlyArrays):
 
         Distances count in mean distances of nodes. A node at the instant of a crossing would divide 0 by 0.
         """
-        best_size, best_distance = size, -1.0
+        best_size = size
+        best_distance = -1.0
         for candidate in range(size, size + 6) if len(instants) else ():
             times = _nodes_between(edges, candidate)
             distance = float(np.abs(times - instants[:, None]).min()) * candidate
-            if distance > best_distance * 1.001:
-                best_size, best_distance = candidate, distance
+            if distance > best_distance * 1.001:  # not for rounding
+                best_size = candidate
+                best_distance = distance
         return TimeGrid(edges, best_size)
 
 
@@ -290,6 +302,7 @@ def basis_values(size: int) -> tuple[Array, Array, Array]:
     """Return Chebyshev polynomials and their first two derivatives at `nodes(size)`, each (size, size)."""
     derivative = derivative_matrix(size)
     values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
-    first, second = values @ derivative, values @ (derivative @ derivative)
+    first = values @ derivative
+    second = values @ (derivative @ derivative)
     values.setflags(write=False)  # not a copy in another memory order: its products differ in the last bit
     return values, read_only(first), read_only(second)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,12 +16,13 @@ import numpy as np
 from framework.numerics.arrays import Array
 from framework.numerics.time_limit import check_time
 
-# Of the solver's linear systems, and how often their solutions are refined, in turn: most programs end at the
-# first, in half the time of the others.
+# Regularization of the solver's linear systems and number of refinements of their solutions, tried in turn:
+# most programs end at the first, in half the time of the others.
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
 # of the solver, in the units of the optimum; and that with which a solution is accepted where it stalls
 TOLERANCE, STALLED_TOLERANCE = 1e-8, 1e-7
+SOLVED = ("Solved", "AlmostSolved")  # statuses of a solution within one of these tolerances
 
 
 class Affine(NamedTuple):
@@ -58,12 +60,28 @@ class ConeProgram:
     nonnegative: Sequence[AffineRows] = ()
     cones: Sequence[Sequence[AffineRows]] = ()
 
+    @cached_property
+    def columns(self) -> dict[str, slice]:
+        """Positions of the unknowns of each name in the vector x (n,) of all unknowns."""
+        columns = {}
+        first = 0
+        for name, size in self.sizes.items():
+            columns[name] = slice(first, first + size)
+            first += size
+        return columns
 
-class Optimum(NamedTuple):
-    """The unknowns by name, and the least cost."""
 
-    unknowns: Mapping[str, Array]
-    value: float
+def product_cone(
+    first: Mapping[str, Any], second: Mapping[str, Any], others: Sequence[AffineRows]
+) -> list[AffineRows]:
+    """Return the cone 4 first * second >= |others|^2, row by row, as rows of a `ConeProgram`.
+
+    It is first + second >= |(first - second, others)|, with sparse matrices of `first` and `second` by name
+    of their unknowns.
+    """
+    zero = np.zeros(len(others[0].offset))
+    negative = {name: -matrix for name, matrix in second.items()}
+    return [AffineRows({**first, **second}, zero), AffineRows({**first, **negative}, zero), *others]
 
 
 class Unsolved(NamedTuple):
@@ -77,68 +95,86 @@ class Unsolved(NamedTuple):
         return self.status == "PrimalInfeasible"
 
 
-def solve_cone_program(program: ConeProgram) -> Optimum | Unsolved:
-    """Compute the unknowns of least cost, or the status with which the solver ends.
+def solve_cone_program(program: ConeProgram) -> Mapping[str, Array] | Unsolved:
+    """Compute the unknowns of least cost by name, or the status with which the solver ends.
 
-    Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b with the slack in cones: rows that vanish
-    first, then rows that are not negative, then second-order cones.
+    Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b, with the slack in cones.
     """
     import clarabel
-    from scipy import sparse
 
     check_time()
-    names, ends = list(program.sizes), np.cumsum([0, *program.sizes.values()])
-    columns = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
+    objective = _objective(program)
+    constraints = _constraints(program)
+    for regularization, refinements in REGULARIZATIONS:
+        settings = _cone_settings(regularization, refinements)
+        solution = clarabel.DefaultSolver(*objective, *constraints, settings).solve()
+        status = str(solution.status)
+        if status in SOLVED or status == "PrimalInfeasible":
+            break
+    if status not in SOLVED:
+        return Unsolved(status)
+    x = np.array(solution.x)
+    return {name: x[column] for name, column in program.columns.items()}
+
+
+def _objective(program: ConeProgram) -> tuple[Any, Array]:
+    """Return P (n, n) and q (n,) of the cost x' P x / 2 + q' x.
+
+    P is given by its upper triangle. A square is |R x + r|^2 = x' R'R x + 2 r'R x + |r|^2; its constant |r|^2
+    is left out.
+    """
+    from scipy import sparse
+
+    q = np.zeros(sum(program.sizes.values()))
+    for name, cost in program.cost.items():
+        q[program.columns[name]] += cost
+    if program.square is None:
+        return sparse.csc_array((len(q), len(q))), q
+    R, r = _interleave(program, [[program.square]])
+    return sparse.csc_array(sparse.triu(2.0 * R.T @ R)), q + 2.0 * R.T @ r
+
+
+def _constraints(program: ConeProgram) -> tuple[Any, Array, list[Any]]:
+    """Return A (m, n), b (m,) and the cones that the slack b - A x lies in.
+
+    The slack is the value of the rows. Their order is: rows that vanish, rows that are not negative,
+    second-order cones.
+    """
+    import clarabel
+
+    vanishing, nonnegative = ([[rows] for rows in part] for part in (program.equal, program.nonnegative))
+    rows = _interleave(program, [*vanishing, *nonnegative, *program.cones])
     cones: list[Any] = [
         clarabel.ZeroConeT(sum(len(rows.offset) for rows in program.equal)),
         clarabel.NonnegativeConeT(sum(len(rows.offset) for rows in program.nonnegative)),
     ]
-    groups = [[rows] for rows in [*program.equal, *program.nonnegative]]
     for members in program.cones:
-        groups.append(list(members))
         cones += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
-    rows = _interleave(groups, columns, ends[-1])
-    cost = np.zeros(ends[-1])
-    for name, values in program.cost.items():
-        cost[columns[name]] += values
-    quadratic = sparse.csc_array((ends[-1], ends[-1]))
-    if program.square is not None:  # |R x + r|^2 = x' R'R x + 2 r'R x + constant
-        root = _interleave([[program.square]], columns, ends[-1])
-        quadratic = sparse.csc_array(sparse.triu(2.0 * root.matrix.T @ root.matrix))
-        cost += 2.0 * root.matrix.T @ root.offset
-    problem = quadratic, cost, -rows.matrix, rows.offset, cones
-    for regularization, refinements in REGULARIZATIONS:
-        settings = _cone_settings(regularization, refinements)
-        solution = clarabel.DefaultSolver(*problem, settings).solve()
-        status = str(solution.status)
-        if status in ("Solved", "AlmostSolved", "PrimalInfeasible"):
-            break
-    if status not in ("Solved", "AlmostSolved"):
-        return Unsolved(status)
-    x = np.array(solution.x)
-    unknowns = {name: x[column] for name, column in columns.items()}
-    return Optimum(unknowns, float(solution.obj_val))
+    return -rows.matrix, rows.offset, cones
 
 
-def _interleave(groups: Sequence[Sequence[AffineRows]], columns: Mapping[str, slice], size: int) -> Affine:
-    """Return all groups, one below the other, as rows on the vector of all unknowns (size,).
+def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) -> Affine:
+    """Return all groups of rows as one matrix (m, n) on the vector x of all unknowns.
 
-    Members of a group are interleaved: first the first row of every member, then the second row of every
-    member. So the rows of one second-order cone are neighbours.
+    Row i of member k stands in row m i + k of a group with m members: first the first row of every member,
+    then the second row of every member. So the rows of one second-order cone are neighbours.
     """
     from scipy import sparse
 
-    entries, offsets, first = [], [], 0
+    entries = []
+    offsets = []
+    group_start = 0
     for members in groups:
         offsets.append(np.stack([rows.offset for rows in members], axis=1).ravel())
         for k, rows in enumerate(members):
             for name, matrix in rows.parts.items():
                 part = matrix.tocoo()
-                row = first + k + len(members) * part.row
-                entries.append((part.data, row, columns[name].start + part.col))
-        first += len(offsets[-1])
+                row = group_start + k + len(members) * part.row
+                entries.append((part.data, row, program.columns[name].start + part.col))
+        group_start += len(offsets[-1])
     data, row, column = (np.concatenate(values) for values in zip(*entries, strict=True))
-    return Affine(sparse.csc_array((data, (row, column)), shape=(first, size)), np.concatenate(offsets))
+    shape = (group_start, sum(program.sizes.values()))
+    return Affine(sparse.csc_array((data, (row, column)), shape=shape), np.concatenate(offsets))
 
 
 class LinearMatrix(NamedTuple):
@@ -151,34 +187,37 @@ class LinearMatrix(NamedTuple):
 def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affine) -> Array | Unsolved:
     """Compute the shortest y (n,) with positive semidefinite `matrices` and `positive`(y) >= 0.
 
-    The solver takes a symmetric matrix as its upper triangle by columns, entries off the diagonal times
-    sqrt(2).
-
     Returns:
         y, or `Unsolved` if the solver gives up.
     """
     import clarabel
     from scipy import sparse
 
-    rows, offsets = [-positive.matrix], [positive.offset]
-    cones: list[Any] = [clarabel.NonnegativeConeT(len(positive.offset))]
-    for slopes, offset in matrices:
-        column, row = np.tril_indices(len(offset))  # transposed: the upper triangle by columns
-        weight = np.where(row == column, 1.0, np.sqrt(2.0))
-        rows.append(-weight[:, None] * slopes[row, column])
-        offsets.append(weight * offset[row, column])
-        cones.append(clarabel.PSDTriangleConeT(len(offset)))
-    count = positive.matrix.shape[1]
-    squares = sparse.csc_array(np.eye(count))
+    cones = [
+        clarabel.NonnegativeConeT(len(positive.offset)),
+        *(clarabel.PSDTriangleConeT(len(matrix.offset)) for matrix in matrices),
+    ]
+    slack = [positive, *map(_upper_triangle, matrices)]
     # Solve for y / scale, so that the largest slope of every matrix is at least 1: the solver stops too early
     # where slopes are small.
-    largest_slopes = [float(np.abs(slopes).max(initial=0.0)) or 1.0 for slopes, _ in matrices]
+    largest_slopes = [float(np.abs(matrix.slopes).max(initial=0.0)) or 1.0 for matrix in matrices]
     scale = 1.0 / min(largest_slopes, default=1.0)
-    scaled_rows = sparse.csc_array(scale * np.concatenate(rows))
-    problem = (squares, np.zeros(count), scaled_rows, np.concatenate(offsets), cones, _settings())
-    solution = clarabel.DefaultSolver(*problem).solve()
+    A = sparse.csc_array(-scale * np.concatenate([part.matrix for part in slack]))
+    b = np.concatenate([part.offset for part in slack])
+    squares = sparse.csc_array(np.eye(A.shape[1]))
+    solution = clarabel.DefaultSolver(squares, np.zeros(A.shape[1]), A, b, cones, _settings()).solve()
     status = str(solution.status)
-    return scale * np.array(solution.x) if status in ("Solved", "AlmostSolved") else Unsolved(status)
+    return scale * np.array(solution.x) if status in SOLVED else Unsolved(status)
+
+
+def _upper_triangle(matrix: LinearMatrix) -> Affine:
+    """Return the upper triangle of a symmetric matrix by columns, in Clarabel's form.
+
+    Entries off the diagonal are multiplied by sqrt(2), so that the norm is that of the matrix.
+    """
+    column, row = np.tril_indices(len(matrix.offset))  # of the lower triangle by rows, transposed
+    weight = np.where(row == column, 1.0, np.sqrt(2.0))
+    return Affine(weight[:, None] * matrix.slopes[row, column], weight * matrix.offset[row, column])
 
 
 def _cone_settings(regularization: float, refinements: int) -> Any:

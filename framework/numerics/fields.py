@@ -1,7 +1,8 @@
 """Typed values out of the mappings of a document: a table for each mapping, from its keys to readers.
 
-A reader is called with the place of a value, such as `actuators[0].joint`, and the value given; it returns
-the value read, or raises an InvalidInput that names the place, the value given and valid ones.
+A reader is called with the place `where` a value stands, such as `actuators[0].joint`, and the value `raw`
+there. It returns the value read, or raises an InvalidInput that names the place, the value given and valid
+ones.
 """
 
 from __future__ import annotations
@@ -42,26 +43,21 @@ def below(where: str, key: object) -> str:
 # ------------------------------------------------------------------ mappings and lists
 
 
-def mapping(where: str, given: Any) -> dict[Any, Any]:
-    """Read a mapping of any keys.
-
-    Raises:
-        InvalidInput: it is none.
-    """
-    if not isinstance(given, dict):
-        raise InvalidInput(f"{where or 'the file'}: needs a mapping of keys, got {str(given)[:60]!r}")
-    return given
+def mapping(where: str, raw: Any) -> dict[Any, Any]:
+    """Read a mapping of any keys."""
+    if not isinstance(raw, dict):
+        raise InvalidInput(f"{where or 'the file'}: needs a mapping of keys, got {str(raw)[:60]!r}")
+    return raw
 
 
-def read_table(
-    where: str, given: Any, table: Table, *, others: Collection[str] | None = ()
-) -> dict[str, Any]:
+def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | None = ()) -> dict[str, Any]:
     """Read the value of each key of the table; `others` may be given too, None for any.
 
     Raises:
         InvalidInput: a key is missing or unknown, or its reader refuses the value.
     """
-    content, values = mapping(where, given), {}
+    content = mapping(where, raw)
+    values = {}
     for key, field in table.items():
         if key in content:
             values[key] = field.read(below(where, key), content[key])
@@ -82,27 +78,26 @@ def read_table(
 def record(
     table: Table, make: Callable[[str, dict[str, Any]], Any] = lambda _, values: values
 ) -> Reader[Any]:
-    """Return a reader of a mapping by a table; `make` converts its place and values."""
-    return lambda where, given: make(where, read_table(where, given, table))
+    """Return a reader of a mapping by a table; `make` converts place and values into the object read."""
+    return lambda where, raw: make(where, read_table(where, raw, table))
 
 
 def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
     """Return the table of a dataclass: a reader for each field, by its annotated type."""
-    return {
-        one.name: required(readers[str(one.type)])
-        if one.default is MISSING
-        else optional(readers[str(one.type)], one.default)
-        for one in fields(kind)
-    }
+    table = {}
+    for field in fields(kind):
+        read = readers[str(field.type)]
+        table[field.name] = required(read) if field.default is MISSING else optional(read, field.default)
+    return table
 
 
 def mapping_of(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
     """Return a reader of a mapping from names to values of one kind."""
 
-    def read_named(where: str, given: Any) -> dict[str, T]:
+    def read_named(where: str, raw: Any) -> dict[str, T]:
         """Read each value, and each name if names have a reader."""
         values = {}
-        for name, value in mapping(where, given).items():
+        for name, value in mapping(where, raw).items():
             place = below(where, name)
             values[read_name(place, name) if read_name else str(name)] = read(place, value)
         return values
@@ -113,25 +108,25 @@ def mapping_of(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[
 def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list of values of one kind."""
 
-    def read_list(where: str, given: Any) -> tuple[T, ...]:
+    def read_list(where: str, raw: Any) -> tuple[T, ...]:
         """Read each item, named by its place in the list."""
-        if not isinstance(given, list | tuple):
-            raise InvalidInput(f"{where}: needs a list, got {short(given)}")
-        return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(given))
+        if not isinstance(raw, list | tuple):
+            raise InvalidInput(f"{where}: needs a list, got {short(raw)}")
+        return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(raw))
 
     return read_list
 
 
 def one_or_list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list of values of one kind, or of one such value."""
-    return lambda where, given: list_of(read)(where, given if isinstance(given, list) else [given])
+    return lambda where, raw: list_of(read)(where, raw if isinstance(raw, list) else [raw])
 
 
 def distinct(what: str, valid: Collection[str]) -> Reader[tuple[str, ...]]:
     """Return a reader of one valid name, or of a list of different ones."""
 
-    def read(where: str, given: Any) -> tuple[str, ...]:
-        names = one_or_list_of(one_of(what, valid))(where, given)
+    def read(where: str, raw: Any) -> tuple[str, ...]:
+        names = one_or_list_of(one_of(what, valid))(where, raw)
         check_distinct(where, what, names, valid)
         return names
 
@@ -149,11 +144,11 @@ def check_distinct(where: str, what: str, names: Sequence[str], valid: Collectio
 def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list with at least one entry."""
 
-    def read_entries(where: str, given: Any) -> tuple[T, ...]:
+    def read_entries(where: str, raw: Any) -> tuple[T, ...]:
         """Read a list; refuse an empty one."""
-        if not isinstance(given, list) or not given:
-            raise InvalidInput(f"{where}: needs a list with at least one entry, got {given!r}")
-        return list_of(read)(where, given)
+        if not isinstance(raw, list) or not raw:
+            raise InvalidInput(f"{where}: needs a list with at least one entry, got {raw!r}")
+        return list_of(read)(where, raw)
 
     return read_entries
 
@@ -161,100 +156,100 @@ def entries(read: Reader[T]) -> Reader[tuple[T, ...]]:
 # ------------------------------------------------------------------ texts and numbers
 
 
-def anything(where: str, given: Any) -> Any:
+def anything(where: str, raw: Any) -> Any:
     """Read any value."""
-    return given
+    return raw
 
 
 def or_null(read: Reader[T]) -> Reader[T | None]:
     """Return a reader of null, or else by `read`."""
-    return lambda where, given: None if given is None else read(where, given)
+    return lambda where, raw: None if raw is None else read(where, raw)
 
 
-def truth(where: str, given: Any) -> bool:
+def truth(where: str, raw: Any) -> bool:
     """Read true or false."""
-    if not isinstance(given, bool):
-        raise InvalidInput(f"{where}: needs true or false, got {short(given)}")
-    return given
+    if not isinstance(raw, bool):
+        raise InvalidInput(f"{where}: needs true or false, got {short(raw)}")
+    return raw
 
 
-def text_or_empty(where: str, given: Any) -> str:
+def text_or_empty(where: str, raw: Any) -> str:
     """Read a text."""
-    if not isinstance(given, str):
-        raise InvalidInput(f"{where}: needs a text, got {short(given)}")
-    return given
+    if not isinstance(raw, str):
+        raise InvalidInput(f"{where}: needs a text, got {short(raw)}")
+    return raw
 
 
-def text(where: str, given: Any) -> str:
+def text(where: str, raw: Any) -> str:
     """Read a text that is not empty."""
-    if not isinstance(given, str) or not given:
-        raise InvalidInput(f"{where}: needs a text, got {given!r}")
-    return given
+    if not isinstance(raw, str) or not raw:
+        raise InvalidInput(f"{where}: needs a text, got {raw!r}")
+    return raw
 
 
 def one_of(what: str, valid: Collection[str]) -> Reader[str]:
-    """Return a reader of one of some valid names."""
+    """Return a reader of a name out of the valid ones."""
 
-    def read_name(where: str, given: Any) -> str:
+    def read_name(where: str, raw: Any) -> str:
         """Return the name; refuse others, with the nearest valid ones."""
-        if not isinstance(given, str) or given not in valid:
-            raise InvalidInput(f"{where}: {choose_from(what, given, valid)}")
-        return given
+        if not isinstance(raw, str) or raw not in valid:
+            raise InvalidInput(f"{where}: {choose_from(what, raw, valid)}")
+        return raw
 
     return read_name
 
 
-def integer(where: str, given: Any) -> int:
+def integer(where: str, raw: Any) -> int:
     """Read a whole number."""
-    if not isinstance(given, int) or isinstance(given, bool):
-        raise InvalidInput(f"{where}: needs a whole number, got {given!r}")
-    return given
+    if not isinstance(raw, int) or isinstance(raw, bool):
+        raise InvalidInput(f"{where}: needs a whole number, got {raw!r}")
+    return raw
 
 
-def whole(where: str, given: Any) -> int:
+def whole(where: str, raw: Any) -> int:
     """Read a whole number of at least zero."""
-    value = integer(where, given)
+    value = integer(where, raw)
     if value < 0:
         raise InvalidInput(f"{where}: must not be negative, got {value}")
     return value
 
 
-def number(where: str, given: Any) -> float:
+def number(where: str, raw: Any) -> float:
     """Read a finite number of at most LARGEST_NUMBER; a text, too: YAML 1.1 reads 1e5 as one."""
     try:
-        if isinstance(given, bool) or not isinstance(given, Real | str):
+        if isinstance(raw, bool) or not isinstance(raw, Real | str):
             raise ValueError
-        value = float(given)
+        value = float(raw)
     except ValueError:
-        raise InvalidInput(f"{where}: needs a number, got {given!r}") from None
+        raise InvalidInput(f"{where}: needs a number, got {raw!r}") from None
     except OverflowError:
         value = math.inf
     if not math.isfinite(value):
-        raise InvalidInput(f"{where}: needs a finite number, got {given!r}")
+        raise InvalidInput(f"{where}: needs a finite number, got {raw!r}")
     if abs(value) > LARGEST_NUMBER:
-        raise InvalidInput(f"{where}: must be at most {LARGEST_NUMBER:g} in size, got {given!r}")
+        raise InvalidInput(f"{where}: must be at most {LARGEST_NUMBER:g} in size, got {raw!r}")
     return value
 
 
-def positive(where: str, given: Any) -> float:
+def positive(where: str, raw: Any) -> float:
     """Read a finite number greater than zero."""
-    value = number(where, given)
+    value = number(where, raw)
     if value <= 0:
-        raise InvalidInput(f"{where}: must be greater than zero, got {given!r}")
+        raise InvalidInput(f"{where}: must be greater than zero, got {raw!r}")
     return value
 
 
-def not_negative(where: str, given: Any) -> float:
+def not_negative(where: str, raw: Any) -> float:
     """Read a finite number of at least zero."""
-    value = number(where, given)
+    value = number(where, raw)
     if value < 0:
-        raise InvalidInput(f"{where}: must not be negative, got {given!r}")
+        raise InvalidInput(f"{where}: must not be negative, got {raw!r}")
     return value
 
 
-def vector3(where: str, given: Any) -> tuple[float, float, float]:
+def vector3(where: str, raw: Any) -> tuple[float, float, float]:
     """Read three finite numbers."""
-    vector = list_of(number)(where, given)
+    vector = list_of(number)(where, raw)
     if len(vector) != 3:
-        raise InvalidInput(f"{where}: needs three numbers, got {given!r}")
+        raise InvalidInput(f"{where}: needs three numbers, got {raw!r}")
     return vector[0], vector[1], vector[2]

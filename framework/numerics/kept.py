@@ -113,7 +113,7 @@ def compute_rows(
     refusals: tuple[type[Exception], ...],
     tasks: Iterable[K],
 ) -> dict[str, NDArray[Any]]:
-    """Compute a chunk of tasks: numbers by column, NaN where one is refused, and the reasons as `why`."""
+    """Compute a chunk of tasks: numbers by column, NaN where a task is refused, and the reasons as `why`."""
     rows = []
     for task in tasks:
         row: dict[str, Any] = {**dict.fromkeys(columns, np.nan), WHY: ""}
@@ -126,7 +126,7 @@ def compute_rows(
 
 
 def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:
-    """Compute the arrays of a task with a name."""
+    """Compute the arrays of an item (name, task); a function of the module, which executors can pickle."""
     return compute(item[1])
 
 

@@ -1,7 +1,7 @@
-"""Linear equations of which only products are known, solved within the space of a few of them.
+"""GMRES: linear equations A x = right solved in a Krylov space, from products with A alone.
 
-GMRES with the step of least size: what the small least-squares problem says about directions that the matrix
-all but annihilates is not asked for (a truncated singular value decomposition, as in hybrid methods).
+Directions that A all but annihilates are left out of the step: the small least-squares problem is solved by a
+truncated singular value decomposition, as in hybrid methods.
 
 Source: Saad, Iterative Methods for Sparse Linear Systems, SIAM 2003, chapter 6; Hansen, Discrete Inverse
 Problems, SIAM 2010, chapter 6.
@@ -21,42 +21,52 @@ STAGNATION_PRODUCTS, STAGNATION_RATIO = 12, 0.9  # after so many products, more 
 def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most: int, weak: float) -> Array:
     """Find x (n,) of least |right - A x| among combinations of right, A right, A A right, ...
 
+    Arnoldi's method makes orthonormal basis vectors v_k of these with A V = V_next H, H of Hessenberg form.
+    Then x = V w with w of least | |right| e_1 - H w |.
+
     Args:
         product: A times a vector (n,) of length 1.
         right: (n,).
-        left: share of |right| that may be left.
-        most: products at most.
-        weak: singular values below this share of the largest one, within that space, count as zero.
+        left: share of |right| that may be left as residual.
+        most: largest number of products.
+        weak: singular values of H below this share of the largest one count as zero.
     """
     size = float(np.linalg.norm(right))
     if size == 0.0:
         return np.zeros_like(right)
-    basis = [right / size]  # orthonormal
-    hessenberg = np.zeros((most + 1, most))  # A basis[k] = sum of hessenberg[i, k] basis[i]
-    target = np.zeros(most + 1)  # the right side in the basis
+    basis = [right / size]  # v_k
+    H = np.zeros((most + 1, most))  # A v_k = sum of H[i, k] v_i
+    target = np.zeros(most + 1)
     target[0] = size
-    history: list[float] = []
+    residuals: list[float] = []
     for k in range(min(most, len(right))):
-        vector = product(basis[k])
-        for _ in range(2):  # once more: what cancels in the first time loses its digits
-            along = np.array(basis) @ vector
-            hessenberg[: k + 1, k] += along
-            vector = vector - along @ np.array(basis)
-        length = float(np.linalg.norm(vector))
-        hessenberg[k + 1, k] = length
-        small = hessenberg[: k + 2, : k + 1]
-        weights = np.linalg.lstsq(small, target[: k + 2], rcond=weak)[0]
-        remaining = float(np.linalg.norm(target[: k + 2] - small @ weights))
-        history.append(remaining)
-        is_exhausted = length <= np.finfo(float).eps * np.abs(small).max()  # the space holds A's image
-        if remaining <= left * size or is_exhausted or _stagnates(history):
+        components, remainder = _orthogonalise(product(basis[k]), np.array(basis))
+        length = float(np.linalg.norm(remainder))
+        H[: k + 1, k] = components
+        H[k + 1, k] = length
+        H_k = H[: k + 2, : k + 1]
+        target_k = target[: k + 2]
+        weights = np.linalg.lstsq(H_k, target_k, rcond=weak)[0]
+        residuals.append(float(np.linalg.norm(target_k - H_k @ weights)))
+        is_exhausted = length <= np.finfo(float).eps * np.abs(H_k).max()  # A maps the space into itself
+        if residuals[-1] <= left * size or is_exhausted or _stagnates(residuals):
             break
-        basis.append(vector / length)
+        basis.append(remainder / length)
     return np.asarray(weights @ np.array(basis[: len(weights)]))
 
 
-def _stagnates(history: list[float]) -> bool:
+def _orthogonalise(vector: Array, basis: Array) -> tuple[Array, Array]:
+    """Split a vector (n,) into components (k,) along an orthonormal basis (k, n) and a remainder (n,)."""
+    components = np.zeros(len(basis))
+    for _ in range(2):  # once more: digits that cancel in the first pass are lost
+        along = basis @ vector
+        components += along
+        vector = vector - along @ basis
+    return components, vector
+
+
+def _stagnates(residuals: list[float]) -> bool:
     """Whether the last products have hardly reduced the residual."""
-    if len(history) <= STAGNATION_PRODUCTS:
+    if len(residuals) <= STAGNATION_PRODUCTS:
         return False
-    return history[-1] > STAGNATION_RATIO * history[-1 - STAGNATION_PRODUCTS]
+    return residuals[-1] > STAGNATION_RATIO * residuals[-1 - STAGNATION_PRODUCTS]

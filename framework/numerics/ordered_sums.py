@@ -84,8 +84,12 @@ def cross(a: Array, b: Array) -> Array:
     if a.size + b.size < SMALL_STACK:
         both = a.take(_NEXT_AXIS, -1) * b.take(_AXIS_BEFORE, -1)
         return both[..., :3] - both[..., 3:]
-    a1, a2, a3 = a[..., 0], a[..., 1], a[..., 2]
-    b1, b2, b3 = b[..., 0], b[..., 1], b[..., 2]
+    a1 = a[..., 0]
+    a2 = a[..., 1]
+    a3 = a[..., 2]
+    b1 = b[..., 0]
+    b2 = b[..., 1]
+    b3 = b[..., 2]
     product = np.empty(np.broadcast(a, b).shape, np.result_type(a, b))
     np.subtract(a2 * b3, a3 * b2, out=product[..., 0])
     np.subtract(a3 * b1, a1 * b3, out=product[..., 1])

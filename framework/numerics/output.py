@@ -1,4 +1,4 @@
-"""Write files whole: together with the others, or not at all."""
+"""Write files whole: all files of a result, or none."""
 
 from __future__ import annotations
 
@@ -37,73 +37,75 @@ def written_together(
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into `folder` once the block has ended without an error.
 
-    That `folder` can be written, and holds no `document` of others, is found out before the block runs.
+    Before the block runs it is checked that `folder` can be written, and holds no `document` of others.
 
     Args:
-        document: the JSON file among those written that tells them for ours, a robot's; files of these
-            names that are there without one are somebody else's and are kept.
-        beside: names of files about an earlier `document`; those that the block does not write go with it.
+        document: the JSON file about a robot that is among the files written, and marks them as files of this
+            program. Without it in `folder`, files of the same names there are somebody else's and are kept.
+        beside: names of files about an earlier `document`; those that the block does not write are removed.
         option: of the command line, that complaints name.
         file: what complaints name, if it is one file and not the folder.
 
     Raises:
         OutputError: `folder` cannot be made or written, or holds files of others by the same names.
     """
-    place = f"{option}: cannot write {f'into {folder}' if file is None else file}"
-    new = [above for above in (folder, *folder.parents) if not os.path.lexists(above)]
-    own: tuple[Path, int] | None = None
+    complaint = f"{option}: cannot write {f'into {folder}' if file is None else file}"
+    new_folders = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
+    locked: tuple[Path, int] | None = None
     try:
         try:
-            with defer_signals():  # an interruption meanwhile is raised at its end, where all is known
+            with defer_signals():  # an interruption is raised when all folders made are known
                 folder.mkdir(parents=True, exist_ok=True)
                 _remove_abandoned(folder)
-                temporary, _ = own = _own_folder(folder)
+                temporary, _ = locked = _make_locked_folder(folder)
         except ValueError as error:
-            raise OutputError(f"{place}: {error}") from None
+            raise OutputError(f"{complaint}: {error}") from None
         if document is not None:
-            _check_overwritten(folder, [document], document, place)
+            _check_overwritten(folder, [document], document, complaint)
         yield temporary
         files = sorted(temporary.iterdir())
-        _check_overwritten(folder, [written.name for written in files], document, place)
+        names = [written.name for written in files]
+        _check_overwritten(folder, names, document, complaint)
         replaces = document is not None and os.path.lexists(folder / document)
         with defer_signals():
             for written in files:
                 os.replace(written, folder / written.name)
-            for name in set(beside) - {written.name for written in files} if replaces else ():
+            for name in set(beside) - set(names) if replaces else ():
                 (folder / name).unlink(missing_ok=True)
-            _remove(own)
-            own = None
+            _remove(locked)
+            locked = None
     except OSError as error:
-        raise OutputError(f"{place}: {_reason(error)}") from None
+        raise OutputError(f"{complaint}: {_reason(error)}") from None
     finally:
         with defer_signals():
-            if own is not None:
-                _remove(own)
-            _remove_empty(new)
+            if locked is not None:
+                _remove(locked)
+            _remove_empty(new_folders)
 
 
-def _check_overwritten(folder: Path, names: list[str], document: str | None, place: str) -> None:
+def _check_overwritten(folder: Path, names: list[str], document: str | None, complaint: str) -> None:
     """Refuse to overwrite folders, or files that are not of this program, by their names."""
     present = [name for name in names if os.path.lexists(folder / name)]
     for name in present:
         if (folder / name).is_dir():
-            raise OutputError(f"{place}: {name} is a folder there")
+            raise OutputError(f"{complaint}: {name} is a folder there")
     if document is not None and present and not _is_ours(folder / document):
         foreign = document if document in present else present[0]
         raise OutputError(
-            f"{place}: {foreign} is there already, and not of this program; give another folder, or move it"
+            f"{complaint}: {foreign} is there already, and not of this program; give another folder, or "
+            f"move it"
         )
 
 
-def _remove(own: tuple[Path, int]) -> None:
-    """Remove a temporary folder and its lock."""
-    temporary, lock = own
+def _remove(locked: tuple[Path, int]) -> None:
+    """Remove a temporary folder, and close the descriptor of its lock."""
+    temporary, lock = locked
     shutil.rmtree(temporary, ignore_errors=True)
     os.close(lock)
 
 
-def _own_folder(folder: Path) -> tuple[Path, int]:
-    """Make a temporary folder, locked by a descriptor for as long as this process lives."""
+def _make_locked_folder(folder: Path) -> tuple[Path, int]:
+    """Make a temporary folder; return also the descriptor that locks the folder while this process lives."""
     while True:
         temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
         with suppress(FileNotFoundError):  # taken for abandoned by another process before it was locked
@@ -117,12 +119,12 @@ def _own_folder(folder: Path) -> tuple[Path, int]:
 
 def _remove_abandoned(folder: Path) -> None:
     """Remove the unlocked temporary folders of processes that were killed while writing."""
-    for place in folder.glob(f"{UNFINISHED}*"):
+    for temporary in folder.glob(f"{UNFINISHED}*"):
         with suppress(OSError):  # it is locked, or another process has removed it
-            lock = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+            lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(place, ignore_errors=True)
+                shutil.rmtree(temporary, ignore_errors=True)
             finally:
                 os.close(lock)
 
@@ -169,7 +171,7 @@ def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> N
 
 
 def _is_ours(document: Path) -> bool:
-    """Whether this is a JSON object about a robot."""
+    """Whether a file is a JSON object about a robot."""
     try:
         content = json.loads(read_text(document, "", largest=1_000_000_000))
     except (InvalidInput, ValueError, RecursionError):
@@ -178,6 +180,7 @@ def _is_ours(document: Path) -> bool:
 
 
 def _reason(error: Exception) -> str:
+    """Return the system's words for an error."""
     return getattr(error, "strerror", None) or str(error)
 
 

@@ -29,12 +29,13 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     t = (edges[:-1, None] + half_widths * (nodes(NODE_RATIO * size) + 1.0)).ravel()
     t = np.clip(t, edges[0], edges[-1])  # (T,)
     values = np.abs(function(t))  # (T, k)
-    largest = values.max(axis=0)
+    peaks = values.max(axis=0)
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
-    samples, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * largest))
-    middle = t[samples]  # (m,) of the maxima, each of one component
-    step = np.maximum(np.diff(t, prepend=edges[0])[samples], np.diff(t, append=edges[-1])[samples])
+    # m local maxima: the sample and the component of each
+    sample, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * peaks))
+    middle = t[sample]
+    step = np.maximum(np.diff(t, prepend=edges[0])[sample], np.diff(t, append=edges[-1])[sample])
 
     def sizes_at(instants: Array) -> Array:
         """Return |value| (..., m) of each maximum's component at instants (..., m) [s]."""
@@ -44,11 +45,11 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     for _ in range(ZOOMS):
         points = np.clip(middle + step * np.array([[-1.0], [0.0], [1.0]]), edges[0], edges[-1])
         sizes = sizes_at(points)  # (3, m)
-        np.maximum.at(largest, component, sizes.max(axis=0))
+        np.maximum.at(peaks, component, sizes.max(axis=0))
         middle = np.clip(points[1] + step * _parabola_maximum(*sizes), edges[0], edges[-1])
         step = step * ZOOM_RATIO
-    np.maximum.at(largest, component, sizes_at(middle))
-    return largest
+    np.maximum.at(peaks, component, sizes_at(middle))
+    return peaks
 
 
 def _parabola_maximum(left: Array, centre: Array, right: Array) -> Array:

@@ -36,18 +36,24 @@ class Polytope(ReadOnlyArrays):
         return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
-        """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is."""
+        """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is.
+
+        Each half-space says slope t <= offset, slope = normal . direction: an upper end where the slope is
+        positive, a lower end where it is negative. Without a slope it holds for all t, or for none.
+        """
         slope = self.normals @ direction
-        steep = np.abs(slope) > RANK_ROUNDING * np.linalg.norm(direction)
+        is_steep = np.abs(slope) > RANK_ROUNDING * np.linalg.norm(direction)
         size = np.abs(self.offsets).max(initial=0.0)
-        if np.any(self.offsets[~steep] < -SAME_PLACE * size):
+        if np.any(self.offsets[~is_steep] < -SAME_PLACE * size):
             return np.nan, np.nan
-        ends = self.offsets[steep] / slope[steep]
-        low = float(ends[slope[steep] < 0].max(initial=-np.inf))
-        high = float(ends[slope[steep] > 0].min(initial=np.inf))
-        if low > high:
-            return (np.nan, np.nan) if low - high > SAME_PLACE * max(abs(low), abs(high)) else (high, high)
-        return low, high
+        ends = self.offsets[is_steep] / slope[is_steep]
+        slope = slope[is_steep]
+        low = float(ends[slope < 0].max(initial=-np.inf))
+        high = float(ends[slope > 0].min(initial=np.inf))
+        if low <= high:
+            return low, high
+        touches = low - high <= SAME_PLACE * max(abs(low), abs(high))  # but for rounding
+        return (high, high) if touches else (np.nan, np.nan)
 
     def axis_ranges(self) -> Array:
         """Compute the range (n, 2) of each coordinate when all others are zero, see `reach`."""
@@ -64,10 +70,14 @@ class Polytope(ReadOnlyArrays):
 
 
 def zonotope(centre: Array, generators: Array) -> Polytope:
-    """Compute the sums of centre (n,) and generators (m, n), each times a factor in [-1, 1]."""
+    """Compute the sums of centre (n,) and generators (m, n), each times a factor in [-1, 1].
+
+    Its half-space along a unit normal N has the offset N . centre + sum of |N . generator|. Normals across
+    the generators make a flat zonotope flat.
+    """
     span, across, _ = _row_space(generators)
-    in_span = [normal[None] @ span for normal in _normals(generators @ span.T)]
-    normals = np.concatenate([across, *in_span])
+    facet_normals = [normal[None] @ span for normal in _normals(generators @ span.T)]
+    normals = np.concatenate([across, *facet_normals])
     normals = _remove_repeated(np.concatenate([normals, -normals]))
     width = np.abs(normals @ generators.T).sum(axis=1)
     is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
@@ -78,17 +88,23 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
 
 
 def slabs(rows: Array, limits: Array) -> Polytope:
-    """Return the points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,)."""
+    """Return the points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,).
+
+    With r independent rows, r of them at their limits, of either sign, meet in 2^r corners. Those that keep
+    the other limits are the vertices.
+    """
     sizes = np.linalg.norm(rows, axis=1)
     acting = sizes > 0
     units = rows[acting] / sizes[acting][:, None]
     span, free, largest = _row_space(rows)
-    inside = rows @ span.T  # (m, r) the rows in their own space
-    signs = _signs(len(span))  # (2^r, r)
+    rank = len(span)
+    in_span = rows @ span.T  # (m, r)
+    signs = _signs(rank)  # (2^r, r)
+    subsets = combinations(range(len(rows)), rank) if rank else ()
     points = [np.zeros((0, rows.shape[1]))]
-    for subset in map(list, combinations(range(len(rows)), len(span)) if len(span) else ()):
-        if singular_values(inside[subset])[-1] > RANK_ROUNDING * largest:
-            corners = np.linalg.solve(inside[subset], (signs * limits[subset]).T)  # (r, 2^r)
+    for subset in map(list, subsets):
+        if singular_values(in_span[subset])[-1] > RANK_ROUNDING * largest:
+            corners = np.linalg.solve(in_span[subset], (signs * limits[subset]).T)  # (r, 2^r)
             points.append(corners.T @ span)
     vertices = np.concatenate(points)
     vertices = vertices[np.all(np.abs(vertices @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]
@@ -115,7 +131,8 @@ def _signs(count: int) -> Array:
 
 def _normals(generators: Array) -> list[Array]:
     """Return the unit normals (n,) of every n - 1 independent generators (m, n)."""
-    n, normals = generators.shape[1], []
+    n = generators.shape[1]
+    normals = []
     if n == 1:
         return [np.ones(1)]
     for subset in combinations(range(len(generators)), n - 1) if n else ():
@@ -137,6 +154,6 @@ def _remove_repeated(points: Array) -> Array:
 def _vertices(points: Array, normals: Array, offsets: Array) -> Array:
     """Return the vertices among points (k, n), at which the touching half-spaces leave no freedom."""
     size = np.abs(offsets).max(initial=0.0)
-    touching = points @ normals.T >= offsets - SAME_PLACE * size
-    n = points.shape[1]
-    return points[[np.linalg.matrix_rank(normals[touched], tol=RANK_ROUNDING) == n for touched in touching]]
+    touches = points @ normals.T >= offsets - SAME_PLACE * size  # (k, h)
+    ranks = [np.linalg.matrix_rank(normals[row], tol=RANK_ROUNDING) for row in touches]
+    return points[np.array(ranks) == points.shape[1]]

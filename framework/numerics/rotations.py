@@ -9,15 +9,16 @@ import numpy as np
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import dot
 
-# Coefficients of sum (-1)^j square^j / (2 j + first)!, differentiated 0 times and once; first is 2 for a, 3
-# for b of the left Jacobian. The last one is below 1e-17.
+# The left Jacobian's a = sum of (-1)^j square^j / (2 j + 2)! and b = sum of (-1)^j square^j / (2 j + 3)!,
+# each with its derivative by `square`: coefficients (2, 2, 12) of a and b, by order of the derivative, by
+# power. The last one is below 1e-17.
 _SERIES = np.array(
     [
         [
-            [(-1.0) ** j * perm(j, order) / factorial(2 * j + first) for j in range(order, order + 12)]
+            [(-1.0) ** j * perm(j, order) / factorial(2 * j + offset) for j in range(order, order + 12)]
             for order in range(2)
         ]
-        for first in (2, 3)
+        for offset in (2, 3)
     ]
 )
 
@@ -40,10 +41,13 @@ def rotation_matrix(vector: Array) -> Array:
 
 
 def rotation_vector(rotation: Array) -> Array:
-    """Compute rotation vectors (T, 3) of rotations (T, 3, 3), each by itself; NaN where one is not finite."""
+    """Compute rotation vectors (T, 3) of rotations R (T, 3, 3); NaN where one is not finite.
+
+    R - R' is the matrix of the cross product with 2 sin(t) axis, and the trace is 1 + 2 cos(t). For turns of
+    120 degrees and more the former loses digits, and scipy's conversion is taken.
+    """
     trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
-    # turned by less than 120 degrees: what is not symmetric says it all
-    doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) times the axis
+    doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) axis
     angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
     vectors = np.asarray(0.5 * doubled / np.sinc(angle / np.pi)[:, None])
     wide = np.flatnonzero((trace <= 0.0) & np.isfinite(angle))
@@ -57,19 +61,22 @@ def rotation_vector(rotation: Array) -> Array:
 def left_jacobian_coefficients(square: Array) -> Array:
     """Compute the left Jacobian's coefficients a, b with a derivative along t^2, (2, 2, T).
 
-    a = (1 - cos t) / t^2 and b = (t - sin t) / t^3; `square` (T,) is t^2. Below one radian the closed forms
-    lose digits to cancellation, and the series of a and b are taken.
+    a = (1 - cos t) / t^2 and b = (t - sin t) / t^3; `square` (T,) is t^2. The first axis is that of a and b,
+    the second the order of the derivative. Below one radian the closed forms lose digits to cancellation, and
+    the series of a and b are taken.
     """
     small = square < 1.0
     if small.all():
         return _left_jacobian_series(square)
     t = np.sqrt(np.where(small, 1.0, square))
     series = _left_jacobian_series(np.where(small, square, 0.0))
-    sine, cosine = np.sin(t), np.cos(t)
-    lost_a, lost_b = 1 - cosine, t - sine
+    sine = np.sin(t)
+    cosine = np.cos(t)
+    versine = 1 - cosine
+    excess = t - sine
     closed = [
-        [lost_a / t**2, (t * sine - 2 * lost_a) / (2 * t**4)],
-        [lost_b / t**3, (t * lost_a - 3 * lost_b) / (2 * t**5)],
+        [versine / t**2, (t * sine - 2 * versine) / (2 * t**4)],
+        [excess / t**3, (t * versine - 3 * excess) / (2 * t**5)],
     ]
     return np.where(small, series, closed)
 

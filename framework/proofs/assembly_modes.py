@@ -117,14 +117,19 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) 
 def _assemble(
     robot: ParallelRobot, q: Array, conditions: LegConditions, solutions: RealSolutions
 ) -> AssemblyModes:
-    """Compute the robot's joints at displacements of the platform, q (1, nq) with its motors in place."""
+    """Compute the robot's joints at displacements of the platform, q (1, nq) with its motors in place.
+
+    A displacement p, R takes the frame of the reference to R position + p, R rotation; that of a point to
+    position + p.
+    """
     reference_frames = frames_at(robot, robot.reference.q[None])
-    position, rotation = reference_frames.position[0, 0], reference_frames.rotation[0, 0]
+    position = reference_frames.position[0, 0]
+    rotation = reference_frames.rotation[0, 0]
     p = solutions.p * robot.length
-    of_point = conditions.group.family.name == "translations"
-    positions = position + p if of_point else solutions.R @ position + p
-    rotations = None if of_point else solutions.R @ rotation
-    closed = joints_at(robot, q, positions, rotations)
+    if conditions.group.family.name == "translations":
+        closed = joints_at(robot, q, position + p, None)
+    else:
+        closed = joints_at(robot, q, solutions.R @ position + p, solutions.R @ rotation)
     modes = []
     for pose, proved in zip(closed, solutions.proved, strict=True):
         if pose is not None:
@@ -152,7 +157,7 @@ def _search(robot: ParallelRobot, q: Array) -> AssemblyModes:
         is_new = all(np.abs(offset).max() > DISTINCT_SOLUTIONS for offset in offsets)
         if is_new and find_turned_over(robot, frames) is None:
             modes.append(AssemblyMode(pose, x, is_proved(robot, pose)))
-    complete = all(mode.proved for mode in modes) and _are_all(robot, q[0], candidates)
+    complete = all(mode.proved for mode in modes) and _has_no_other_poses(robot, q[0], candidates)
     status: Status = "proved" if complete else "at least"
     paved = ", joints paved" if status == "proved" else ""
     return AssemblyModes(
@@ -160,8 +165,8 @@ def _search(robot: ParallelRobot, q: Array) -> AssemblyModes:
     )
 
 
-def _are_all(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
-    """Whether the loops are proved to close in no other poses than the k (nq,), motors as in q (nq,).
+def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
+    """Whether the loops are proved to close in no other poses than `poses` (nq,), motors as in q (nq,).
 
     All joints that follow the motors are paved as if they were one leg.
     """

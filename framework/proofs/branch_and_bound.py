@@ -53,7 +53,7 @@ def branch_and_bound(
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
 ) -> Partition[Stack, K]:
-    """Test pieces of a region, a stack of arrays, until each is decided, the newest first.
+    """Test pieces of a region, a stack of arrays, until each is decided; the newest are tested first.
 
     Args:
         batch: pieces tested at a time.
@@ -61,7 +61,10 @@ def branch_and_bound(
         distance: (S,) of the pieces. The nearest are tested first, and none that is no nearer than `limit` or
             than one that is undecided; without it all are tested.
     """
-    ahead, proved, undecided, examined = region, list[K](), list[Stack](), 0
+    ahead = region
+    proved = list[K]()
+    undecided = list[Stack]()
+    examined = 0
 
     def least_distance(pieces: Stack) -> float:
         return np.inf if distance is None else float(distance(pieces).min(initial=np.inf))
@@ -100,7 +103,7 @@ class Boxes(NamedTuple):
         return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
 
     def halves(self, axis: IntArray) -> Boxes:
-        """Return both halves of each, cut across one axis (S,): first all lower ones, then all upper ones."""
+        """Cut each box in two across its axis (S,); return all lower halves, then all upper halves."""
         is_cut = np.arange(self.middle.shape[1]) == axis[:, None]  # (S, k)
         radii = np.where(is_cut, 0.5 * ROUND_UP * self.radii, self.radii)
         shift = np.where(is_cut, 0.5 * self.radii, 0.0)
@@ -117,9 +120,10 @@ def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArr
             is then not cut but tested again.
         is_small: (S,) which boxes are too small for another cut.
     """
-    free = axis == NO_AXIS
-    shrunk = free & (np.prod(boxes.radii / wide.radii, axis=1) < SHRUNK_VOLUME_RATIO)
-    small = free & is_small & ~shrunk
-    cut = ~(shrunk | small)
-    halves = select(boxes, cut).halves(np.where(free, boxes.radii.argmax(axis=1), axis)[cut])
-    return select(boxes, small), join([select(boxes, shrunk), halves])
+    is_free = axis == NO_AXIS
+    has_shrunk = is_free & (np.prod(boxes.radii / wide.radii, axis=1) < SHRUNK_VOLUME_RATIO)
+    stays = is_free & is_small & ~has_shrunk
+    is_cut = ~(has_shrunk | stays)
+    across = np.where(is_free, boxes.radii.argmax(axis=1), axis)
+    halves = select(boxes, is_cut).halves(across[is_cut])
+    return select(boxes, stays), join([select(boxes, has_shrunk), halves])

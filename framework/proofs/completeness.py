@@ -70,13 +70,15 @@ def has_no_others(
         """Contract boxes; drop boxes without solutions or inside known ones; halve the others."""
         linear = equations(*boxes)
         remaining = contract(linear, boxes.radii, damped_mixers(linear, boxes.radii))
-        possible = ~remaining.empty
-        wide = select(boxes, possible)
-        narrow = wide.clip(*select(remaining, possible))
+        is_possible = ~remaining.empty
+        boxes = select(boxes, is_possible)
+        narrow = boxes.clip(*select(remaining, is_possible))
         is_open = ~known.contain(narrow)
-        wide, narrow = select(wide, is_open), select(narrow, is_open)
+        boxes = select(boxes, is_open)
+        narrow = select(narrow, is_open)
         is_small = narrow.radii.max(axis=1) < MIN_RADIUS
-        return Examined(None, *narrow_or_halve(wide, narrow, np.full(narrow.size, NO_AXIS), is_small))
+        no_axis = np.full(narrow.size, NO_AXIS)
+        return Examined(None, *narrow_or_halve(boxes, narrow, no_axis, is_small))
 
     # one undecided box ends the search: all are as near as it is
     end = branch_and_bound(

@@ -94,13 +94,17 @@ class DerivativeBounds:
     def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the R equations and their derivatives along k joints at q (S, nq).
 
-        Each term adds to its row, along the joints of its chain.
+        Each term adds to its row, along the joints of its chain. At the end rows are divided by their units,
+        and columns multiplied by those of the joints.
         """
-        S, frames = len(q), frames_at(self.robot, q)
+        S = len(q)
+        frames = frames_at(self.robot, q)
         chains = [_differentiate_chain(chain, frames) for chain in self.table.chains]
         scale = self.row_scale[:, None] * self.column_scale  # (R, k)
         R, k = scale.shape
-        values, slopes, hessians = np.zeros((S, R)), np.zeros((S, R, k)), np.zeros((S, R, k, k))
+        values = np.zeros((S, R))
+        slopes = np.zeros((S, R, k))
+        hessians = np.zeros((S, R, k, k))
         for term in self.table.terms:
             if term.kind == "joint":
                 slopes[:, term.row, term.selected] = 1.0 / scale[term.row, term.selected]
@@ -126,7 +130,7 @@ class Derivatives(NamedTuple):
     chains: list[_ChainDerivatives]
 
     def take(self, which: BoolArray) -> Derivatives:
-        """Return the derivatives in the boxes `which` of the S."""
+        """Return the derivatives of the boxes of a mask (S,)."""
         return Derivatives(
             self.bounds,
             self.frames.select(np.flatnonzero(which)),
@@ -144,7 +148,7 @@ class Derivatives(NamedTuple):
         derivatives by T r.
         """
         rounding = self.bounds.rounding
-        thirds = self._third_bounds(radii * self.bounds.column_scale)  # (S, R, k, k) T r
+        thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
         hessians = np.abs(self.hessians) + rounding
         slopes = np.einsum("srij,sj->sri", hessians + 0.5 * thirds, radii)
         values = np.einsum("srij,si,sj->sr", 0.5 * hessians + thirds / 6, radii, radii, optimize=True)
@@ -156,7 +160,8 @@ class Derivatives(NamedTuple):
 
         Radii (S, k) are in radians and metres.
         """
-        table, thirds = self.bounds.table, np.zeros_like(self.hessians)
+        table = self.bounds.table
+        thirds = np.zeros_like(self.hessians)
         for term in table.terms:
             if term.kind != "joint":
                 chain = table.chains[term.chain]
@@ -188,7 +193,10 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
 
 
 def _turn_again(chain: Chain, turning: Array, first: Array) -> Array:
-    """Compute w_i x first_j (S, L, L, 3), with i the inner and j the outer one of two joints."""
+    """Compute w_i x first_j (S, L, L, 3) for all pairs of an inner joint i and an outer joint j.
+
+    The second derivative along two joints: the inner one turns the derivative along the outer one.
+    """
     inner, outer = chain.joint_tuples(2)
     return cross(turning[:, inner], first[:, outer])
 
@@ -215,8 +223,8 @@ def _differentiate_term(
 ) -> tuple[Array, Array, Array]:
     """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
 
-    A term is factor * axis . vector with an axis of the first frame or of the base, or factor * p . p, of
-    which half the value, slope and second derivative are p . p / 2, p . u_j and p . d2p + u_i . u_j.
+    A term is factor * axis . vector with an axis of the first frame or of the base, or the square
+    factor * p . p. Its slopes are 2 factor p . u_j, its second derivatives 2 factor (p . d2p + u_i . u_j).
     """
     vector, first, second = _vector_of(term, chain, derivatives, frames)
     is_square = term.kind == "square"
@@ -227,13 +235,13 @@ def _differentiate_term(
     else:
         axis = frames.rotation[:, chain.first, :, term.axis]
     value = term.factor * np.einsum("sc,sc->s", axis, vector)
-    slopes = np.einsum("sc,sjc->sj", axis, first)
-    bends = np.einsum("sc,sijc->sij", axis, second)
+    slopes = np.einsum("sc,sjc->sj", axis, first)  # axis . u_j
+    seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij
     factor = term.factor
     if is_square:
         factor *= 2.0
-        bends = bends + np.einsum("sic,sjc->sij", first, first)
-    return value, factor * slopes, factor * bends
+        seconds = seconds + np.einsum("sic,sjc->sij", first, first)  # u_i . u_j
+    return value, factor * slopes, factor * seconds
 
 
 def _widen_levers(chain: Chain, lever: Array, radii: Array) -> Array:

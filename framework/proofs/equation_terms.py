@@ -25,7 +25,8 @@ BASE = -1  # in place of a frame
 
 def moving_balls(robot: ParallelRobot) -> list[str]:
     """Return the names of the ball joints that move with the platform."""
-    model, moving = robot.model, set(robot.moving.tolist())
+    model = robot.model
+    moving = set(robot.moving.tolist())
     return [
         str(name)
         for name, joint in zip(model.names, model.joints, strict=True)
@@ -87,7 +88,9 @@ class EquationTerms:
 
     def _platform_term(self, coordinate: int) -> Term:
         """Return the term of a platform coordinate: of its frame on a base axis, or of one joint."""
-        robot, platform, chain = self.robot, self.robot.platform, self._index_of_chain(BASE, 0)
+        robot = self.robot
+        platform = self.robot.platform
+        chain = self._index_of_chain(BASE, 0)
         if isinstance(platform, FramePlatform):
             kind = "point" if robot.translations[coordinate] else "turn"
             return Term(coordinate, chain, kind, int(platform.axes[coordinate]) % 3, 0, 1.0)
@@ -96,13 +99,16 @@ class EquationTerms:
         return Term(coordinate, chain, "joint", 0, joint, 1.0)
 
     def _loop_terms(self, row: int, base_axis: int | None) -> list[Term]:
-        """Return the terms of a loop equation: on an axis of the base, if given, one for each frame.
+        """Return the terms of a loop equation.
 
-        Otherwise one term of the chain between both frames: the axis of the first frame times an axis of the
-        second (direction) or its origin (point), or half the squared distance of the origins.
+        On an axis of the base, if one is given, two terms: the origin of the second frame less that of the
+        first. Otherwise one term of the chain between both frames: the axis of the first frame times an axis
+        of the second (direction) or its origin (point), or half the squared distance of the origins (square).
         """
-        loops, number = self.robot.loops, self.robot.n + row
-        first, second = int(loops.first[row]), int(loops.second[row])
+        loops = self.robot.loops
+        number = self.robot.n + row
+        first = int(loops.first[row])
+        second = int(loops.second[row])
         if base_axis is not None:
             return [
                 Term(number, self._index_of_chain(BASE, frame), "point", base_axis, 0, sign)
@@ -118,9 +124,11 @@ class EquationTerms:
         ends = [(chain.first, chain.second) for chain in self.chains]
         if (first, second) in ends:
             return ends.index((first, second))
-        robot, moving = self.robot, self.robot.moving.tolist()
-        carrying = joints_between(robot, first, second)
-        sign_of = {int(robot.model.joints[joint].idx_v): sign for joint, sign in carrying}  # by column
+        robot = self.robot
+        moving = self.robot.moving.tolist()
+        sign_of = {  # by column of the velocity vector
+            int(robot.model.joints[joint].idx_v): sign for joint, sign in joints_between(robot, first, second)
+        }
         columns = np.array([column for column in sign_of if column in moving], dtype=np.intp)
         places = np.array(list(map(moving.index, columns)), dtype=np.intp)
         signs = np.array(list(map(sign_of.__getitem__, columns)))
@@ -133,7 +141,8 @@ def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[
 
     Joints that carry both frames do not move one against the other, and are left out.
     """
-    supports, bodies = robot.model.supports, scratch_of(robot).bodies
+    supports = robot.model.supports
+    bodies = scratch_of(robot).bodies
     first_chain = [] if first == BASE else list(supports[int(bodies[first])])  # from the base on
     second_chain = list(supports[int(bodies[second])])
     carrying_first = [(joint, -1.0) for joint in reversed(first_chain) if joint not in second_chain]
@@ -147,17 +156,18 @@ def planar_axis(robot: ParallelRobot) -> int | None:
     if normal is None:
         return None
     axis = int(np.argmax(np.abs(normal)))
-    aside = np.delete(normal, axis)
-    return axis if np.abs(aside).max() < FILE_ROUNDING else None
+    others = np.delete(normal, axis)
+    return axis if np.abs(others).max() < FILE_ROUNDING else None
 
 
 def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
-    """Return axes of the base, by row, for points that are to coincide and have no joint in common.
+    """Return axes of the base, by loop row, for closures of points that have no joint in common.
 
     A closure that holds all three translations (of a planar robot both in its plane) may be written on any
     axes; on those of the base the joints of its two chains do not mix.
     """
-    loops, across = robot.loops, planar_axis(robot)
+    loops = robot.loops
+    across = planar_axis(robot)
     carried = scratch_of(robot).carried[:, robot.moving]
     base_axes: dict[int, int] = {}
     for first, second in np.unique(np.stack([loops.first, loops.second], axis=1), axis=0).tolist():

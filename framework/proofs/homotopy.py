@@ -51,22 +51,23 @@ def start_system(family: QuadricFamily) -> StartSystem:
     """Find the solutions of a random system of a family by monodromy.
 
     A first system is made to pass through a random point. Solutions are led to a second one and back, each
-    time with other complex factors of the equations: another closed way of coefficients.
+    time with other complex factors of the equations: another closed loop of coefficients.
     """
     rng = np.random.default_rng(START_SEED)
     z = family.random_point(rng)
     members = family.values(z[None])[0]  # (M,)
-    through = family.random_coefficients(rng)
-    through -= np.outer(through @ members, members.conj()) / np.vdot(members, members)  # now z solves it
-    through /= np.linalg.norm(through, axis=1, keepdims=True)
-    systems = [through, family.random_coefficients(rng)]
+    # coefficients less their part along the members at z: now z solves the system
+    first = family.random_coefficients(rng)
+    first -= np.outer(first @ members, members.conj()) / np.vdot(members, members)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    systems = [first, family.random_coefficients(rng)]
     solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]
     for _ in range(MONODROMY_ROUNDS):
-        for near, far in ((0, 1), (1, 0)):
+        for start, end in ((0, 1), (1, 0)):
             turned = [_turn_equations(family, system, rng) for system in systems]
-            tracked = track_paths(family, turned[near], turned[far], solutions[near], rng)
-            candidates = np.concatenate([solutions[far], tracked.z[tracked.arrived]])
-            solutions[far] = candidates[is_first(candidates)]
+            tracked = track_paths(family, turned[start], turned[end], solutions[start], rng)
+            candidates = np.concatenate([solutions[end], tracked.z[tracked.arrived]])
+            solutions[end] = candidates[is_first(candidates)]
         if len(solutions[0]) >= family.bound:
             break
     return StartSystem(systems[0], solutions[0])
@@ -89,15 +90,18 @@ class TrackedPaths(NamedTuple):
 def track_paths(
     family: QuadricFamily, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
 ) -> TrackedPaths:
-    """Follow solutions z (S, N) from coefficients to others (K, M), t from 0 to 1 with a step each.
+    """Follow solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
-    A step whose correction is small is taken, and after some good ones the next is twice as long; else it is
-    halved. A path is lost where steps become too short or z too large for the chart.
+    Each path has its own t from 0 to 1 and its own step. A step whose correction is small is taken, and after
+    some good ones the next is twice as long; else it is halved. A path is lost where steps become too short
+    or z too large for the chart.
     """
     chart = complex_normal(rng, family.size)
     homotopy = _LinearHomotopy(family.quadrics(start), family.quadrics(end) - family.quadrics(start), chart)
     z = z / (z @ chart)[:, None]
-    t, step, good_steps = np.zeros(len(z)), np.full(len(z), FIRST_STEP), np.zeros(len(z), dtype=int)
+    t = np.zeros(len(z))
+    step = np.full(len(z), FIRST_STEP)
+    good_steps = np.zeros(len(z), dtype=int)
     live = np.arange(len(z))
     while len(live):
         h = np.minimum(step[live], 1.0 - t[live])
@@ -134,7 +138,7 @@ class PathEnds(NamedTuple):
 
 
 def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> PathEnds:
-    """Find the ends of all paths of a family to real coefficients (K, M), on ways that the seed chooses.
+    """Find the ends of all paths of a family to real coefficients (K, M), on paths that the seed chooses.
 
     Paths that do not arrive, or end far away, are followed again by the endgame, which tells how they end.
     """
@@ -148,8 +152,10 @@ def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> Path
     endgame = _endgame(family, start, target, first.z[again], rng)
     is_missing = ~arrived[again]
     missing = again[is_missing]
-    ends.z[missing], ends.arrived[missing] = endgame.z[is_missing], endgame.arrived[is_missing]
-    ends.infinite[again], ends.last[again] = endgame.infinite, endgame.last
+    ends.z[missing] = endgame.z[is_missing]
+    ends.arrived[missing] = endgame.arrived[is_missing]
+    ends.infinite[again] = endgame.infinite
+    ends.last[again] = endgame.last
     ends.multiple[again] = endgame.multiple & is_missing
     return ends
 
@@ -168,7 +174,7 @@ def _endgame(
     z: ComplexArray,
     rng: np.random.Generator,
 ) -> PathEnds:
-    """Follow paths from z (S, N) on a way of shrinking segments until the exponents tell the ends.
+    """Follow paths from z (S, N) over shrinking segments until the exponents tell the ends.
 
     After segment k a share s = `ENDGAME_SEGMENT_RATIO`^k of the way is left. Of a size s^-w the exponent
     w = -(change of log size) / log(ratio) of successive segments tells infinity (the same w > 0) from a
@@ -177,31 +183,35 @@ def _endgame(
     arrived, infinite, multiple = np.zeros((3, len(z)), dtype=bool)
     ends = PathEnds(z.copy(), arrived, infinite, multiple, z.copy())
     live = np.ones(len(z), dtype=bool)
-    log_sizes, near = [np.log(sizes(family, z))], start
+    log_sizes = [np.log(sizes(family, z))]
+    segment_start = start
     for segment in range(1, ENDGAME_SEGMENTS + 1):
         followed = np.flatnonzero(live)
         if not len(followed):
             break
-        far = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
-        ends.last[followed], live[followed] = track_paths(family, near, far, ends.last[followed], rng)
+        segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
+        tracked = track_paths(family, segment_start, segment_end, ends.last[followed], rng)
+        ends.last[followed], live[followed] = tracked
         log_sizes.append(np.log(sizes(family, ends.last)))
-        near = far
+        segment_start = segment_end
         if segment < AGREEING_EXPONENTS:
             continue
         changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S)
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         leaves = live & _leave_for_infinity(w, log_sizes[-1])
+        ends.infinite[leaves] = True
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
-        tracked = track_paths(family, far, target, ends.last[is_finite], rng)
+        tracked = track_paths(family, segment_end, target, ends.last[is_finite], rng)
         ends.z[is_finite], ends.arrived[is_finite] = tracked
-        ends.infinite[leaves], ends.multiple[is_finite] = True, ~tracked.arrived
+        ends.multiple[is_finite] = ~tracked.arrived
         live &= ~(leaves | is_finite)
     return ends
 
 
 def _leave_for_infinity(w: Array, log_size: Array) -> BoolArray:
     """Whether exponents w (A, S) of successive segments agree and sizes are large, (S,)."""
-    least, largest = w.min(axis=0), w.max(axis=0)
+    least = w.min(axis=0)
+    largest = w.max(axis=0)
     agree = largest - least < MAX_EXPONENT_SPREAD * largest
     return (least > ENDGAME_MIN_EXPONENT) & agree & (log_size > np.log(MIN_INFINITE_SIZE))
 
@@ -237,7 +247,7 @@ class _LinearHomotopy(NamedTuple):
 
         The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's.
         """
-        H = h[:, None]
+        H = h[:, None]  # for vectors
         k1 = self.rate(z, t)
         k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)
         k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)

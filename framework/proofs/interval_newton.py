@@ -71,12 +71,13 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
     lower = np.maximum((root - half_width).max(axis=1), -radii)
     upper = np.minimum((root + half_width).min(axis=1), radii)
     is_impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)
-    lower[is_impossible], upper[is_impossible] = 1.0, -1.0
+    lower[is_impossible] = 1.0
+    upper[is_impossible] = -1.0
     return Contracted(lower, upper)
 
 
 def pivoting_mixers(slopes: Array, radii: Array) -> Array:
-    """Compute matrices (S, m, m) that make slopes (S, m, k), m <= k, one on m columns.
+    """Compute mixers (S, m, m) that turn m columns of slopes (S, m, k), m <= k, into the identity.
 
     The columns are those of the largest terms in the box that are independent, by Gaussian elimination with
     complete pivoting.
@@ -86,6 +87,7 @@ def pivoting_mixers(slopes: Array, radii: Array) -> Array:
     pivots = np.empty((S, m), dtype=np.intp)  # columns
     each = np.arange(S)
     for step in range(m):
+        # the largest entry left is the pivot; its row and column are eliminated
         row, column = np.divmod(np.abs(remaining).reshape(S, m * k).argmax(axis=1), k)
         pivots[:, step] = column
         pivot = remaining[each, row, column]
@@ -124,14 +126,16 @@ class LastColumns(NamedTuple):
 def bordered_bounds(P: Array, errors: Array, rounding: float) -> tuple[LastColumns, LastColumns]:
     """Enclose the bordered systems of P (S, s, s) and of P', for all P within errors (S, s, s).
 
-    M = [P b; c' 0], and b, c are the last singular vectors of P; z is (eta, g), and (psi, g) for M'. Every
-    matrix that is singular has g = 0, and where M is regular no other has (Govaerts 2000).
+    M = [P b; c' 0] with the last singular vectors b, c of P. Its solution z of M z = e is (eta, g), that of
+    M' z = e is (psi, g). Where M is regular, P is singular exactly if g = 0 (Govaerts 2000).
     """
     S, s = P.shape[:2]
     left, _, right = np.linalg.svd(P)
-    b, c = left[:, :, -1:], right[:, -1:]
+    b = left[:, :, -1:]
+    c = right[:, -1:]
     M = np.block([[P, b], [c, np.zeros((S, 1, 1))]])
-    X, M_errors = inverses(M), np.zeros_like(M)
+    X = inverses(M)
+    M_errors = np.zeros_like(M)
     M_errors[:, :s, :s] = errors + rounding
     M_t, X_t, errors_t = (stack.swapaxes(1, 2) for stack in (M, X, M_errors))
     return _last_columns(M, X, M_errors, rounding), _last_columns(M_t, X_t, errors_t, rounding)
@@ -145,8 +149,10 @@ def _last_columns(M: Array, X: Array, M_errors: Array, rounding: float) -> LastC
     (Rump, Acta Numerica 2010, section 10).
     """
     k = M.shape[1]
-    z, unit = X[:, :, -1], np.eye(k)[-1]
-    z_size, X_size = np.abs(z), np.abs(X)
+    z = X[:, :, -1]
+    unit = np.eye(k)[-1]
+    z_size = np.abs(z)
+    X_size = np.abs(X)
     row_sums = ROUND_UP * (identity_defect(X, M) + X_size @ M_errors).sum(axis=2)  # (S, k) of N
     norm = row_sums.max(axis=1)
     valid = norm < MAX_CONTRACTION

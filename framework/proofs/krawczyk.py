@@ -72,8 +72,8 @@ class Existence(NamedTuple):
     proved: BoolArray  # (S,)
     lower: Array  # (S, k) off the middle: all solutions in the box are within
     upper: Array
-    along: Array  # (S, k) their slope along the parameter, 1 there itself; 0 without a parameter
-    spread: Array  # (S, k) how far they are from middle + along * parameter, 0 for the parameter
+    along: Array  # (S, k) slope of the solutions along the parameter, 1 for p itself; 0 without a parameter
+    spread: Array  # (S, k) distance of the solutions from middle + along * p, 0 for p itself
 
 
 def existence(
@@ -81,17 +81,19 @@ def existence(
 ) -> Existence:
     """Test whether m equations have one solution in each of S boxes of radii (S, k).
 
-    The k unknowns are m, or m + 1 of which one is a parameter p. With F = values + J_u du + J_p dp and
-    Y near the inverse of J_u the map is du -> -Y values - Y J_p dp + error: root, slope and error are
-    computed one by one, with the unknowns in the order (u, p).
+    The unknowns are u (m,), and one parameter p if k = m + 1. With F = values + J_u du + J_p dp within
+    errors, and Y near the inverse of J_u, the map takes du to
+
+        root + slope dp + error,    root = -Y values,    slope = -Y J_p,
+        |error| <= |Y| (errors + |changes| r) + |1 - Y J_u| r_u.
 
     Args:
         equations: values and slopes at the middle, with the errors of the values there.
         changes: (S, m, k) bounds on the changes of the slopes within the box.
-        parameter: (S,) the unknown that is one.
+        parameter: (S,) the unknown that is p; None without.
     """
     m, k = equations.slopes.shape[1:]
-    order = np.tile(np.arange(k), (len(radii), 1))  # (S, k) the parameter last
+    order = np.tile(np.arange(k), (len(radii), 1))  # (S, k) of the unknowns, p last
     if parameter is not None:
         order = np.argsort(order == parameter[:, None], axis=1, kind="stable")
     J_u, J_p = np.split(np.take_along_axis(equations.slopes, order[:, None], axis=2), [m], axis=2)
@@ -105,11 +107,11 @@ def existence(
     error = times(np.abs(Y), uncertain) + times(identity_defect(Y, J_u), r_u)
     error = ROUND_UP * error + gamma(m) * np.abs(root)
     reach = ROUND_UP * (error + ROUND_UP * times(np.abs(slope), r_p))  # of solutions from the root
-    is_inside = ROUND_UP * (np.abs(root) + reach) < r_u
+    is_inside = ROUND_UP * (np.abs(root) + reach) < r_u  # the image in the box
 
-    def restore(of_unknowns: Array, of_parameter: Array) -> Array:
+    def restore(of_u: Array, of_p: Array) -> Array:
         """Join values of u (S, m) and p (S, k - m) in the order of the unknowns (S, k)."""
-        return np.take_along_axis(np.hstack([of_unknowns, of_parameter]), np.argsort(order, axis=1), axis=1)
+        return np.take_along_axis(np.hstack([of_u, of_p]), np.argsort(order, axis=1), axis=1)
 
     return Existence(
         proved=is_inside.all(axis=1) & Y.any(axis=(1, 2)),
@@ -134,8 +136,12 @@ class Enclosures(NamedTuple):
 def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Enclosures:
     """Enclose solutions z (S, N) of N - 1 quadrics with coefficients in discs.
 
-    The equations are z' Q z = 0 for Q (N - 1, N, N), and chart . z = 1. Their Jacobian 2 Q z changes by
-    2 |Q| r within radii r. The proof holds for every system with coefficients in the discs.
+    The equations are F(z) = (z' Q z, chart . z - 1) = 0 for Q (N - 1, N, N), with the Jacobian (2 Q z, chart)
+    that changes by 2 |Q| r within radii r. With Y near its inverse the image of a polydisc has the radii
+
+        |Y F(z)| + (|1 - Y J(z)| + |Y| 2 |Q| r) r.
+
+    The proof holds for every system with coefficients in the discs.
 
     Args:
         quadrics: the middles of the symmetric matrices.
@@ -147,11 +153,11 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
     Q_size = ROUND_UP * np.abs(quadrics)
     Q_error = rounding * Q_size + radii  # (N - 1, N, N)
 
-    gradients = np.einsum("kij,sj->ski", quadrics, z)  # (S, N - 1, N) Q z
-    gradient_errors = np.einsum("kij,sj->ski", Q_error, z_size)
+    gradients = _multiply_each(quadrics, z)  # (S, N - 1, N) Q z
+    gradient_errors = _multiply_each(Q_error, z_size)
     J = _append_row(2 * gradients, chart)  # (S, N, N)
     J_error = _append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
-    residual = np.abs(np.column_stack([np.matvec(gradients, z), z @ chart - 1.0]))  # (S, N)
+    residual = np.abs(np.column_stack([np.matvec(gradients, z), z @ chart - 1.0]))  # (S, N) |F(z)|
     residual += ROUND_UP * np.column_stack(
         [times(gradient_errors, z_size), rounding * (z_size @ np.abs(chart) + 1.0)]
     )
@@ -162,11 +168,16 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_change = _append_row(2 * ROUND_UP * np.einsum("kij,sj->ski", Q_size + radii, r), 0.0 * chart)
+        J_change = _append_row(2 * ROUND_UP * _multiply_each(Q_size + radii, r), 0.0 * chart)
         image = ROUND_UP * (offset + ROUND_UP**2 * times(defect + Y_size @ J_change, r))
         return Enclosures(np.all(image < r, axis=1), r, image)
 
     return widen_until_proved(test, 2 * offset + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
+
+
+def _multiply_each(matrices: Any, vectors: Any) -> Any:
+    """Compute the products (S, K, N) of all matrices (K, N, N) and all vectors (S, N)."""
+    return np.einsum("kij,sj->ski", matrices, vectors)
 
 
 def _append_row(matrices: Any, row: Array) -> Any:
@@ -183,7 +194,7 @@ def chart_for(z: ComplexArray) -> Array:
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
-    """Whether polydiscs about z (S, N) have nothing in common with one another."""
+    """Whether polydiscs about z (S, N) are pairwise disjoint: in some coordinate two discs do not meet."""
     gap = np.abs(z[:, None] - z[None]) / ROUND_UP - radii[:, None] - radii[None]
     disjoint = (gap > 0).any(axis=2) | np.eye(len(z), dtype=bool)
     return bool(disjoint.all())

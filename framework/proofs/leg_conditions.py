@@ -49,13 +49,18 @@ class _Edge(NamedTuple):
 
 
 def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
-    """Find the conditions of all legs, motors and springs as at q (nq,); None if too few."""
+    """Find the conditions of all legs, motors and springs as at q (nq,); None if too few.
+
+    A leg's conditions are the null space of its table: functions of displacements (columns) at random poses.
+    """
     group = _group(robot)
     if group is None:
         return None
-    K, M = group.family.equations, len(group.chosen)
+    K = group.family.equations
+    M = len(group.chosen)
     sampler = _Sampler.of(robot, q, of_point=group.family.name == "translations")
-    conditions, rounding = [np.zeros((0, M))], 0.0
+    conditions = [np.zeros((0, M))]
+    rounding = 0.0
     for count, chain in enumerate(_chains(robot)):
         poses = sampler.displacements(chain) if count < MAX_LEGS else None
         if poses is None:
@@ -75,11 +80,12 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
 
 
 def _group(robot: ParallelRobot) -> Displacements | None:
-    """Return the displacements that the platform's coordinates stand for."""
+    """Return the group of displacements of the platform's coordinates; None without a known family."""
     if not len(robot.following) or robot.rows.has_couplings:
         return None
     if planar_normal(robot) is not None:
-        axis, translating = planar_axis(robot), len(robot.platform.sliding)
+        axis = planar_axis(robot)
+        translating = len(robot.platform.sliding)
         if axis is None or axis in robot.platform.along or translating != 2:
             return None
         if robot.n == 2:
@@ -132,8 +138,10 @@ class _Sampler(NamedTuple):
     @staticmethod
     def of(robot: ParallelRobot, q: Array, *, of_point: bool) -> _Sampler:
         """Draw poses of all joints, passive ones at random by up to half a turn or a robot length."""
-        model, data = robot.model, robot.model.createData()
-        rng, step = np.random.default_rng(RANDOM_SEED), np.zeros(robot.model.nv)
+        model = robot.model
+        data = robot.model.createData()
+        rng = np.random.default_rng(RANDOM_SEED)
+        step = np.zeros(robot.model.nv)
         links = []
         for _ in range(SAMPLE_POSES):
             passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
@@ -150,8 +158,10 @@ class _Sampler(NamedTuple):
 
         None where a closure allows no group of motions, whose poses can be drawn.
         """
-        R, p = np.empty((SAMPLE_POSES, 3, 3)), np.empty((SAMPLE_POSES, 3))
-        rng, frame = np.random.default_rng(RANDOM_SEED + 1), self.robot.model.frames[self.robot.frames[0]]
+        R = np.empty((SAMPLE_POSES, 3, 3))
+        p = np.empty((SAMPLE_POSES, 3))
+        rng = np.random.default_rng(RANDOM_SEED + 1)
+        frame = self.robot.model.frames[self.robot.frames[0]]
         for k in range(SAMPLE_POSES):
             pose = pin.SE3.Identity()
             for edge in chain:
@@ -163,7 +173,8 @@ class _Sampler(NamedTuple):
                 pose = pose * (step if edge.forward else step.inverse())
             pose = pose * frame.placement
             displacement = pose * self.reference.inverse()
-            R[k], p[k] = displacement.rotation, displacement.translation / self.robot.length
+            R[k] = displacement.rotation
+            p[k] = displacement.translation / self.robot.length
             if self.of_point:
                 p[k] = (pose.translation - self.reference.translation) / self.robot.length
         return R, p
@@ -171,7 +182,9 @@ class _Sampler(NamedTuple):
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
         """Draw a pose of the second frame's body against the first one's that the closure allows.
 
-        None if its motions are no group: with two free turns, or several distances.
+        Offsets along locked axes are zero, turns about free axes random; a closure with a length keeps it. In
+        a plane a closure with all turns free turns about the normal alone. None if the motions are no group:
+        with two free turns, or several distances.
         """
         model = self.robot.model
         ends = [model.getFrameId(name) for name in closure.frames]

@@ -39,16 +39,16 @@ RANDOM_SEED = 5
 
 
 def leg_solutions_complete(
-    robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, near: Array, x: Array | None
+    robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, candidates: Array, x: Array | None
 ) -> bool:
-    """Whether the joints of a leg are proved to have no other values; False if not decided.
+    """Whether the joints of a leg are proved to have no other solutions; False if not decided.
 
     Args:
-        own: columns of the velocity vector that are theirs.
-        fixed: (nv,) columns that keep the values which they have in q (nq,), assembled if x determines more
-            than positions.
-        near: (k, n) known values of the joints, off those in q, in radians and robot lengths; of these the
-            solutions count.
+        own: (n,) columns of the velocity vector of the leg's joints.
+        fixed: (nv,) mask of columns that keep their values in q (nq,), assembled if x determines more than
+            positions.
+        candidates: (k, n) offsets of the joints from q [rad, robot lengths]; those that solve the equations
+            are the known solutions.
         x: (n,) coordinates of the platform; None with locked motors.
     """
     slides = robot.sliding[own]
@@ -56,28 +56,34 @@ def leg_solutions_complete(
     if robot.rows.has_couplings or too_many or not single_columns(robot.model).issuperset(own.tolist()):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
-    values = equations(near, 0.0 * near).values
+    values = equations(candidates, 0.0 * candidates).values
     region = _region(equations) if values.shape[1] else None
     if region is None:
         return False
-    points = near[np.abs(values).max(axis=1) < LOOP_GAP]
+    points = candidates[np.abs(values).max(axis=1) < LOOP_GAP]
     period = np.where(slides, np.inf, 2 * np.pi)
     return has_no_others(equations, region, KnownSolutions.of(equations, points, period))
 
 
 def _region(equations: LegEquations) -> Boxes | None:
-    """Return boxes of all turns of the hinges and all of a slide that can close; None without a bound."""
-    robot, own = equations.robot, equations.own
+    """Return boxes of all turns of the hinges and all of a slide that can close; None without a bound.
+
+    A whole turn of each hinge is cut in INITIAL_PARTS. A slide reaches from its zero as far as the chain can
+    close.
+    """
+    robot = equations.robot
+    own = equations.own
     slides = robot.sliding[own]
-    half = np.pi / INITIAL_PARTS
-    axes = [np.arange(-np.pi + half, np.pi, 2 * half)] * int((~slides).sum())  # middles along each hinge
-    radii = np.full(len(own), half)
+    half_width = np.pi / INITIAL_PARTS
+    turns = np.arange(-np.pi + half_width, np.pi, 2 * half_width)
+    axes = [turns] * int((~slides).sum())  # middles along each joint
+    radii = np.full(len(own), half_width)
     if slides.any():
         farthest = equations.farthest_slide()
         if farthest is None:
             return None
-        rest = -equations.slides(equations.q)[own[slides]] / robot.length
-        axes.insert(int(np.argmax(slides)), rest)
+        zero = -equations.slides(equations.q)[own[slides]] / robot.length  # off q
+        axes.insert(int(np.argmax(slides)), zero)
         radii[slides] = farthest
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(own))
     return Boxes(middles, np.repeat(radii[None], len(middles), axis=0))
@@ -100,10 +106,12 @@ class LegEquations:
     def of(robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, x: Array | None) -> LegEquations:
         """Collect the equations whose joints are the leg's, or fixed.
 
-        The platform's coordinates x count where no free joint moves them. They determine the attitude of its
-        frame if they have all turns: three, in a plane one.
+        A loop row counts if a joint of the leg moves it and no free joint does; the platform's coordinates x
+        alike. They determine the attitude of its frame if they have all turns: three, in a plane one.
         """
-        carried, rows, platform = scratch_of(robot).carried, robot.rows, robot.platform
+        carried = scratch_of(robot).carried
+        rows = robot.rows
+        platform = robot.platform
         free_joints = ~fixed
         free_joints[own] = False
         moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
@@ -128,7 +136,8 @@ class LegEquations:
 
         Slopes are along joints in radians and robot lengths.
         """
-        robot, own = self.robot, self.own
+        robot = self.robot
+        own = self.own
         frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
         slid = np.abs(self.slides(frames.q))  # (B, nv) [m] at most in the box
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
@@ -149,9 +158,12 @@ class LegEquations:
     def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
         """Enclose loop equations: residual and slopes at the middle, bounds of second-order terms.
 
-        Those of a square are ChainBounds.square, of a rotation .attitude, of a translation .position.
+        The bounds are `ChainBounds.square` for the row of a square, `attitude` for one of a rotation, and
+        `position` for one of a translation.
         """
-        rows, loops, lengths = self.robot.rows, self.loops, self.robot.row_lengths[self.loops]
+        rows = self.robot.rows
+        loops = self.loops
+        lengths = self.robot.row_lengths[self.loops]
         equations = loop_equations(rows, frames)
         values = equations.residual[:, loops] / lengths
         slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
@@ -162,11 +174,10 @@ class LegEquations:
 
     def _position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
         """Enclose the position of the platform's frame against x, along the axes of its translations."""
-        platform, length = self.robot.platform, self.robot.length
-        position, jacobian = (
-            frames.position[:, 0, platform.along],
-            frames.frame_jacobian(0)[:, platform.along],
-        )
+        platform = self.robot.platform
+        length = self.robot.length
+        position = frames.position[:, 0, platform.along]
+        jacobian = frames.frame_jacobian(0)[:, platform.along]
         values = (position - x[platform.sliding]) / length
         errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
@@ -189,7 +200,8 @@ class LegEquations:
         For slides these are the offset [robot lengths] and 0. Second derivatives of sine and cosine are at
         most 1.
         """
-        robot, platform = self.robot, self.robot.platform
+        robot = self.robot
+        platform = self.robot.platform
         assert isinstance(platform, JointPlatform)
         is_hinge = ~platform.translations
         scale = np.where(is_hinge, 1.0, robot.length)
@@ -214,10 +226,11 @@ class LegEquations:
     def farthest_slide(self) -> float | None:
         """Bound the leg's slide [robot lengths] at which a chain can close; None without a bound.
 
-        The translations of a chain change by one unit with its slide, whatever its hinges do (at random
-        joints). So the slide is no longer than the rest of the chain, stretched out.
+        Where the translations of a chain change by one unit with its slide, whatever its hinges do (tested at
+        random joints), the slide is no longer than the other links of the chain, stretched out.
         """
-        robot, n = self.robot, len(self.own)
+        robot = self.robot
+        n = len(self.own)
         joints = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, n))
         slopes = self(joints, 0.0 * joints).slopes
         slide = np.flatnonzero(robot.sliding[self.own])[0]

@@ -30,9 +30,9 @@ INVERSE_FACTOR = 1.2  # of its norm: more than 1 / (1 - MAX_INVERSE_DEFECT)
 def joints_at(
     robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
 ) -> list[Array | None]:
-    """Find joints (nq,) that bring the platform's frame to positions (k, 3), rotations (k, 3, 3), or None.
+    """Find configurations (nq,) with the platform's frame at positions (k, 3), rotations (k, 3, 3), or None.
 
-    Motors and springs stay as in q (1, nq). Of several joint angles at one pose those next to the reference.
+    Motors and springs stay as in q (1, nq). Of several configurations the nearest to the reference is taken.
     """
     targets = np.repeat(positions, RANDOM_STARTS, axis=0)  # (T, 3)
     target_rotations = None if rotations is None else np.repeat(rotations, RANDOM_STARTS, axis=0)
@@ -76,23 +76,26 @@ def close_all_loops(
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return configurations (T, nq), and which are closed.
 
-    Redundant equations count as well, so a step is one of least squares. After all are closed one step more
-    is taken, to rounding.
+    Redundant equations count as well, so steps are of least squares, cut to MAX_SEARCH_STEP. One more step is
+    taken after all are closed, to reach rounding.
 
     Args:
         columns: the joints that move; the passive ones by default.
         further: more equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
     """
-    columns, size = robot.following if columns is None else columns, np.full(len(q), np.inf)
+    columns = robot.following if columns is None else columns
+    size = np.full(len(q), np.inf)
     weights = 1.0 / robot.row_lengths
     is_last = False
     for _ in range(MAX_SEARCH_STEPS):
         frames = frames_at(robot, q)
         loops = loop_equations(robot.rows, frames)
-        values, slopes = loops.residual * weights, scale_jacobian(robot, loops.jacobian, robot.rows.rotation)
+        values = loops.residual * weights
+        slopes = scale_jacobian(robot, loops.jacobian, robot.rows.rotation)
         if further is not None:
             further_values, further_slopes = further(frames)
-            values, slopes = np.hstack([values, further_values]), np.hstack([slopes, further_slopes])
+            values = np.hstack([values, further_values])
+            slopes = np.hstack([slopes, further_slopes])
         size = np.abs(values).max(axis=1)  # (T,)
         if is_last or not len(q):
             break
@@ -134,9 +137,9 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
 
     The motors are locked, or the platform is (`locked`), and the springs. The theorem asks for
     beta^2 K |F| <= 1/2 with F the loop equations (and the platform's), beta the norm of the inverse of their
-    Jacobian and K a bound on its change: no joint turns a frame that is farther away than all links are long,
-    and an equation is a product of two vectors that turn. All in radians and lengths of the robot, norms of
-    largest entries (Ortega 1968).
+    Jacobian J (k, k) and K = k^2 max |d2F| a bound on its change: no joint turns a frame that is farther away
+    than all links are long, and an equation is a product of two vectors that turn. All in radians and lengths
+    of the robot, norms of largest entries (Ortega 1968).
     """
     linearised = linearised_at(robot, q[None], None)
     J = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]  # (k, k)
@@ -155,8 +158,9 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
 
 
 def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of rows of (T, k) that repeat none returned before, hinges up to whole turns."""
-    points, distinct = np.exp(1j * joints), list[int]()  # on the unit circle
+    """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns."""
+    points = np.exp(1j * joints)  # on the unit circle
+    distinct = list[int]()
     for k, point in enumerate(points):
         offsets = np.abs(points[distinct] - point).max(axis=1, initial=0.0)
         if (offsets > DISTINCT_SOLUTIONS).all():

@@ -98,23 +98,29 @@ def real_solutions(
         attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
-    best = min(  # of equal ones the last
-        reversed(attempts),
-        key=lambda attempt: (attempt.status == "at least", attempt.count.lost, attempt.count.multiple),
-    )
+    best = min(reversed(attempts), key=_doubts)  # of equal ones the last
     if pave and best.status != "proved" and best.proved.all() and are_all_real(group, rows, slack, best.z):
         return replace(best, status="proved")
     return best
 
 
+def _doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
+    """Return the doubts that an attempt leaves: of its status, lost paths, multiple solutions."""
+    return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
+
+
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
     """Follow all paths once, and prove the solutions at their ends.
+
+    A solution is decided if the disc about it is proved to hold one, and it is real or its disc holds no real
+    number.
 
     Args:
         coefficients: (K, M), known up to `slack` (K, M).
         seed: of the ways that paths take.
     """
-    family, quadrics = group.family, group.family.quadrics(coefficients)
+    family = group.family
+    quadrics = group.family.quadrics(coefficients)
     ends = path_ends(family, coefficients, seed)
     chart = chart_for(ends.z[ends.arrived])
     z = refine(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
@@ -148,7 +154,8 @@ def _count_paths(
     """Count the paths by their ends.
 
     Args:
-        z: (S, N) the ends of the paths that arrived; of these `real` and `first`, which repeats no other.
+        z: (S, N) the ends of the paths that arrived.
+        real, first: masks (S,) of real ends, and of ends that repeat no earlier one.
     """
     proved = proof.proved
     at_infinity = ends.infinite[ends.arrived] & ~proved
@@ -192,7 +199,11 @@ def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Arr
 
 
 def farthest_displacement(group: Displacements, coefficients: Array, slack: Array) -> float | None:
-    """Bound |p| by the first condition: |p|^2 <= b |p| + c, no entry of R exceeding one."""
+    """Bound |p| by the first condition; None where it has no |p|^2.
+
+    |p|^2 <= b |p| + c with the coefficients b of p and R'p, and c of 1 and R, whose entries are at most 1: so
+    |p| <= b / 2 + (b^2 / 4 + c)^(1/2).
+    """
     first, size = np.zeros((2, 17))  # of 1, |p|^2, p, R'p, R
     first[group.chosen] = coefficients[0]
     size[group.chosen] = np.abs(coefficients[0]) + slack[0]
@@ -211,7 +222,8 @@ class Chart:
 
         These two are kept as rows, (E, 49) and (E, 64).
         """
-        self.unit_coordinate, self.free = unit_coordinate, np.delete(np.arange(8), unit_coordinate)
+        self.unit_coordinate = unit_coordinate
+        self.free = np.delete(np.arange(8), unit_coordinate)
         self.Q = group.family.quadrics(coefficients).real
         size = np.abs(self.Q)
         errors = group.family.quadrics_slack(slack) + gamma(16) * size

@@ -89,9 +89,14 @@ def regular_ball(
 
 
 def _single_cell(test: CellTest, q: Array, within: float) -> float:
-    """Compute the largest radius of one cell, a ball, that is found by halving and then in steps."""
+    """Compute the largest radius of one cell, a ball, that is proved.
+
+    First `within` is halved until a ball is proved, then that radius is increased in steps up to its double.
+    """
     best = 0.0
-    for exponents in (-np.arange(MAX_HALVINGS), np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE):
+    halvings = -np.arange(MAX_HALVINGS)
+    steps = np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE
+    for exponents in (halvings, steps):
         radii = (best or within) * np.exp2(exponents)
         radii = radii[radii <= within]
         joints = np.repeat(q[None], len(radii), axis=0)
@@ -105,32 +110,32 @@ def _single_cell(test: CellTest, q: Array, within: float) -> float:
 class _Cubes(NamedTuple):
     """S cubes of a grid, each with its cell; an untested one with its parent's."""
 
-    level: IntArray  # (S,)
-    places: IntArray  # (S, n)
+    level: IntArray  # (S,) how often the first cube was halved
+    numbers: IntArray  # (S, n) numbers of the cube along each axis, among those of its level
     cells: Cells
 
     def parts(self) -> _Cubes:
         """Return the 2^n cubes of half the width in each."""
-        S, n = self.places.shape
+        S, n = self.numbers.shape
         corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) of 0 and 1
         parent = np.repeat(np.arange(S), len(corners))
-        places = 2 * self.places[parent] + np.tile(corners, (S, 1))
-        return _Cubes(self.level[parent] + 1, places, select(self.cells, parent))
+        numbers = 2 * self.numbers[parent] + np.tile(corners, (S, 1))
+        return _Cubes(self.level[parent] + 1, numbers, select(self.cells, parent))
 
 
 class _Grid(NamedTuple):
     """Cubes that halve a first one again and again, about the pose at 0."""
 
-    width: float  # of the first one
+    width: float  # of the first cube [robot lengths, rad]
 
     def middles(self, cubes: _Cubes) -> Array:
-        """Compute their middles (S, n)."""
-        return self.width * ((cubes.places + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
+        """Compute the middles (S, n) of cubes off the pose."""
+        return self.width * ((cubes.numbers + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
 
     def nearest(self, cubes: _Cubes) -> Array:
-        """Compute their points (S, n) that are nearest to the pose."""
+        """Compute the points (S, n) of cubes that are nearest to the pose."""
         size = 0.5 ** cubes.level[:, None]
-        lower, upper = ((cubes.places + side) * size - OFF_CENTRE for side in (0, 1))
+        lower, upper = ((cubes.numbers + side) * size - OFF_CENTRE for side in (0, 1))
         return self.width * np.clip(0.0, lower, upper)
 
     def distances(self, cubes: _Cubes) -> Array:
@@ -138,22 +143,27 @@ class _Grid(NamedTuple):
         return np.linalg.norm(self.nearest(cubes), axis=1) / ROUND_UP
 
     def inward(self, cubes: _Cubes) -> IntArray:
-        """Return the smallest cubes (S, n) behind the nearest points, on the way to the pose."""
-        pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))
+        """Return the smallest cubes (S, n) next to the nearest points, on the side of the pose.
+
+        Smallest cubes are those of the level MAX_CUTS; a cube is `size` of them wide.
+        """
+        pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # the smallest cube about the pose
         size = 2 ** (MAX_CUTS - cubes.level[:, None])
-        return np.clip(pose, cubes.places * size - 1, (cubes.places + 1) * size)
+        return np.clip(pose, cubes.numbers * size - 1, (cubes.numbers + 1) * size)
 
 
 def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> RegularBall:
     """Prove the ball of cubes: to the nearest one that is not proved, or disagrees with its neighbour."""
-    n, grid = len(test.x), _Grid(within / OFF_CENTRE * ROUND_UP)
+    n = len(test.x)
+    grid = _Grid(within / OFF_CENTRE * ROUND_UP)
     start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
         """Test cubes; cut cubes without proof into parts, undecided at the last cut."""
         cubes = _test_cubes(test, grid, cubes, start.signs)
-        proved, is_smallest = cubes.cells.proved, cubes.level == MAX_CUTS
+        proved = cubes.cells.proved
+        is_smallest = cubes.level == MAX_CUTS
         undecided = select(cubes, ~proved & is_smallest)
         ahead = select(cubes, ~proved & ~is_smallest).parts()
         return Examined(select(cubes, proved), undecided, ahead)
@@ -179,10 +189,10 @@ def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cu
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
     tested = test(z, _close(test, parents, z), half_widths)
     is_elsewhere = (tested.signs != signs).any(axis=1)
-    cells = [
-        np.where(is_elsewhere.reshape(-1, *[1] * (new.ndim - 1)), old, new)
-        for old, new in zip(parents, tested, strict=True)
-    ]
+    cells = []
+    for old, new in zip(parents, tested, strict=True):
+        one_each = is_elsewhere.reshape(-1, *[1] * (new.ndim - 1))
+        cells.append(np.where(one_each, old, new))
     return cubes._replace(cells=Cells(*cells))
 
 
@@ -192,7 +202,8 @@ def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
     At its point nearest to the pose a cube has one pose, in the box of joints of a cell of size zero. Both
     cubes have it if the boxes of joints of both contain this box.
     """
-    cells, nearest = cubes.cells, grid.nearest(cubes)
+    cells = cubes.cells
+    nearest = grid.nearest(cubes)
     neighbour = _inward_neighbours(grid, cubes)
     joints = _close(test, cells, nearest)
     point = test(nearest, joints, np.zeros(len(nearest)))
@@ -212,21 +223,22 @@ def _contain(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> Bo
 
 
 def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
-    """Find the cube (S,) behind each one's nearest point, on the way to the pose; -1 for none, or itself."""
-    keys = np.column_stack([cubes.level, cubes.places]).tolist()
+    """Find the cubes (S,) next to the nearest points, on the side of the pose; -1 for none."""
+    keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
     index_of = {tuple(key): index for index, key in enumerate(keys)}
     inward = grid.inward(cubes).astype(np.intp)  # smallest cubes, each within one cube of every level
     neighbour = np.full(len(keys), -1)
     for level in np.unique(cubes.level).tolist():
-        for k, places in enumerate((inward >> (MAX_CUTS - level)).tolist()):
-            neighbour[k] = index_of.get((level, *places), neighbour[k])
+        for k, numbers in enumerate((inward >> (MAX_CUTS - level)).tolist()):
+            neighbour[k] = index_of.get((level, *numbers), neighbour[k])
     return neighbour
 
 
 def _close(test: CellTest, cells: Cells, z: Array) -> Array:
     """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each.
 
-    Along the slope of the cell, then by Newton's method; where it fails, along the slope alone.
+    The guess is along the slope of the cell, and Newton's method closes the loops; where it fails, the guess
+    is returned.
     """
     robot = test.bounds.robot
     change = np.clip(times(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
@@ -258,7 +270,8 @@ class CellTest(NamedTuple):
         F is [platform - x ; loops]; its slopes along the joints are dF, and P is the block of loops and
         passive joints.
         """
-        robot, derivatives = self.bounds.robot, self.bounds.evaluate(q)
+        robot = self.bounds.robot
+        derivatives = self.bounds.evaluate(q)
         x = self.x + z * robot.platform_scale
         platform_values = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         values = np.concatenate([platform_values, derivatives.values[:, robot.n :]], axis=1)
@@ -298,7 +311,8 @@ def _joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array
     The map q - Y F takes a box of radii r into itself within reach + error, with the bounds |Y F| of the
     middle, |1 - Y dF| r of rounding in Y, and |Y| times the remainder of F.
     """
-    Y_size, rounding = np.abs(Y), derivatives.bounds.rounding
+    Y_size = np.abs(Y)
+    rounding = derivatives.bounds.rounding
     uncertain = gamma(Y.shape[1]) * np.abs(values) + rounding
     offset = np.abs(times(Y, values)) + times(Y_size, uncertain)
     defect = identity_defect(Y, derivatives.slopes)
@@ -321,23 +335,31 @@ def _passive_block_is_regular(
 ) -> BoolArray:
     """Whether P = dF/dq of loops and passive joints is regular all over the cells (S,): no Type 2.
 
-    It is where a bound N of |1 - Y P| has a spectral radius below 1. P changes by dP along the joints,
-    which move by `slope` (S, k, n) times z, and by no more than their error beside that.
-    """
-    robot, rounding = derivatives.bounds.robot, derivatives.bounds.rounding
-    P, dP = derivatives.slopes[:, robot.n :, robot.n_a :], derivatives.hessians[:, robot.n :, robot.n_a :]
-    thirds = box.remainders.hessians[:, robot.n :, robot.n_a :]  # (S, s, s, k) changes of dP
-    Y, (s, k) = inverses(P), dP.shape[2:]
-    Y_size, dP_size = np.abs(Y), np.abs(dP)
+    With Y near the inverse of P at the middle it is where a bound N of |1 - Y P| has a spectral radius below
+    1,
 
-    # along the platform's coordinates
-    changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)
-    step = _extent(slope, half, ball=False)  # (S, k)
+        N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
+
+    since the joints move by `slope` (S, k, n) times z, and by their error beside that.
+    """
+    robot = derivatives.bounds.robot
+    rounding = derivatives.bounds.rounding
+    P = derivatives.slopes[:, robot.n :, robot.n_a :]  # (S, s, s)
+    dP = derivatives.hessians[:, robot.n :, robot.n_a :]  # (S, s, s, k)
+    dP_change = box.remainders.hessians[:, robot.n :, robot.n_a :]
+    s, k = dP.shape[2:]
+    Y = inverses(P)
+    Y_size = np.abs(Y)
+    dP_size = np.abs(dP)
+
+    # the change of Y P along the platform's coordinates, and its rounding
+    changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)  # Y dP slope (S, s, s, n)
+    step = _extent(slope, half, ball=False)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
     N = identity_defect(Y, P) + _extent(changes, half, ball) + gamma(s * k) * rounded
-    # beside
+    # the change of P beside that
     P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
-    P_errors += 0.5 * np.einsum("sjkl,sl->sjk", thirds, box.radii)
+    P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, box.radii)
     P_errors += rounding * (1 + step.sum(axis=1))[:, None, None]
     N = ROUND_UP * (N + Y_size @ P_errors)
     return _spectral_radius_below_one(N, np.ones((1, s))) & Y.any(axis=(1, 2))

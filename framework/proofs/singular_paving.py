@@ -134,7 +134,8 @@ def pave_singularities(
     """
     expect_robot(robot)
     _expect_pavable(robot)
-    resolution, reach = positive("resolution", resolution), positive("reach", reach)
+    resolution = positive("resolution", resolution)
+    reach = positive("reach", reach)
     max_boxes = whole_number("max_boxes", max_boxes, 1, 10**9)
     region = None
     if window is not None:
@@ -146,8 +147,8 @@ def pave_singularities(
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(
-        _pave(SingularBoxTest(bounds, which, region, resolution), reach, max_boxes)
-        for which in singular_sets(robot)
+        _pave(SingularBoxTest(bounds, block, region, resolution), reach, max_boxes)
+        for block in singular_sets(robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
 
@@ -165,17 +166,19 @@ def _expect_pavable(robot: ParallelRobot) -> None:
 
 
 def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
-    """Pave one set, from the whole region on: slides within `reach` robot lengths, hinges all the way."""
+    """Pave one set over the whole region: slides within `reach` robot lengths, hinges all the way round."""
     bounds = test.bounds
-    robot, k = bounds.robot, len(bounds.robot.moving)
+    robot = bounds.robot
+    k = len(bounds.robot.moving)
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
     partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
-    arcs, left = join(partition.proved), join([partition.undecided, partition.ahead])
+    arcs = join(partition.proved)
+    left = join([partition.undecided, partition.ahead])
     derivatives = bounds.evaluate(bounds.configurations(left.middle))
     return PavedSet(
-        name=test.which.name,
+        name=test.block.name,
         x=arcs.x,
         x_radii=arcs.x_radii,
         q=bounds.configurations(arcs.boxes.middle),
@@ -234,19 +237,23 @@ class MeasureBounds(NamedTuple):
     slope_changes: Array  # (S, k) within the box
 
 
-def measure_bounds(which: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureBounds:
+def measure_bounds(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureBounds:
     """Enclose the bordered scalar g of a block P, dg = -psi' dP eta (Govaerts 2000), over boxes."""
-    rows, columns = which.rows[:, None], which.columns
+    rows = block.rows[:, None]
+    columns = block.columns
     rounding = derivatives.bounds.rounding
     P = derivatives.slopes[:, rows, columns]  # (S, s, s)
     right, left = bordered_bounds(P, remainders.slopes[:, rows, columns], rounding)
-    eta, eta_error = right.z[:, :-1], right.error[:, :-1]  # (S, s)
-    psi, psi_error = left.z[:, :-1], left.error[:, :-1]
+    eta = right.z[:, :-1]  # (S, s)
+    eta_error = right.error[:, :-1]
+    psi = left.z[:, :-1]
+    psi_error = left.error[:, :-1]
     dP = derivatives.hessians[:, rows, columns]  # (S, s, s, k)
     dP_change = remainders.hessians[:, rows, columns] + rounding
 
     # |psi' dP eta| changes by one factor at a time: dP, then eta, then psi
-    psi_size, eta_size = np.abs(psi), np.abs(eta) + eta_error
+    psi_size = np.abs(psi)
+    eta_size = np.abs(eta) + eta_error
     slope_changes = _bilinear(psi_size, dP_change, eta_size) + _bilinear(psi_size, np.abs(dP), eta_error)
     slope_changes += _bilinear(psi_error, np.abs(dP) + dP_change, eta_size)
     return MeasureBounds(
@@ -297,7 +304,7 @@ class SingularBoxTest:
     """The test for one set of singular poses."""
 
     bounds: DerivativeBounds
-    which: SingularSet
+    block: SingularSet
     window: Array | None  # (2, n) least and largest platform coordinates
     resolution: float  # [m, robot lengths]
 
@@ -310,22 +317,25 @@ class SingularBoxTest:
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
-        g = measure_bounds(self.which, derivatives, remainders)
+        g = measure_bounds(self.block, derivatives, remainders)
         equations = self._equations(derivatives, remainders, loops, g, boxes.radii)
         decision = self._decide(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 
         lower[g.valid], upper[g.valid] = decision.remaining
-        axis, is_arc = np.full(boxes.size, NO_AXIS), np.zeros(boxes.size, dtype=bool)
-        axis[g.valid], is_arc[g.valid] = decision.axis, decision.is_arc
+        axis = np.full(boxes.size, NO_AXIS)
+        is_arc = np.zeros(boxes.size, dtype=bool)
+        axis[g.valid] = decision.axis
+        is_arc[g.valid] = decision.is_arc
         is_open = (lower <= upper).all(axis=1) & ~is_arc
-        narrow, boxes = select(boxes.clip(lower, upper), is_open), select(boxes, is_open)
+        narrow = select(boxes.clip(lower, upper), is_open)
+        boxes = select(boxes, is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
         return Examined(decision.arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
 
     def _close(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
         """Return the boxes in which the loops may close within the window.
 
-        With the parts left by the loops, the derivatives, and the loops in the boxes.
+        Also their parts in which they may, their derivatives, and their loop equations.
         """
         n = self.bounds.robot.n
         derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
@@ -333,7 +343,8 @@ class SingularBoxTest:
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
         remaining = contract(loops, boxes.radii, pivoting_mixers(loops.slopes, boxes.radii))
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
-        boxes, parts = select(boxes, possible), select(remaining, possible)
+        boxes = select(boxes, possible)
+        parts = select(remaining, possible)
         return boxes, parts, derivatives.take(possible), select(loops, possible)
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
@@ -355,7 +366,8 @@ class SingularBoxTest:
         radii: Array,
     ) -> _SingularEquations:
         """Return the equations in boxes of radii (S, k), with remainders of wider boxes."""
-        n, rounding = self.bounds.robot.n, self.bounds.rounding
+        n = self.bounds.robot.n
+        rounding = self.bounds.rounding
         g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
         measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
         return _SingularEquations(
@@ -373,13 +385,15 @@ class SingularBoxTest:
         With two freedoms the set is a curve, and the joint along which it leaves the box first is the
         parameter; the tested box is not wider along it. With one freedom the set is a point.
         """
-        robot, each = self.bounds.robot, np.arange(boxes.size)
+        robot = self.bounds.robot
         slopes = equations.enclosure.slopes
         lower, upper = contract(equations.enclosure, boxes.radii, pivoting_mixers(slopes, boxes.radii))
-        parameter, reach = None, np.zeros(boxes.size)
+        parameter = None
+        reach = np.zeros(boxes.size)  # of the parameter
         if robot.n == 2:
-            tangent = np.linalg.svd(slopes)[2][:, -1]  # (S, k)
+            tangent = np.linalg.svd(slopes)[2][:, -1]  # (S, k) the null vector of the slopes
             parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
+            each = np.arange(boxes.size)
             reach = wider[each, parameter] = boxes.radii[each, parameter]
         proof = existence(
             equations.enclosure._replace(errors=equations.exact), equations.changes, wider, parameter
@@ -387,7 +401,7 @@ class SingularBoxTest:
         lower = np.where(proof.proved[:, None], np.maximum(lower, proof.lower), lower)
         upper = np.where(proof.proved[:, None], np.minimum(upper, proof.upper), upper)
 
-        # an arc runs along the parameter, within a tube about its tangent
+        # an arc runs along the parameter, within a tube about its tangent: x = x_slopes (along p + spread)
         x_radii = np.abs(times(equations.x_slopes, proof.along)) * reach[:, None] + equations.x_errors
         x_radii = ROUND_UP * (x_radii + times(np.abs(equations.x_slopes), proof.spread))  # (S, n)
         is_small = (2 * robot.length * x_radii <= self.resolution).all(axis=1)

@@ -86,7 +86,9 @@ class QuadricFamily:
         point z of the fixed quadrics the slopes of the quotients f_k / f_1 and of the fixed equations have
         full rank, with probability one, if they do anywhere; two points are tried.
         """
-        rng, first, K = np.random.default_rng(RANDOM_SEED), self.members[0], self.equations
+        rng = np.random.default_rng(RANDOM_SEED)
+        first = self.members[0]
+        K = self.equations
         for _ in range(2):
             z = self.random_point(rng)
             quadrics = self.quadrics(coefficients)
@@ -124,8 +126,10 @@ def _forms() -> Array:
 
     Times |x|^2 these are |x|^2, 4 |y|^2, 2 y x*, 2 x* y and the columns x e x* of R, e = i, j, k.
     """
-    product, star = _quaternion_products(), np.diag([1.0, -1.0, -1.0, -1.0])  # of conjugation
-    x, y = slice(0, 4), slice(4, 8)
+    product = _quaternion_products()
+    star = np.diag([1.0, -1.0, -1.0, -1.0])  # x* = star x, the conjugate
+    x = slice(0, 4)
+    y = slice(4, 8)
     forms = np.zeros((17, 8, 8))
     forms[0, x, x] = np.eye(4)
     forms[1, y, y] = 4 * np.eye(4)
@@ -142,15 +146,15 @@ def _forms() -> Array:
 
 def functions(R: Array, p: Array) -> Array:
     """Compute the 17 functions (T, 17) of displacements R (T, 3, 3), p (T, 3): 1, |p|^2, p, R'p, R."""
-    back = np.einsum("tij,ti->tj", R, p)
+    R_transposed_p = np.einsum("tij,ti->tj", R, p)
     square = np.sum(p * p, axis=1, keepdims=True)
-    return np.concatenate([np.ones_like(square), square, p, back, R.reshape(-1, 9)], axis=1)
+    return np.concatenate([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)], axis=1)
 
 
 def displacements(z: Array) -> tuple[Array, Array]:
-    """Compute R (T, 3, 3) and p (T, 3) of real dual quaternions z (T, 8)."""
+    """Compute R (T, 3, 3) and p (T, 3) of real dual quaternions z (T, 8), from their 17 functions."""
     values = np.einsum("mij,ti,tj->tm", _forms(), z, z)
-    values = values / values[:, :1]
+    values = values / values[:, :1]  # of 1, |p|^2, p, R'p, R
     return values[:, 8:].reshape(-1, 3, 3), values[:, 2:5]
 
 
@@ -160,15 +164,15 @@ class Displacements:
 
     family: QuadricFamily
     chosen: IntArray  # (M,) which of the 17 functions are the members of the family
-    places: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are
+    coordinates: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are
 
     def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
         """Return equivalent conditions (K, M), |p|^2 in the first alone, and bounds (K, M) on their terms.
 
         Towards infinity |p|^2 outgrows all other functions, and the conditions differ in small terms alone.
-        It is eliminated by the condition in which it counts most. What is eliminated is zero exactly, and of
-        size zero: a multiple of the first makes it so, whatever the rounding. An entry is as uncertain as the
-        largest of its condition.
+        The condition in which it counts most is divided by its coefficient, and multiples of that are
+        subtracted from the others. Their entries of |p|^2 are zero exactly, and of size zero, whatever the
+        rounding. An entry is as uncertain as the largest of its condition.
         """
         square = np.flatnonzero(self.chosen == 1)  # the column of |p|^2, if any
         largest = np.abs(coefficients).max(axis=1, keepdims=True)  # (K, 1)
@@ -188,7 +192,7 @@ class Displacements:
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
         """Compute the turns R (T, 3, 3) and shifts p (T, 3) that real solutions z (T, N) stand for."""
         coordinates = np.zeros((len(z), 8))
-        coordinates[:, self.places] = z
+        coordinates[:, self.coordinates] = z
         if self.family.name == "translations":  # z = (1, p) stands for 1 + eps p / 2
             coordinates[:, 5:] *= 0.5
         return displacements(coordinates)
@@ -218,7 +222,8 @@ def planar(axis: int) -> Displacements:
     Three quadrics in P^3 with a common pair of points on the line x = 0, |y|^2 = 0 (Hunt 1983; Gosselin,
     Sefrioui and Richard 1992).
     """
-    b, c = (axis + 1) % 3, (axis + 2) % 3
+    b = (axis + 1) % 3
+    c = (axis + 2) % 3
     places = np.array([0, 1 + axis, 5 + b, 5 + c])
     chosen = np.array([0, 1, 2 + b, 2 + c, 5 + b, 5 + c, 8 + 3 * b + b, 8 + 3 * c + b])
     forms = _forms()[chosen][:, places][:, :, places]

@@ -110,7 +110,8 @@ def _leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     They are offsets from the reference [rad, robot lengths], found by Newton's method from random starts on
     the loops and the platform's coordinates together.
     """
-    scale, columns = robot.platform_scale, robot.moving
+    scale = robot.platform_scale
+    columns = robot.moving
 
     def platform_equations(frames: FrameStack) -> tuple[Array, Array]:
         """Compute the offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
@@ -132,19 +133,22 @@ def _offset(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _combinations(robot: ParallelRobot, solutions: list[Array]) -> Array:
-    """Put the legs' solutions together in every way, configurations (T, nq)."""
+    """Return the configurations (T, nq) of all combinations of the legs' solutions, one of each leg."""
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
-    ways = [np.concatenate(way) for way in islice(product(*solutions), MAX_COMBINATIONS)]
-    offsets = np.reshape(ways, (-1, len(columns))) * robot.column_scale[columns]
+    combinations = islice(product(*solutions), MAX_COMBINATIONS)
+    offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))
+    offsets = offsets * robot.column_scale[columns]
     return integrate_columns(robot, robot.reference.q, columns, offsets)
 
 
 def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
-    """Whether a leg is proved to have no other solutions than (k, n), offsets from the reference.
+    """Whether a leg is proved to have no other solutions than `solutions` (k, n), off the reference.
 
-    With the legs before it as in any of the modes q (T, nq); without modes, if it stands alone.
+    The legs on which it stands are in turn as in each of the modes q (T, nq). Without modes nothing is proved
+    unless the leg stands alone.
     """
-    columns, previous = robot.moving[leg.columns], robot.moving[leg.before]
+    columns = robot.moving[leg.columns]
+    previous = robot.moving[leg.before]
     fixed = np.ones(robot.model.nv, dtype=bool)
     fixed[robot.moving] = False
     fixed[previous] = True
@@ -165,7 +169,8 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
     if not len(q):
         return []
     linearised = linearised_at(robot, q, np.repeat(x[None], len(q), axis=0))
-    signs, motors = leg_signs(robot, linearised), robot.actuated_coordinates(q)
+    signs = leg_signs(robot, linearised)
+    motors = robot.actuated_coordinates(q)
     lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
     closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
     return [

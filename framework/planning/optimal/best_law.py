@@ -52,8 +52,9 @@ class Best(NamedTuple):
     @property
     def gap(self) -> float:
         """The cost over the least that the program found, of laws however restless, less 1."""
+        goal = self.search.goal
         least = self.search.least
-        least_cost = least.value if self.search.goal == "time" else cost_of(self.search.goal, least)
+        least_cost = least.value if goal == "time" else cost_of(goal, least)
         return max(self.cost / least_cost - 1.0, 0.0)
 
 
@@ -105,14 +106,14 @@ def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best |
     return gentlest if isinstance(gentlest, Best) and gentlest.peak <= 1.0 else none
 
 
-def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | NoneFound:
+def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best | NoneFound:
     """Find the smooth law, with rows wherever a limit was exceeded between the points.
 
     These rows, or tighter limits, may raise the least cost by more than the share that smoothness may take.
     Then no smooth law is found, and the least cost is solved for again, once for each set of rows.
 
     Args:
-        near: the speed of a similar law, from which the search begins.
+        similar: the speed of a similar law, from which the search begins.
     """
     duration = search.program.problem.specification.duration
     program_solved_again: SpeedProgram | None = None
@@ -120,9 +121,13 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
     try:
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
-            smooth = search.find_smoothest(near) if duration is None else search.find_lasting(duration, near)
+            if duration is None:
+                smooth = search.find_smoothest(similar)
+            else:
+                smooth = search.find_lasting(duration, similar)
             if isinstance(smooth, Speed):
-                best, near = _make_best(search, smooth), smooth
+                best = _make_best(search, smooth)
+                similar = smooth
                 exceeded = find_exceeded_places(search.program, smooth, search.bounds)
                 if not len(exceeded):
                     return best
@@ -134,7 +139,8 @@ def _search_smooth(search: SmoothSearch, near: Speed | None = None) -> Best | No
             if isinstance(least, NoneFound):
                 return best or smooth
             search = search._replace(least=least.speed, units=least.units).limit_duration()
-            near, program_solved_again = None, search.program
+            similar = None
+            program_solved_again = search.program
     except SearchEnded:
         if best is None:
             raise
@@ -150,7 +156,8 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
     Raises:
         InvalidInput: the speed comes too near to zero.
     """
-    program, specification = search.program, search.program.problem.specification
+    program = search.program
+    specification = search.program.problem.specification
     y = speed.y
     if specification.duration is not None:
         y = program.space.adjust(y, program.conditions, specification.duration)

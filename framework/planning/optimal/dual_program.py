@@ -37,7 +37,13 @@ from framework.numerics.bernstein import (
     multiply,
     product_weights,
 )
-from framework.numerics.cone_program import AffineRows, ConeProgram, Unsolved, solve_cone_program
+from framework.numerics.cone_program import (
+    AffineRows,
+    ConeProgram,
+    Unsolved,
+    product_cone,
+    solve_cone_program,
+)
 from framework.planning.optimal.path_series import PathSeries
 
 MULTIPLIER_DEGREE = 2  # of x: with 1 the factor is off by the size of the cells, with 2 by its square
@@ -79,7 +85,7 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DualProgram:
-    """The search for multipliers on the cells of a series.
+    """The search for multipliers of the best bound, a cone program on the cells of a series.
 
     longest: the duration [s] that a bound of the peak may count on.
     timed: whether the bound is of the duration, with peaks of at most 1, instead.
@@ -90,17 +96,22 @@ class DualProgram:
     timed: bool
 
     def evaluate_bound(self, multipliers: Multipliers) -> Evidence:
-        """Compute the bound that multipliers prove: the total over the integral of |nu|_1, or over lambda."""
-        width, lam = self.series.width, multipliers.lam
+        """Compute the bound that multipliers prove, from P integral of |nu|_1 + lambda T >= total.
+
+        P >= (total - lambda longest) / integral of |nu|_1, or T >= (total - integral of |nu|_1) / lambda.
+        """
+        width = self.series.width
+        # (k, 2) at both ends of each cell
         least_factor = multipliers.minorant + self._bound_distance(multipliers)[:, None]
-        terms, norm = self._bound_terms(multipliers, least_factor), self._bound_norm(multipliers.x)
-        total_norm = float(width @ norm)
+        terms = self._bound_terms(multipliers, least_factor)
+        norm = self._bound_norm(multipliers.x)
+        total_norm = float(width @ norm)  # the integral of |nu|_1
         rounding = SUM_ROUNDING * float((np.abs(terms) @ width).sum() + total_norm)
         total = float((terms @ width).sum()) - rounding
         if self.timed:
-            value = (total - total_norm) / lam
+            value = (total - total_norm) / multipliers.lam
         else:
-            value = (total - lam * (self.longest or 0.0)) / total_norm
+            value = (total - multipliers.lam * (self.longest or 0.0)) / total_norm
         return Evidence(value, np.maximum(-least_factor.min(axis=1), 0.0), width * norm / total_norm)
 
     def _bound_terms(self, multipliers: Multipliers, least_factor: Array) -> Array:
@@ -111,7 +122,8 @@ class DualProgram:
         Args:
             least_factor: of the line at both ends (k, 2).
         """
-        x, series = multipliers.x, self.series
+        x = multipliers.x
+        series = self.series
         least_damping, _ = _bound_sum(series.damping, x)
         end_costs = _least_cost(np.maximum(least_factor, 0.0), least_damping[:, None], multipliers.lam)
         _, mean_constant = _bound_sum(series.constant, x)
@@ -129,7 +141,9 @@ class DualProgram:
 
         factor = nu . cz - p' + mu . k, each as SIZE coefficients on a cell.
         """
-        series, x, mu = self.series, multipliers.x, multipliers.mu
+        series = self.series
+        x = multipliers.x
+        mu = multipliers.mu
         p_slope = MULTIPLIER_DEGREE * np.diff(x[..., 0], axis=1) / series.width[:, None]
         distance = multiply(series.per_z.coefficients, x).sum(axis=2) - p_slope @ _ELEVATED_SLOPE.T
         speed_terms = (mu[:, None] * series.squared_speed.coefficients).sum(axis=2)
@@ -155,6 +169,7 @@ class DualProgram:
             self._add_damping(draft)
         if self.timed or self.longest is not None:
             self._add_duration(draft)
+        # rows of unit size: factor - minorant - margin >= 0, times the width of the cell
         scaling = 1.0 / abs(draft.factor["x"]).max(axis=1).toarray().ravel()
         rows = {
             name: sparse.csr_array(sparse.diags_array(scaling) @ part) for name, part in draft.factor.items()
@@ -164,7 +179,7 @@ class DualProgram:
             draft.sizes, draft.cost, equal=draft.equal, nonnegative=draft.nonnegative, cones=draft.cones
         )
         optimum = solve_cone_program(program)
-        return None if isinstance(optimum, Unsolved) else self._from_unknowns(optimum.unknowns)
+        return None if isinstance(optimum, Unsolved) else self._from_unknowns(optimum)
 
     def _from_unknowns(self, unknowns: Mapping[str, Array]) -> Multipliers:
         """Return the multipliers of a solution, multiplied by their units; zero where not sought."""
@@ -173,8 +188,8 @@ class DualProgram:
         x[..., 0] *= self.p_unit
         x[..., 1:] *= self._nu_unit[:, None, None]
         mu = unknowns.get("mu", np.zeros(0)).reshape(-1, count).T * self._mu_unit
-        ends = unknowns.get("minorant", np.zeros(2 * count)).reshape(count, 2)
-        minorant = self.p_unit * self._slowness**3 * ends
+        minorant = unknowns.get("minorant", np.zeros(2 * count)).reshape(count, 2)
+        minorant = self.p_unit * self._slowness**3 * minorant
         lam = self._lambda_unit * float(unknowns.get("lam", np.zeros(1))[0])
         return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
 
@@ -184,16 +199,19 @@ class DualProgram:
         A bound of the peak is per integral of |nu|_1, so that this is at most 1. For a bound of the duration
         it is part of the cost. On a cell p' has the coefficients MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
         """
-        series, m = self.series, self.series.v.error.shape[2]
-        count = len(series.width) * SIZE
+        series = self.series
+        m = self.series.v.error.shape[2]
+        count = len(series.width) * SIZE  # coefficients of a function on all cells
+        draft.sizes |= {"x": int(self._x_columns[-1][-1, -1]) + 1, "t": count * m}
+        # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
+        draft.cost["x"] = -np.repeat(series.width / SIZE, SIZE) @ nu_c
+        # the factor nu . cz - p'
         nu_cz = self._x_rows(series.width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
         slopes = np.broadcast_to(self.p_unit * slope, (len(series.width), *slope.shape))
-        p_slope = _block_rows(slopes, self._x_columns[0], nu_c.shape[1])
-        draft.factor["x"] = nu_cz - p_slope
-        draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
-        draft.cost["x"] = -np.repeat(series.width / SIZE, SIZE) @ nu_c
+        draft.factor["x"] = nu_cz - _block_rows(slopes, self._x_columns[0], nu_c.shape[1])
+        # t >= |nu|, coefficient by coefficient
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
             t = sparse.csr_array(sparse.kron(np.eye(1, m, j), sparse.identity(count)))  # of motor j
@@ -208,34 +226,37 @@ class DualProgram:
 
     def _add_speed_limits(self, draft: _Draft) -> None:
         """Add mu >= 0 of each motor with a speed limit, and mu . k to the factor."""
-        width, squared = self.series.width, self.series.squared_speed.coefficients
-        count, _, n = squared.shape
-        terms = (_ELEVATED_SERIES @ squared) * self._mu_unit * width[:, None, None]
+        width = self.series.width
+        squared_speed = self.series.squared_speed.coefficients
+        count, _, n = squared_speed.shape
+        terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]  # (k, SIZE, n)
         columns = np.arange(count)[:, None]
-        parts = [_block_rows(terms[..., j, None], columns, count) for j in range(n)]
+        parts = [_block_rows(terms[..., motor, None], columns, count) for motor in range(n)]
         draft.factor["mu"] = sparse.hstack(parts, format="csr")
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
-        one = sparse.identity(n * count, format="csr")
-        draft.nonnegative.append(AffineRows({"mu": one}, np.zeros(n * count)))
+        identity = sparse.identity(n * count, format="csr")
+        draft.nonnegative.append(AffineRows({"mu": identity}, np.zeros(n * count)))
 
     def _add_damping(self, draft: _Draft) -> None:
-        """Add bounds of (nu . d) sqrt(z) by drag, omega, phi and loss >= 0, each constant on a cell.
+        """Add bounds of the damping term (nu . d) sqrt(z) by drag, omega, phi, loss >= 0, constant on cells.
 
         nu . d >= drag - omega. The factor gives phi away, so that phi z - omega sqrt(z) >= -omega^2 / (4 phi)
         is at least -loss. `_add_duration` makes use of drag.
         """
         width = self.series.width
-        count, one = len(width), sparse.identity(len(width), format="csr")
-        on_cells = sparse.kron(one, np.ones((SIZE, 1)), format="csr")
+        count = len(width)
+        identity = sparse.identity(len(width), format="csr")
+        on_cells = sparse.kron(identity, np.ones((SIZE, 1)), format="csr")
         draft.sizes |= {"omega": count, "drag": count, "phi": count, "loss": count}
         draft.cost["loss"] = width
         draft.factor["phi"] = -self.p_unit * on_cells @ sparse.diags_array(width)
         in_unit = np.sqrt(self.p_unit) * on_cells
         damping = {"x": self._x_rows(self.series.damping.coefficients), "omega": in_unit, "drag": -in_unit}
         draft.nonnegative.append(AffineRows(damping, np.zeros(count * SIZE)))
-        draft.nonnegative += [AffineRows({name: one}, np.zeros(count)) for name in ("omega", "drag")]
-        draft.cones.append(_product_cone({"loss": one}, {"phi": one}, {"omega": one}))
+        draft.nonnegative += [AffineRows({name: identity}, np.zeros(count)) for name in ("omega", "drag")]
+        omega = AffineRows({"omega": identity}, np.zeros(count))
+        draft.cones.append(product_cone({"loss": identity}, {"phi": identity}, [omega]))
 
     def _add_duration(self, draft: _Draft) -> None:
         """Add lambda, the minorant, and `slow` <= (2 minorant lambda^2)^(1/3) at both ends of each cell.
@@ -244,8 +265,10 @@ class DualProgram:
         root^2 <= 2 minorant slow. With drag, each cell gives a share of lambda for `dragged`, at most the
         least 2 (drag share)^(1/2) of drag z^(1/2) + share z^(-1/2).
         """
-        width, count = self.series.width, 2 * len(self.series.width)
-        ends, one = np.arange(count).reshape(-1, 2), sparse.identity(count, format="csr")
+        width = self.series.width
+        count = 2 * len(self.series.width)
+        ends = np.arange(count).reshape(-1, 2)
+        identity = sparse.identity(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width[:, None] * self._slowness**3)[:, None]
         draft.factor["minorant"] = _block_rows(lines, ends, count)
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
@@ -257,9 +280,13 @@ class DualProgram:
             draft.sizes |= {"share": len(width), "dragged": len(width)}
             half_lambda["share"] = -0.5 * sparse.kron(cell, np.ones((2, 1)), format="csr")
             draft.cost["dragged"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
-            draft.cones.append(_product_cone({"drag": cell}, {"share": cell}, {"dragged": cell}))
-        draft.cones.append(_product_cone({"minorant": one}, {"slow": 0.5 * one}, {"root": one}))
-        draft.cones.append(_product_cone({"root": 0.5 * one}, half_lambda, {"slow": one}))
+            dragged = AffineRows({"dragged": cell}, np.zeros(len(width)))
+            draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [dragged]))
+        zero = np.zeros(count)
+        root = AffineRows({"root": identity}, zero)
+        slow = AffineRows({"slow": identity}, zero)
+        draft.cones.append(product_cone({"minorant": identity}, {"slow": 0.5 * identity}, [root]))
+        draft.cones.append(product_cone({"root": 0.5 * identity}, half_lambda, [slow]))
         if self.timed:  # multipliers have no size of their own: lambda is 1
             draft.equal.append(AffineRows({"lam": sparse.csr_array(np.ones((1, 1)))}, -np.ones(1)))
         else:
@@ -298,7 +325,8 @@ class DualProgram:
 
         That of a law with s' proportional to (s (1 - s))^(1/2).
         """
-        low, high = self.series.edges[:-1, None], self.series.edges[1:, None]
+        low = self.series.edges[:-1, None]
+        high = self.series.edges[1:, None]
         s = low + (high - low) * np.array([0.25, 0.75])
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
 
@@ -308,11 +336,15 @@ class DualProgram:
 
         x_0 is continuous: neighbouring cells share the coefficient of their common edge.
         """
-        count, each = len(self.series.width), MULTIPLIER_DEGREE + 1
-        continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(each)
-        start, size = continuous[-1, -1] + 1, count * each
-        others = range(self.series.v.error.shape[2] - 1)
-        return [continuous, *(start + i * size + np.arange(size).reshape(count, each) for i in others)]
+        count = len(self.series.width)
+        each = MULTIPLIER_DEGREE + 1
+        continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(each)  # edges are shared
+        columns = [continuous]
+        first = continuous[-1, -1] + 1
+        for _ in range(self.series.v.error.shape[2] - 1):
+            columns.append(first + np.arange(count * each).reshape(count, each))
+            first += count * each
+        return columns
 
     def _x_rows(self, functions: Array) -> Any:
         """Return the rows (k SIZE, ...) that compute the coefficients of the sum of f_i x_i on each cell.
@@ -320,7 +352,8 @@ class DualProgram:
         Args:
             functions: (k, DEGREE + 1, m) coefficients of f_i.
         """
-        weights, count = product_weights(DEGREE, MULTIPLIER_DEGREE), int(self._x_columns[-1][-1, -1]) + 1
+        weights = product_weights(DEGREE, MULTIPLIER_DEGREE)  # c_j = sum of weights_jab f_a x_b
+        count = int(self._x_columns[-1][-1, -1]) + 1
         rows = sparse.csr_array((len(functions) * SIZE, count))
         for i, columns in enumerate(self._x_columns):
             unit = self.p_unit if i == 0 else self._nu_unit[:, None, None]
@@ -338,7 +371,8 @@ def _least_cost(factor: Array, damping: Array, lam: float) -> Array:
     With w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2).
     For what remains, F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
     """
-    positive, negative = np.maximum(damping, 0.0), np.minimum(damping, 0.0)
+    positive = np.maximum(damping, 0.0)
+    negative = np.minimum(damping, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.cbrt(0.5 * lam / factor) - negative / (2.0 * factor)
         for _ in range(MAX_NEWTON_STEPS):
@@ -361,7 +395,7 @@ def _bound_sum(functions: Bernstein, x: Array) -> tuple[Array, Array]:
 
 @dataclass
 class _Draft:
-    """A cone program in the making.
+    """The parts of a cone program while they are collected.
 
     factor: by unknowns, rows (k SIZE, ...) of the coefficients of (factor - minorant) times the width.
     """
@@ -374,16 +408,9 @@ class _Draft:
     cones: list[list[AffineRows]] = field(default_factory=list)
 
 
-def _product_cone(first: dict[str, Any], second: dict[str, Any], root: dict[str, Any]) -> list[AffineRows]:
-    """Return the cone 4 first * second >= root^2, row by row: first + second >= |(first - second, root)|."""
-    zero = np.zeros(next(iter(root.values())).shape[0])
-    negative = {name: -matrix for name, matrix in second.items()}
-    return [AffineRows(first | second, zero), AffineRows(first | negative, zero), AffineRows(root, zero)]
-
-
 def _block_rows(blocks: Array, columns: IntArray, count: int) -> Any:
     """Return sparse rows (k r, count) made of blocks (k, r, c), each at its columns (k, c)."""
-    k, size, _ = blocks.shape
-    rows = np.broadcast_to(np.arange(k * size).reshape(k, size, 1), blocks.shape)
-    places = np.broadcast_to(columns[:, None], blocks.shape)
-    return sparse.csr_array((blocks.ravel(), (rows.ravel(), places.ravel())), shape=(k * size, count))
+    k, r, _ = blocks.shape
+    row = np.broadcast_to(np.arange(k * r).reshape(k, r, 1), blocks.shape)
+    column = np.broadcast_to(columns[:, None], blocks.shape)
+    return sparse.csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(k * r, count))

@@ -19,70 +19,76 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import nodes
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.law_problem import LawProblem, condition_rows
-from framework.planning.optimal.optimal_task import Task, crossing_places, other_law
+from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
 from framework.planning.optimal.undeformed_law import problem_of
 
 SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12  # of z as one series, under which deflections are smooth
 SCALAR_STEP = 1e-4  # of the terms of a condition, for differences
 
 
-def in_balance(
-    task: Task, law: OptimalLaw, before: KnownDeflections | None
+def find_law_in_balance(
+    task: Task, law: OptimalLaw, previous: KnownDeflections | None
 ) -> tuple[OptimalLaw, KnownDeflections]:
-    """Find the law and its deflections, from those of a law before if there was one.
+    """Find the nearest law with deflections in balance, and the deflections.
+
+    Args:
+        previous: deflections of a similar law, from which the search begins.
 
     Raises:
-        NotConverged: there is none near.
+        NotConverged: no such law is near.
     """
-    places = crossing_places(task, None, None)
-    problem = problem_of(task, places)
+    points = find_crossing_points(task, None, None)
+    problem = problem_of(task, points)
     if law.basis.is_spline:
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
-    equalities = condition_rows(problem, law.basis)
-    met = equalities.matrix @ law.coefficients
+    conditions = condition_rows(problem, law.basis)
+    values = conditions.matrix @ law.coefficients
 
-    def family(scalars: Array) -> OnParameter:
-        """Return the law nearest to `law` whose conditions have values shifted by scalars (k,)."""
-        wanted = met + np.pad(scalars, (0, len(met) - len(scalars)))
+    def shift_conditions(shifts: Array) -> OnParameter:
+        """Return the law nearest to `law` with the values of its first k conditions shifted by (k,)."""
+        targets = values + np.pad(shifts, (0, len(values) - len(shifts)))
         try:
-            moved = Affine(equalities.matrix, -wanted)
-            y = space.adjust(law.coefficients, moved, law.duration, relative=True)
-            changed = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
+            equalities = Affine(conditions.matrix, -targets)
+            y = space.adjust(law.coefficients, equalities, law.duration, relative=True)
+            shifted = OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
         except InvalidInput:
-            raise _none_near(task) from None
-        return OnParameter(changed, task.branch.knots)
+            raise _no_law_near(task) from None
+        return OnParameter(shifted, task.branch.knots)
 
-    sizes = np.linalg.norm(equalities.matrix.toarray() * law.coefficients, axis=1)[: len(places)]
-    found = solve_balance(
+    terms = np.linalg.norm(conditions.matrix.toarray() * law.coefficients, axis=1)[: len(points)]
+    balance = solve_balance(
         task.branch,
-        family,
-        SCALAR_STEP * np.where(sizes > 0.0, sizes, 1.0),
+        shift_conditions,
+        SCALAR_STEP * np.where(terms > 0.0, terms, 1.0),
         first_coefficient_count(law.degree),
-        before,
+        previous,
     )
-    return family(found.scalars).law, found.deflections
+    return shift_conditions(balance.scalars).law, balance.deflections
 
 
 def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
-    """Return the law of a series nearest in dz/z to a law of splines, with its duration and condition (8).
+    """Return the law of one series nearest to a law of splines, with its duration and condition (8).
+
+    Nearest by least squares of (z - z_splines) / z_splines.
 
     Raises:
         NotConverged: the series is not positive.
     """
     basis = SpeedBasis(np.array(ONE_CELL), SERIES_DEGREE + 1)
     xi = nodes(SAMPLES_PER_DEGREE * SERIES_DEGREE)
-    share = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
-    y = np.linalg.lstsq(share, np.ones(len(xi)), rcond=None)[0]
+    ratio = basis.matrix(xi).toarray() / (law.basis.matrix(xi) @ law.coefficients)[:, None]
+    y = np.linalg.lstsq(ratio, np.ones(len(xi)), rcond=None)[0]
     space = SpeedSpace(basis, law.stretch)
     try:
         y = space.adjust(y, condition_rows(problem, basis), law.duration, relative=True)
         return OptimalLaw(y, law.smoothness, law.duration, law.dense_at)
     except InvalidInput:
-        raise _none_near(problem.task) from None
+        raise _no_law_near(problem.task) from None
 
 
-def _none_near(task: Task) -> NotConverged:
+def _no_law_near(task: Task) -> NotConverged:
+    """Return the refusal of a robot for which no law near the best crosses in balance."""
     return NotConverged(
         f"{task.branch.robot.name}: no law near the best crosses where the deflected robot is singular; use "
         f"{other_law(task)}stiffer springs, or geometry rigid",

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from framework.laws.speed_basis import ONE_CELL, SpeedBasis
-from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.phase_plane import Deflections, Demand, SquaredSpeed, demand
@@ -28,9 +28,9 @@ class LawProblem(NamedTuple):
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     deflections: of the springs along the path, if any.
-    before: the squared speed about which damping is linearised, if any.
+    z0: the squared speed about which damping is linearised, if any.
     sampled: the demand along the path, if it was resolved.
-    weighing: the `reference`, where that is not of the limits.
+    chosen_reference: the `reference`, where that is not made of the limits.
     degree: of z as one Chebyshev series, which deflections need; None for splines.
     """
 
@@ -38,9 +38,9 @@ class LawProblem(NamedTuple):
     crossings: Array
     conditions: Array
     deflections: Deflections | None = None
-    before: SquaredSpeed | None = None
+    z0: SquaredSpeed | None = None
     sampled: SampledDemand | None = None
-    weighing: Array | None = None
+    chosen_reference: Array | None = None
     degree: int | None = None
 
     def demand(self, sigma: Array) -> Demand:
@@ -62,12 +62,12 @@ class LawProblem(NamedTuple):
 
     def with_goal(self, goal: str) -> LawProblem:
         """Return the problem with another goal."""
-        specification = replace(self.specification, goal=goal)
-        return self._replace(task=self.task._replace(specification=specification), weighing=self.reference)
+        task = self.task._replace(specification=replace(self.specification, goal=goal))
+        return self._replace(task=task, chosen_reference=self.reference)
 
     @property
-    def places(self) -> Array:
-        """Places of the conditions in xi (k,)."""
+    def crossing_xi(self) -> Array:
+        """The parameter xi (k,) at which each condition holds."""
         return self.task.stretch(self.crossings)
 
     def sigma(self, xi: Array) -> Array:
@@ -81,18 +81,18 @@ class LawProblem(NamedTuple):
 
         The limits; of a motor without one the largest limit; 1 where no motor has a limit.
         """
-        if self.weighing is not None:
-            return self.weighing
+        if self.chosen_reference is not None:
+            return self.chosen_reference
         limit = self.specification.torque_limit
         limited = np.isfinite(limit)
         return np.where(limited, limit, limit[limited].max(initial=0.0) or 1.0)
 
 
 class MotorRows(NamedTuple):
-    """Torques and squared speeds of the motors at points of the path, affine in the coefficients of z."""
+    """Torques and squared speeds of the motors at M points of the path, affine in the n coefficients of z."""
 
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
-    squared_speed: tuple[Any, ...]  # of each motor with a limit, over its square: (M, n)
+    squared_speed: tuple[Any, ...]  # of each motor with a speed limit, over the squared limit: (M, n)
 
     def combine(self, weights: Any) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
@@ -100,9 +100,15 @@ class MotorRows(NamedTuple):
         return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
 
     def used_share(self, y: Array, allowed: Array) -> Array:
-        """Return the largest share (M,) of allowed torques (n_a,) [N m], or of squared speed limits."""
-        torques = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
-        return np.asarray(np.max([*torques, *(rows @ y for rows in self.squared_speed)], axis=0))
+        """Compute the largest share (M,) that any motor uses of its torque or its squared speed limit.
+
+        Args:
+            y: (n,) coefficients of z.
+            allowed: (n_a,) torques [N m].
+        """
+        shares = [np.abs(torque(y)) / limit for torque, limit in zip(self.torque, allowed, strict=True)]
+        shares += [rows @ y for rows in self.squared_speed]
+        return np.asarray(np.max(shares, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
         """Return the rows of both, one below the other."""
@@ -115,28 +121,23 @@ class MotorRows(NamedTuple):
 
 
 def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
-    """Compute rows of torques and squared speeds at places xi (M,), none on a crossing, without their poles.
+    """Compute rows of torques and squared speeds at xi (M,), none on a crossing, without their poles.
 
-    A torque is c + cz z + cu u, dry friction in c and damping linearised, with u = z'/2.
+    A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is in c, damping is linearised.
     """
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
-    before = None if problem.before is None else problem.before(sigma)
-    constant, per_z, per_u = required.linearise_damping(before)
-    constant = constant + required.friction(problem.specification.friction)
+    c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
+    c = c + required.friction(problem.specification.friction)
     z = basis.matrix(xi)
     u = sparse.diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
     torques = []
-    for j in range(constant.shape[1]):
-        matrix = sparse.diags_array(per_z[:, j]) @ z + sparse.diags_array(per_u[:, j]) @ u
-        torques.append(Affine(sparse.csr_array(matrix), constant[:, j].copy()))
-    for crossing in np.unique(problem.places):
-        beside = np.abs(xi - crossing) < POLE_WIDTH
-        its_conditions = np.flatnonzero(problem.places == crossing)
-        torques = [_subtract_conditions(torque, conditions, its_conditions, beside) for torque in torques]
-    return MotorRows(
-        tuple(torques), _squared_speed_rows(required.speed, problem.specification.speed_limit, z)
-    )
+    for motor in range(c.shape[1]):
+        matrix = sparse.diags_array(cz[:, motor]) @ z + sparse.diags_array(cu[:, motor]) @ u
+        torque = Affine(sparse.csr_array(matrix), c[:, motor].copy())
+        torques.append(_remove_poles(torque, problem, conditions, xi))
+    squared_speeds = _squared_speed_rows(required.speed, problem.specification.speed_limit, z)
+    return MotorRows(tuple(torques), squared_speeds)
 
 
 def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:
@@ -150,20 +151,22 @@ def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:
     return tuple(sparse.csr_array(sparse.diags_array(ratio**2) @ z) for ratio in ratios)
 
 
-def _subtract_conditions(torque: Affine, conditions: Affine, chosen: IntArray, beside: BoolArray) -> Affine:
-    """Subtract multiples of the conditions C from the torque rows T beside a crossing.
+def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:
+    """Subtract multiples of the conditions C from the torque rows T (M, n) beside each crossing.
 
-    T - share C is orthogonal to C with share = T C' (C C')^-1.
-
-    Args:
-        chosen: the conditions (k,) at the crossing.
-        beside: mask (M,) of the rows.
+    On laws that meet the conditions the torques stay the same. T - share C is orthogonal to C with
+    share = T C' (C C')^-1, which cancels the pole.
     """
-    rows = conditions.matrix[chosen]
-    share = np.linalg.lstsq((rows @ rows.T).toarray(), (torque.matrix @ rows.T).toarray().T, rcond=None)[0].T
-    share = beside[:, None] * share
-    matrix = torque.matrix - sparse.csr_array(share) @ rows
-    return Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[chosen])
+    for crossing in np.unique(problem.crossing_xi):
+        chosen = np.flatnonzero(problem.crossing_xi == crossing)
+        C = conditions.matrix[chosen]
+        products = (torque.matrix @ C.T).toarray()  # (M, k)
+        share = np.linalg.lstsq((C @ C.T).toarray(), products.T, rcond=None)[0].T
+        is_beside = np.abs(xi - crossing) < POLE_WIDTH
+        share = is_beside[:, None] * share
+        matrix = torque.matrix - sparse.csr_array(share) @ C
+        torque = Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[chosen])
+    return torque
 
 
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
@@ -171,13 +174,12 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
 
     z is a function of xi: dz/dsigma = xi' dz/dxi, d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi.
     """
-    stretch, sigma = problem.task.stretch, problem.crossings
     constant, per_z, per_u, per_du = problem.conditions.T
-    values, first, second = (basis.matrix(problem.places, order) for order in range(3))
-    slope, bend = stretch(sigma, 1), stretch(sigma, 2)
+    z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))  # in xi
+    dxi, ddxi = (problem.task.stretch(problem.crossings, order) for order in (1, 2))
     rows = (
-        sparse.diags_array(per_z) @ values
-        + sparse.diags_array(0.5 * per_u * slope + 0.5 * per_du * bend) @ first
-        + sparse.diags_array(0.5 * per_du * slope**2) @ second
+        sparse.diags_array(per_z) @ z
+        + sparse.diags_array(0.5 * per_u * dxi + 0.5 * per_du * ddxi) @ z_xi
+        + sparse.diags_array(0.5 * per_du * dxi**2) @ z_xi_xi
     )
     return Affine(sparse.csr_array(rows), constant)

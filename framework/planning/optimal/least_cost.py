@@ -13,20 +13,17 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.cone_program import Unsolved
 from framework.planning.optimal.law_problem import LawProblem
+from framework.planning.optimal.path_series import cells_about
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN
 
 FIRST_CELLS, MAX_CELLS = 60, 180
-MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = (
-    5,
-    2e-3,
-)  # of the cells; of the cost, below which it is not worth another
+# rounds of cutting cells; relative change of the cost below which no further round is worth its time
+MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
 LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
 MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
-MAX_UNIT_CHANGES, MAX_UNIT_RATIO = (
-    8,
-    5.0,
-)  # of units that are corrected: of the optimum to its unit, or inverse
+# corrections of the units; ratio of the optimum to its unit, or inverse, above which the unit is corrected
+MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0
 
 
 class LeastCost(NamedTuple):
@@ -72,11 +69,13 @@ def first_cells(problem: LawProblem) -> Array:
     to its edges than 0.35 widths, are left out.
     """
     count = FIRST_CELLS if problem.degree is None else problem.degree
-    edges, width = np.linspace(-1.0, 1.0, count + 1), 2.0 / count
-    for condition in np.unique(problem.places):
-        half = min(0.5 * width, 0.7 * (1.0 - abs(condition)))
-        stays = (np.abs(edges - condition) > half + 0.35 * width) | (np.abs(edges) == 1.0)
-        edges = np.unique(np.concatenate([edges[stays], [condition - half, condition + half]]))
+    edges = np.linspace(-1.0, 1.0, count + 1)
+    width = 2.0 / count
+    for xi in np.unique(problem.crossing_xi):
+        half_width = min(0.5 * width, 0.7 * (1.0 - abs(xi)))
+        is_end = np.abs(edges) == 1.0
+        is_far = np.abs(edges - xi) > half_width + 0.35 * width
+        edges = np.unique(np.concatenate([edges[is_far | is_end], [xi - half_width, xi + half_width]]))
     return edges
 
 
@@ -88,7 +87,8 @@ def find_least_cost(
     The least peak is sought without torque limits first. If all motors have one, no law keeps the limits
     where this peak exceeds them; else the peak may be that of a motor without a limit.
     """
-    goal, limited = problem.specification.goal, problem.specification.limited
+    goal = problem.specification.goal
+    limited = problem.specification.limited
     cells = first_cells(problem) if cells is None else cells
     if goal == "peak_torque" and limited and torque_limits:
         unlimited = find_least_cost(problem, cells, torque_limits=False)
@@ -152,11 +152,10 @@ def solve_least_cost(
         if isinstance(speed, Unsolved):
             if speed.infeasible:
                 return NoneFound(program, speed.status)
-            units = (
-                units._replace(time=0.1 * units.time)
-                if goal == "time"
-                else Units(0.5 * units.time, 2.0 * units.torque)
-            )
+            if goal == "time":
+                units = units._replace(time=0.1 * units.time)
+            else:
+                units = Units(0.5 * units.time, 2.0 * units.torque)
             continue
         optimal = own_units(goal, speed, units)
         new, old = (optimal.time, units.time) if goal == "time" else (optimal.torque, units.torque)
@@ -190,7 +189,8 @@ def _first_units(program: SpeedProgram) -> Units:
     the reference torque allow: limit rows . z <= 1. The torque is the limit; without limits that of
     weight, and without weight that of inertia at this time.
     """
-    problem, specification = program.problem, program.problem.specification
+    problem = program.problem
+    specification = program.problem.specification
     constant, per_z, per_u, _ = np.abs(problem.conditions.T)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
@@ -198,8 +198,8 @@ def _first_units(program: SpeedProgram) -> Units:
     torques = list(zip(program.rows.torque, problem.reference, strict=True))
     inertia = max(_median_largest(np.abs(torque.matrix)) / reference for torque, reference in torques)
     if not 0.0 < time < np.inf:
-        speeds = [_median_largest(matrix) for matrix in program.rows.squared_speed]
-        time = float(np.sqrt(max([inertia, *speeds]))) or 1.0
+        rows_per_z = [inertia, *map(_median_largest, program.rows.squared_speed)]  # of limits, in s^2
+        time = float(np.sqrt(max(rows_per_z))) or 1.0
     if specification.limited:
         return Units(time, 1.0)
     weight = max(float(np.abs(torque.offset / reference).max()) for torque, reference in torques)
@@ -212,27 +212,34 @@ def _median_largest(matrix: Any) -> float:
 
 
 def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
-    """Return a mask (k,) of the cells under coefficients that are nearly zero, or bend sharply."""
+    """Return a mask (k,) of the cells under coefficients that are nearly zero, or bend sharply.
+
+    A coefficient bends by its second difference y_(i-1) - 2 y_i + y_(i+1). Spline i of degree p is not zero
+    between the knots i and i + p + 1. Under a bend two cells at both ends of the middle spline are not cut.
+    """
     basis = program.basis
     if not basis.is_spline:
         return np.zeros(len(program.cells) - 1, dtype=bool)
-    low = LOW_COEFFICIENT * np.median(y)
-    triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, low), 3)
-    bent = np.flatnonzero(np.abs(triples @ [1.0, -2.0, 1.0]) > MAX_BEND * triples.min(axis=1))
-    falling = np.flatnonzero(y <= low)
-    knots, degree = basis.knots, basis.degree
-    # the support of a low coefficient; of a bend, the support of the middle one but two cells at both ends
-    start = np.concatenate([knots[falling], knots[bent + 3]])
-    end = np.concatenate([knots[falling + degree + 1], knots[bent + degree]])
-    cells = basis.cells
-    return np.asarray(((cells[:-1, None] >= start) & (cells[1:, None] <= end)).any(axis=1))
+    lowest = LOW_COEFFICIENT * np.median(y)
+    low = np.flatnonzero(y <= lowest)
+    triples = np.lib.stride_tricks.sliding_window_view(np.maximum(y, lowest), 3)
+    second_difference = np.abs(triples @ [1.0, -2.0, 1.0])
+    first_of_bend = np.flatnonzero(second_difference > MAX_BEND * triples.min(axis=1))
+    knots = basis.knots
+    degree = basis.degree
+    start = np.concatenate([knots[low], knots[first_of_bend + 3]])
+    end = np.concatenate([knots[low + degree + 1], knots[first_of_bend + degree]])
+    is_covered = (basis.cells[:-1, None] >= start) & (basis.cells[1:, None] <= end)  # (k, coefficients)
+    return np.asarray(is_covered.any(axis=1))
 
 
 def _cut_cells(problem: LawProblem, cells: Array, cut: BoolArray) -> Array:
-    """Return the cells (k + 1,) after some, a mask, are cut in two, or in three about a condition."""
-    low, high = cells[:-1][cut], cells[1:][cut]
-    has_condition = ((low[:, None] < problem.places) & (problem.places < high[:, None])).any(axis=1)
-    middle, third = 0.5 * (low + high), (high - low) / 3.0
-    in_two, in_three = ~has_condition, has_condition
+    """Halve the cells of a mask (k,), or cut in three about a crossing; return the new edges."""
+    low = cells[:-1][cut]
+    high = cells[1:][cut]
+    in_three = cells_about(cells, problem.crossing_xi)[cut]
+    in_two = ~in_three
+    middle = 0.5 * (low + high)
+    third = (high - low) / 3.0
     edges = [cells, middle[in_two], (low + third)[in_three], (high - third)[in_three]]
     return np.unique(np.concatenate(edges))

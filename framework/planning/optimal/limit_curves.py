@@ -68,10 +68,10 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
     robot = plan.robot
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
-    asked = demand(branch, Smoothstep(0), s, None, "rigid")  # sigma = s; no deflections
-    constant, per_z, per_u = asked.torque
-    friction = asked.friction(motor_friction(robot, plan.request.friction))
-    return MotorDemand(constant + friction, asked.damping, per_z, per_u, np.abs(asked.speed))
+    required = demand(branch, Smoothstep(0), s, None, "rigid")  # sigma = s; no deflections
+    constant, per_z, per_u = required.torque
+    friction = required.friction(motor_friction(robot, plan.request.friction))
+    return MotorDemand(constant + friction, required.damping, per_z, per_u, np.abs(required.speed))
 
 
 def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
@@ -88,8 +88,8 @@ def _instants(plan: CrossingPlan) -> Array:
     times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
     for crossing in plan.crossings:
         times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
-        near = crossing.time + plan.duration * np.concatenate([-CROSSING_OFFSETS, CROSSING_OFFSETS])
-        times = np.concatenate([times, near[(near > 0) & (near < plan.duration)]])
+        beside = crossing.time + plan.duration * np.concatenate([-CROSSING_OFFSETS, CROSSING_OFFSETS])
+        times = np.concatenate([times, beside[(beside > 0) & (beside < plan.duration)]])
     return np.unique(times)
 
 
@@ -103,15 +103,19 @@ def _bound_acceleration(required: MotorDemand, speed: Array, limit: Array) -> tu
 
 
 def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array) -> Array:
-    """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region."""
+    """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region.
+
+    Each sign of each of k torques gives an edge per_speed s' + per_z s'^2 + per_u s" <= limit - constant, all
+    over the limit, so m = 2 k.
+    """
     constant, per_speed, per_z, per_u, motor_speed = required
-    limited = np.isfinite(torque_limit)
-    # edges (T, m, 3) @ (s', s'^2, s") <= bound (T, m), one for each sign of a torque
-    edges = np.stack([per_speed, per_z, per_u], axis=-1)[:, limited] / torque_limit[limited, None]
-    share = constant[:, limited] / torque_limit[limited]
-    edges = np.concatenate([edges, -edges], axis=1)
-    bound = np.concatenate([1.0 - share, 1.0 + share], axis=1)
-    by_torque = _highest_corner(edges, bound) if limited.any() else np.full(len(constant), np.inf)
+    is_limited = np.isfinite(torque_limit)
+    limit = torque_limit[is_limited]
+    edges = np.stack([per_speed, per_z, per_u], axis=-1)[:, is_limited] / limit[:, None]
+    share = constant[:, is_limited] / limit
+    edges = np.concatenate([edges, -edges], axis=1)  # (T, m, 3)
+    bound = np.concatenate([1.0 - share, 1.0 + share], axis=1)  # (T, m)
+    by_torque = _highest_corner(edges, bound) if is_limited.any() else np.full(len(constant), np.inf)
     with np.errstate(divide="ignore"):
         by_speed = (speed_limit / motor_speed).min(axis=1)
     return np.minimum(np.where(by_torque < 0, np.nan, by_torque), by_speed)
@@ -122,30 +126,34 @@ def _highest_corner(edges: Array, bound: Array) -> Array:
     highest = np.full(len(bound), -np.inf)
     for i, j in combinations(range(bound.shape[1]), 2):
         for corner in _intersect_edges(edges[:, (i, j)], bound[:, (i, j)]):
-            size = 1.0 + np.abs(edges * corner[:, None]).sum(axis=-1)  # of the terms that a row sums up
-            inside = np.all(np.einsum("tmk,tk->tm", edges, corner) <= bound + CORNER_ROUNDING * size, axis=1)
-            highest = np.where(inside & (corner[:, 0] > highest), corner[:, 0], highest)
+            terms = edges * corner[:, None]  # (T, m, 3)
+            values = np.einsum("tmk,tk->tm", edges, corner)  # their sums
+            tolerance = CORNER_ROUNDING * (1.0 + np.abs(terms).sum(axis=-1))
+            is_inside = np.all(values <= bound + tolerance, axis=1)
+            highest = np.where(is_inside & (corner[:, 0] > highest), corner[:, 0], highest)
     return highest
 
 
 def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
     """Intersect pairs of edges (T, 2, 3) with bounds (T, 2): both corners (s', s'^2, s") (T, 3).
 
-    Without s" there remains a s'^2 + b s' = c, solved without cancellation. s" is that of the edge with the
+    Elimination of s" leaves a s'^2 + b s' = c, solved without cancellation. s" is that of the edge with the
     larger coefficient. Not a number where the edges do not meet.
     """
     per_speed, per_z, per_u = np.moveaxis(edges, -1, 0)
 
-    def eliminate_u(part: Array) -> Array:
-        return np.asarray(part[:, 0] * per_u[:, 1] - part[:, 1] * per_u[:, 0])
+    def eliminate_u(coefficient: Array) -> Array:
+        return np.asarray(coefficient[:, 0] * per_u[:, 1] - coefficient[:, 1] * per_u[:, 0])
 
-    a, b, c = eliminate_u(per_z), eliminate_u(per_speed), eliminate_u(bound)
+    a = eliminate_u(per_z)
+    b = eliminate_u(per_speed)
+    c = eliminate_u(bound)
     steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
     corners = []
     with np.errstate(divide="ignore", invalid="ignore"):
-        half = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))
-        for root in (half / a, -c / half):
+        q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))  # the roots are q / a and -c / q
+        for root in (q / a, -c / q):
             speed = np.where(np.isfinite(root), root, np.nan)
-            rest = bound[steeper] - (per_speed[steeper] + per_z[steeper] * speed) * speed
-            corners.append(np.stack([speed, speed**2, rest / per_u[steeper]], axis=1))
+            remaining = bound[steeper] - (per_speed[steeper] + per_z[steeper] * speed) * speed
+            corners.append(np.stack([speed, speed**2, remaining / per_u[steeper]], axis=1))
     return corners

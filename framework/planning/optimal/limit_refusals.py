@@ -24,14 +24,16 @@ from framework.planning.refusals.refusal_proofs import HoldingTorque, LeastLimit
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     """Return the reason why a problem has no law, by a proof or by numbers of the search."""
-    name, cells = problem.task.branch.robot.name, len(none.program.basis.cells) - 1
+    name = problem.task.branch.robot.name
+    cells = len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return NotConverged(
             f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
         )
-    specification, quickest = problem.specification, None
+    specification = problem.specification
+    quickest = None
     limited = specification.limited or specification.limited_speeds
     if holding is None and specification.max_duration and limited:
         quickest = _find_quickest(problem)
@@ -88,8 +90,8 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
 def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
     """Return the multiples of torque and speed limits that the law of least peaks needs; None without one."""
     limit = problem.specification.torque_limit  # infinite of motors whose torque does not count
-    weighed = problem._replace(weighing=limit)
-    least = find_least_cost(weighed.with_goal(goal), torque_limits=goal != "peak_torque")
+    relative = problem._replace(chosen_reference=limit).with_goal(goal)
+    least = find_least_cost(relative, torque_limits=goal != "peak_torque")
     return (None, None) if isinstance(least, NoneFound) else (least.speed.peak, least.speed.peak_speed)
 
 
@@ -111,12 +113,13 @@ def _find_quickest(problem: LawProblem) -> float | None:
 
 def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
     """Return the holding torque of a motor above its limit at an end of the path; None without any."""
-    task, limit = problem.task, problem.specification.torque_limit
+    task = problem.task
+    limit = problem.specification.torque_limit
     ends = np.array([0.0, 1.0])
     weight = demand(task.branch, task.phi, ends, problem.deflections, task.geometry).torque.constant
-    over = np.argwhere(np.abs(weight) > limit)
-    if not len(over):
+    overloaded = np.argwhere(np.abs(weight) > limit)
+    if not len(overloaded):
         return None
-    end, motor = map(int, over[0])
+    end, motor = map(int, overloaded[0])
     joint = task.branch.robot.actuator_names[motor]
     return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))

@@ -8,7 +8,8 @@ motion becomes better.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -23,15 +24,15 @@ from framework.numerics.peaks import peak_sizes
 from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
-from framework.planning.optimal.elastic_balance import in_balance
+from framework.planning.optimal.elastic_balance import find_law_in_balance
 from framework.planning.optimal.optimal_task import (
     Task,
     check_speeds,
     check_unfolded,
-    crossing_places,
+    find_crossing_points,
     other_law,
 )
-from framework.planning.optimal.phase_plane import Deflections, DeflectionsOnPath
+from framework.planning.optimal.phase_plane import DeflectionsOnPath
 from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
 from framework.planning.specification import Specification
@@ -46,7 +47,7 @@ ELASTIC_SHARES, LOW_DEGREE, HIGH_DEGREE = (4e-3, 2e-2, 8e-2, 0.3, 1.0), 40, 80
 
 
 class OptimalMotion(NamedTuple):
-    """The certified motion with the law that was found best, and the search that it comes from."""
+    """The certified motion of the best law, with the search that found the law."""
 
     dynamics: InverseDynamics
     law: OptimalLaw
@@ -62,118 +63,170 @@ def optimal_motion(task: Task) -> OptimalMotion:
         As `resolve`.
     """
     check_unfolded(task)
-    places = crossing_places(task, None, None)
+    points = find_crossing_points(task, None, None)
     robot = task.branch.robot
     if robot.n_e and robot.is_damped:
         raise NoLaw(
             f"{robot.name}: optimal laws of elastic robots with damping are not supported; use "
             f"{other_law(task)}flexibility rigid"
         )
-    check_speeds(task, places)
+    check_speeds(task, points)
     if robot.n_e:
-        return _elastic(task, places)
-    best = find_law(task, places)
+        return _ElasticSearch(task, task, points).run()
+    best = find_law(task, points)
     for share in RIGID_SHARES:
         try:
-            return _certify_law(task, places, best)
+            return _certify_law(task, points, best)
         except NotConverged as failure:
             unresolved = failure
         except UnboundedTorque as failure:  # condition (8) is met but for rounding
             unresolved = NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s)
-        best = adapt_found_law(task, places, best, share=share)
+        best = adapt_found_law(task, points, best, share=share)
     raise unresolved
 
 
-def _certify_law(task: Task, places: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
+def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
     """Certify the motion of a rigid robot's law, lowering limits that the motion exceeds.
 
     Raises:
         NotConverged: limits are exceeded still; as `resolve`.
     """
     for _ in range(MAX_PASSES):
-        dynamics, law, _ = _resolved(task, best.law, None)
+        dynamics = _resolve_law(task, best.law, None)
         excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
-            return OptimalMotion(dynamics, law, best)
-        best = adapt_found_law(task, places, best, excess=excess)
+            return OptimalMotion(dynamics, best.law, best)
+        best = adapt_found_law(task, points, best, excess=excess)
     raise NotConverged(
         f"{task.branch.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
         residual=abs(excess - 1.0),
     )
 
 
-def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
-    """Find laws and balances in turn, as long as the certified motion becomes better.
+@dataclass
+class _ElasticSearch:
+    """The search for the law of an elastic robot: optimise and resolve in turn, while the motion improves.
 
-    Each search has the deflections of the motion before, as functions of the path parameter. What is not
-    resolved or at rest at its ends is followed by a smoother law, with more of its derivatives zero there:
-    rates of springs with inertia follow the fifth and their accelerations the sixth. The first law knows no
-    deflections: where its motion exceeds limits, a smoother law follows. Later ones have limits scaled by
-    what the motion before left free or exceeded.
+    Each law is sought with the deflections of the last motion, as functions of the path parameter. Where a
+    law's motion is not resolved, or not at rest at its ends, a smoother law follows, with more of its
+    derivatives zero there: rates of springs with inertia follow the fifth and their accelerations the sixth.
+    The first law knows no deflections: where its motion exceeds limits, a smoother law follows. Later ones
+    have limits scaled by the excess of the last motion.
+
+    next_task: the task with the limits and the smoothness of the next law.
+    points: the crossing points with the deflections of the last motion.
+    stage: of `ELASTIC_SHARES`, the smoothness of the next law.
+    last_law: the law found last with these deflections.
+    best_motion: the best certified motion within the limits.
     """
-    sought, rung = task, 0
+
+    task: Task
+    next_task: Task
+    points: Sequence[CrossingPoint]
+    stage: int = 0
     high_degree: int | None = HIGH_DEGREE
-    deflections: Deflections | None = None
+    last_law: Best | None = None
+    deflections: DeflectionsOnPath | None = None
     known: KnownDeflections | None = None
-    kept: OptimalMotion | None = None
-    unresolved: NoAnswer | None = None
-    best: Best | None = None
-    for _ in range(MAX_PASSES):
-        try:
-            share, degree = ELASTIC_SHARES[rung], LOW_DEGREE if rung < 2 else high_degree
-            problem = None if best is None else best.program.problem
-            if best is None or problem is None or problem.task is not sought or problem.degree != degree:
-                best = find_law(sought, places, deflections=deflections, share=share, degree=degree)
-            else:  # the same least cost, of which smoothness may take more
-                best = adapt_found_law(sought, places, best, share=share)
-            if kept is not None and not best.cost < _worthwhile(task, kept):
-                return kept
-            dynamics, law, known = _resolved(task, best.law, known)
-            check_rest(dynamics, law.smoothness)
-        except (NoLaw, NotConverged, UnboundedTorque, SearchEnded) as failure:
-            if kept is not None:
-                return kept
-            if isinstance(failure, SearchEnded | SpringsTooSoft):
-                raise
-            unresolved, rung = unresolved or failure, rung + 1
-            if rung == 2 and best is None:  # no series twice: one is fitted to splines
-                high_degree = unresolved = None
-            if rung == len(ELASTIC_SHARES):
-                raise unresolved or failure from None
-            if sought.specification.smoothness < HIGHEST_SMOOTHNESS:
-                smoother = replace(sought.specification, smoothness=HIGHEST_SMOOTHNESS)
-                sought = sought._replace(specification=smoother)
-            continue
-        new, excess = OptimalMotion(dynamics, law, best), limit_excess(dynamics, task.specification)
-        if excess <= 1.0:
-            if kept is not None and not _cost(task, new) < _worthwhile(task, kept):
-                return min(new, kept, key=lambda motion: _cost(task, motion))
-            kept = new
-        elif deflections is None:  # of a law that did not know them; a smoother one shakes the springs less
-            rung = max(rung, 1)
-        # a motion of least time is at a limit: limits follow it up and down
-        if deflections is not None and (excess > 1.0 or task.specification.goal == "time"):
-            scaled = sought.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
-            sought = sought._replace(specification=scaled)
-        deflections, best = DeflectionsOnPath(law, dynamics.deflections), None
-        places = crossing_places(task, deflections, places)
-    if kept is not None:
-        return kept
-    raise NotConverged(
-        f"{task.branch.robot.name}: law and deflections do not settle together in {MAX_PASSES} passes; use "
-        f"{other_law(task)}stiffer springs, or geometry rigid",
-        residual=abs(excess - 1.0),
-    )
+    best_motion: OptimalMotion | None = None
+    first_failure: NoAnswer | None = None
 
+    def run(self) -> OptimalMotion:
+        """Return the best motion; raise as `optimal_motion`."""
+        for _ in range(MAX_PASSES):
+            try:
+                motion = self._find_motion()
+            except (NoLaw, NotConverged, UnboundedTorque, SearchEnded) as failure:
+                if self.best_motion is not None:
+                    return self.best_motion
+                self._choose_smoother(failure)
+                continue
+            if motion is self.best_motion:
+                return motion
+            excess = limit_excess(motion.dynamics, self.task.specification)
+            if excess <= 1.0:
+                if self.best_motion is not None and not self._improves(_cost(self.task, motion)):
+                    return min(motion, self.best_motion, key=partial(_cost, self.task))
+                self.best_motion = motion
+            self._prepare_next(motion, excess)
+        if self.best_motion is not None:
+            return self.best_motion
+        raise NotConverged(
+            f"{self.task.branch.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
+            f"passes; use {other_law(self.task)}stiffer springs, or geometry rigid",
+            residual=abs(excess - 1.0),
+        )
 
-def _worthwhile(task: Task, kept: OptimalMotion) -> float:
-    """Return what another motion has to cost less than."""
-    return (1.0 - PEAK_TORQUE_MISMATCH) * _cost(task, kept)
+    def _find_motion(self) -> OptimalMotion:
+        """Find the next law and certify its motion; return the best motion if the law costs no less."""
+        best = self._find_law()
+        if self.best_motion is not None and not self._improves(best.cost):
+            return self.best_motion
+        law = best.law
+        known = None
+        robot = self.task.branch.robot
+        if self.task.geometry == "deformed" and robot.n_a == robot.n:
+            law, known = find_law_in_balance(self.task, law, self.known)
+        dynamics = _resolve_law(self.task, law, known)
+        self.known = known
+        check_rest(dynamics, law.smoothness)
+        return OptimalMotion(dynamics, law, best)
+
+    def _find_law(self) -> Best:
+        """Find the law of this stage, from the law found before if only the share has changed since."""
+        share = ELASTIC_SHARES[self.stage]
+        degree = LOW_DEGREE if self.stage < 2 else self.high_degree
+        if self.last_law is not None:
+            problem = self.last_law.program.problem
+            if problem.task is self.next_task and problem.degree == degree:
+                self.last_law = adapt_found_law(self.next_task, self.points, self.last_law, share=share)
+                return self.last_law
+        self.last_law = find_law(
+            self.next_task, self.points, deflections=self.deflections, share=share, degree=degree
+        )
+        return self.last_law
+
+    def _improves(self, cost: float) -> bool:
+        """Whether a cost is below that of the best motion by more than the error of peaks."""
+        assert self.best_motion is not None
+        return cost < (1.0 - PEAK_TORQUE_MISMATCH) * _cost(self.task, self.best_motion)
+
+    def _choose_smoother(self, failure: NoAnswer) -> None:
+        """Go on to the next stage; raise the failure if no smoother law can help, or no stage is left."""
+        if isinstance(failure, SearchEnded | SpringsTooSoft):
+            raise failure
+        self.first_failure = self.first_failure or failure
+        self.stage += 1
+        if self.stage == 2 and self.last_law is None:  # no series twice: one is fitted to splines
+            self.high_degree = self.first_failure = None
+        if self.stage == len(ELASTIC_SHARES):
+            raise self.first_failure or failure from None
+        if self.next_task.specification.smoothness < HIGHEST_SMOOTHNESS:
+            smoother = replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS)
+            self.next_task = self.next_task._replace(specification=smoother)
+
+    def _prepare_next(self, motion: OptimalMotion, excess: float) -> None:
+        """Take over the deflections of a motion, and limits scaled by its excess.
+
+        A motion of least time is at a limit: limits follow its excess up and down.
+        """
+        if self.deflections is None and excess > 1.0:  # a smoother law shakes the springs less
+            self.stage = max(self.stage, 1)
+        if self.deflections is not None and (excess > 1.0 or self.task.specification.goal == "time"):
+            scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
+            self.next_task = self.next_task._replace(specification=scaled)
+        self.deflections = DeflectionsOnPath(motion.law, motion.dynamics.deflections)
+        self.last_law = None
+        self.points = find_crossing_points(self.task, self.deflections, self.points)
 
 
 def _cost(task: Task, motion: OptimalMotion) -> float:
-    """Return what the goal counts, of a certified motion."""
-    goal, reference = task.specification.goal, motion.best.reference
+    """Return the cost of a certified motion by the goal of the task.
+
+    The duration [s], the peak torque over the reference, or the integral of (torque / reference)^2 [s].
+    """
+    goal = task.specification.goal
+    reference = motion.best.reference
     if goal == "time":
         return motion.dynamics.duration
     if goal == "peak_torque":
@@ -182,15 +235,9 @@ def _cost(task: Task, motion: OptimalMotion) -> float:
     return float(np.trapezoid(((motion.dynamics.torque(t) / reference) ** 2).sum(axis=1), t))
 
 
-def _resolved(
-    task: Task, law: OptimalLaw, before: KnownDeflections | None
-) -> tuple[InverseDynamics, OptimalLaw, KnownDeflections | None]:
-    """Certify the motion of this law, or of the nearest one that lets an elastic robot through."""
-    known = None
-    robot = task.branch.robot
-    if robot.n_e and task.geometry == "deformed" and robot.n_a == robot.n:
-        law, known = in_balance(task, law, before)
-    dynamics = resolve(
+def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
+    """Compute and certify the torques of a law, with deflections that are in balance if known."""
+    return resolve(
         task.to_cross.searched,
         lambda *_: law,
         geometry=task.geometry,
@@ -198,7 +245,6 @@ def _resolved(
         friction=task.request.friction,
         known=known,
     )
-    return dynamics, law, known
 
 
 def _peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from framework.tolerances import NO_HOLD
 
 
 class Task(NamedTuple):
-    """The crossing points of a law, its request, and the goal and limits that it is optimised for."""
+    """The crossing points of a law, its request, and the goal and limits of its optimisation."""
 
     to_cross: PathToCross
     request: Request
@@ -34,7 +34,7 @@ class Task(NamedTuple):
 
     @property
     def speeds(self) -> Sequence[float] | None:
-        """s' at each target [1/s], if asked."""
+        """s' at each target [1/s], if the request has them."""
         return self.request.speeds
 
     @property
@@ -58,100 +58,111 @@ class Task(NamedTuple):
 
 
 def other_law(task: Task) -> str:
-    """Return the advice to take the polynomial, where it was not tried before."""
+    """Return the words that advise the polynomial law; empty where that was tried already."""
     return "law polynomial or " if task.request.kind == "optimal" else ""
 
 
-def crossing_places(
-    task: Task, deflections: Deflections | None, before: Sequence[CrossingPoint] | None
+def find_crossing_points(
+    task: Task, deflections: Deflections | None, previous: Sequence[CrossingPoint] | None
 ) -> list[CrossingPoint]:
-    """Find the crossing points of the robot with these deflections; `before` are points near them."""
-    places = []
+    """Find the crossing points of the deflected robot.
+
+    Args:
+        previous: the crossing points at other deflections, from which the search begins.
+    """
+    points = []
     for k, target in enumerate(task.targets):
         if not isinstance(target, SingularPoint):
-            places.append(target)
+            points.append(target)
             continue
-        near = target.s if before is None else before[k].s
+        guess = target.s if previous is None else previous[k].s
         deflection = None
         if deflections is not None and task.geometry == "deformed":
-            start = deflections(task.phi.inverse(np.array([near])))[0]
-            deflection = Deflection(start, 0 * start, 0 * start)
-        places.append(crossing_point(task.branch, target, deflection, near))
-    return places
+            q_e = deflections(task.phi.inverse(np.array([guess])))[0]
+            deflection = Deflection(q_e, 0 * q_e, 0 * q_e)
+        points.append(crossing_point(task.branch, target, deflection, guess))
+    return points
 
 
 def conditions_at(
     task: Task,
-    places: Sequence[CrossingPoint],
+    points: Sequence[CrossingPoint],
     deflections: Deflections | None,
-    before: SquaredSpeed | None = None,
+    z0: SquaredSpeed | None = None,
 ) -> tuple[Array, Array]:
-    """Return the conditions on a law: sigma (k,) and rows (k, 4) of constant, per z, per u, per sqrt(z).
+    """Return the conditions on a law: sigma (k,) and rows (k, 4) per (1, z, u, u').
 
-    They are condition (8) at each place, and the given speeds, z phi'^2 = speed^2.
+    They are condition (8) at each point, and the required speeds, z phi'^2 = speed^2.
 
     Args:
-        before: the law about which viscous damping is linearised.
+        z0: the squared speed about which viscous damping is linearised.
     """
-    carrying = deflections if task.geometry == "deformed" else None
-    stacks = [crossing_rows(task.branch, task.phi, place, carrying, before) for place in places]
-    sigmas = [sigma for sigma, rows in stacks for _ in rows]
-    conditions = [row for _, rows in stacks for row in rows]
-    for place, speed in zip(places, task.speeds or (), strict=bool(task.speeds)):
-        sigma = float(task.phi.inverse(place.s))
+    acting_deflections = deflections if task.geometry == "deformed" else None
+    sigmas = list[float]()
+    rows = list[Array]()
+    for point in points:
+        conditions = crossing_rows(task.branch, task.phi, point, acting_deflections, z0)
+        rows += list(conditions.rows)
+        sigmas += [conditions.sigma] * len(conditions.rows)
+    for point, speed in zip(points, task.speeds or (), strict=bool(task.speeds)):
+        sigma = float(task.phi.inverse(point.s))
+        rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
         sigmas.append(sigma)
-        conditions.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
-    return np.array(sigmas), np.array(conditions).reshape(-1, 4)
+    return np.array(sigmas), np.array(rows).reshape(-1, 4)
 
 
-def check_speeds(task: Task, places: Sequence[CrossingPoint]) -> None:
-    """Raise NoLaw where no speed meets what the conditions at a place leave to it.
+def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
+    """Raise NoLaw where no speed meets the conditions at a crossing point.
 
     One condition leaves beta s'^2 + gamma = 0 where the path is orthogonal to t_s; two determine s'^2 and s".
     With damping, which adds delta s', the cone program tells.
     """
     if task.branch.robot.is_damped:
         return
-    for place in places:
-        rows = crossing_rows(task.branch, task.phi, place, None)[1]
+    for point in points:
+        rows = crossing_rows(task.branch, task.phi, point, None).rows
+        if point.corank > 1:
+            _check_common_speed(task, point, rows)
+            continue
         constant, per_z, per_u, _ = rows[0]
-        if place.corank > 1:
-            _check_common_speed(task, place, rows)
-        elif per_u == 0.0 and (per_z != 0.0 or constant != 0.0) and not -constant * per_z > 0.0:
-            why = (
-                "both pull the same way"
-                if constant * per_z > 0.0
-                else "one of them is zero and the other not"
-            )
+        is_orthogonal = per_u == 0.0 and (per_z != 0.0 or constant != 0.0)
+        if is_orthogonal and not -constant * per_z > 0.0:
+            why = "one of them is zero and the other not"
+            if constant * per_z > 0.0:
+                why = "both pull the same way"
             raise NoLaw(
-                f"{task.branch.robot.name}: at s = {place.s:.6g} the path runs orthogonal to t_s: condition "
+                f"{task.branch.robot.name}: at s = {point.s:.6g} the path runs orthogonal to t_s: condition "
                 f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})",
-                proof=UnmetCondition(place.s, *coefficients_at(task.branch, place, None)[:3], stop=False),
+                proof=UnmetCondition(point.s, *coefficients_at(task.branch, point, None)[:3], stop=False),
             )
 
 
-def _check_common_speed(task: Task, place: CrossingPoint, rows: Array) -> None:
-    """Raise UncontrolledMotions unless an s'^2 > 0 and an s" meet all conditions (8) at a place."""
+def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
+    """Raise UncontrolledMotions unless an s'^2 > 0 and an s" meet all conditions (8) at a point.
+
+    The rows (k, 4) ask for [per_z per_u] (z, u) = -constant. With [per_z per_u] = U diag(S) V' the solution
+    of least norm is V S^-1 U' (-constant), and there is one if the rest of U' (-constant) is zero.
+    """
     size = np.abs(rows).max()
-    left, values, right = np.linalg.svd(rows[:, 1:3])
-    rank = int(np.sum(values > NO_HOLD * size))
-    required = -left.T @ rows[:, 0]
-    solution = right[:rank].T @ (required[:rank] / values[:rank])
-    met = np.abs(required[rank:]).max(initial=0.0) <= NO_HOLD * size
-    if not met or (rank == 2 and not solution[0] > 0.0):
+    U, S, V_rows = np.linalg.svd(rows[:, 1:3])
+    rank = int(np.sum(NO_HOLD * size < S))
+    required = -U.T @ rows[:, 0]
+    z_and_u = V_rows[:rank].T @ (required[:rank] / S[:rank])
+    is_solvable = np.abs(required[rank:]).max(initial=0.0) <= NO_HOLD * size
+    if not is_solvable or (rank == 2 and not z_and_u[0] > 0.0):
         raise escape_error(
             task.branch.robot,
-            place.s,
-            task.branch.path(place.s),
-            place.corank,
+            point.s,
+            task.branch.path(point.s),
+            point.corank,
             "no s' and s\" meet the condition (8) of each; cross in another direction",
         )
 
 
 def check_unfolded(task: Task) -> None:
-    """Raise NoLaw where small deflections would change what the path meets: two crossings, or none.
+    """Raise NoLaw where small deflections would turn one meeting with the locus into two crossings or none.
 
-    Where the path only touches the locus, or several motions escape at once, that is so.
+    That is so where the path only touches the locus, and where several motions escape at once.
     """
     if not task.branch.robot.n_e or task.geometry == "rigid":
         return

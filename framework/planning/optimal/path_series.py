@@ -50,10 +50,12 @@ def uniform_cells(task: Task, count: int) -> Array:
     Knots of the path and of wrenches are edges. The cell about a crossing reaches a third of the way to the
     next edge or crossing.
     """
-    branch, phi = task.branch, Smoothstep(END_ORDER)
+    branch = task.branch
+    phi = Smoothstep(END_ORDER)
     crossings = _crossings(task)
     stretch = Stretch(tuple(map(float, phi.inverse(crossings))))
-    edges = np.clip(phi(stretch.inverse(np.linspace(-1.0, 1.0, count + 1))), 0.0, 1.0)
+    xi = np.linspace(-1.0, 1.0, count + 1)
+    edges = np.clip(phi(stretch.inverse(xi)), 0.0, 1.0)
     edges = np.unique(np.concatenate([edges, branch.path.knots, branch.wrenches.knots]))
     for s in crossings:
         edges = edges[np.abs(edges - s) > LEAST_WIDTH]
@@ -68,15 +70,21 @@ def cut_cells(task: Task, edges: Array, parts: IntArray) -> Array:
 
     Then no edge is on a crossing, which stays in the middle of a cell.
     """
-    crossings = _crossings(task)
-    has_crossing = ((edges[:-1, None] < crossings) & (crossings < edges[1:, None])).any(axis=1)
+    has_crossing = cells_about(edges, _crossings(task))
     parts = parts + (has_crossing & (parts % 2 == 0))
     width = np.repeat(np.diff(edges) / parts, parts)
-    number_in_cell = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    first_part = np.cumsum(parts) - parts  # of each cell
+    number_in_cell = np.arange(parts.sum()) - np.repeat(first_part, parts)
     return np.append(np.repeat(edges[:-1], parts) + number_in_cell * width, edges[-1])
 
 
+def cells_about(edges: Array, points: Array) -> BoolArray:
+    """Return a mask (k,) of the cells between edges (k + 1,) that have a point inside."""
+    return np.asarray(((edges[:-1, None] < points) & (points < edges[1:, None])).any(axis=1))
+
+
 def _crossings(task: Task) -> Array:
+    """Return s of the crossings inside (0, 1)."""
     return np.array([point.s for point in task.to_cross.points if 0.0 < point.s < 1.0])
 
 
@@ -88,44 +96,62 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
         edges: (k + 1,) of s, with all knots.
     """
     for _ in range(MAX_CUTS):
-        series, resolved, reverses = _fit_series(task, reference, edges)
-        to_cut = ~resolved | reverses
+        fit = _fit_series(task, reference, edges)
+        to_cut = ~fit.is_resolved | fit.reverses
         if not to_cut.any():
             break
         edges = cut_cells(task, edges, np.where(to_cut, 2, 1))
-    return series if resolved.all() else None  # a reversal within a narrow cell counts as an error
+    return fit.series if fit.is_resolved.all() else None  # a reversal in a narrow cell counts as an error
 
 
-def _fit_series(task: Task, reference: Array, edges: Array) -> tuple[PathSeries, BoolArray, BoolArray]:
-    """Fit the functions on cells; return masks (k,), too: resolved, and where a rubbing motor reverses."""
-    (constant, per_z, damping, per_u), speed_ratio, friction_error = _sample_cells(task, reference, edges)
-    directions, v = _multiplier_basis(per_u)
-    products = [(v @ torque[..., None])[..., 0] for torque in (constant, per_z, damping)]
-    functions, masks = zip(*(fit_bernstein(values) for values in (v, *products, speed_ratio**2)), strict=True)
+class _Fit(NamedTuple):
+    """The functions on k cells, and the cells on which the fit is poor."""
+
+    series: PathSeries
+    is_resolved: BoolArray  # (k,)
+    reverses: BoolArray  # (k,) a motor with dry friction reverses in the cell
+
+
+def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
+    """Fit the functions v_i, v_i . c, v_i . cz, v_i . d and the squared speeds on cells."""
+    samples = _sample_cells(task, reference, edges)
+    directions, v = _multiplier_basis(samples.per_u)
+    torques = (samples.constant, samples.per_z, samples.damping)
+    products = [(v @ torque[..., None])[..., 0] for torque in torques]  # (k, NODES, m) v_i . torque
+    values = (v, *products, samples.speed_ratio**2)
+    functions, masks = zip(*map(fit_bernstein, values), strict=True)
     series = PathSeries(edges, directions, *functions)
-    error = (np.abs(v).max(axis=1) @ friction_error[..., None])[..., 0]
+    # an error of c changes v_i . c by the largest |v_i| in the cell times that error
+    largest_v = np.abs(v).max(axis=1)  # (k, m, m)
+    error = (largest_v @ samples.friction_error[..., None])[..., 0]
     series = series._replace(constant=series.constant._replace(error=series.constant.error + error))
-    return series, np.asarray(np.all(masks, axis=0)), np.asarray(friction_error.any(axis=1))
+    return _Fit(series, np.asarray(np.all(masks, axis=0)), np.asarray(samples.friction_error.any(axis=1)))
 
 
-def _sample_cells(task: Task, reference: Array, edges: Array) -> tuple[list[Array], Array, Array]:
-    """Sample torques and speeds at the nodes of each cell, of the motors that count.
+class _Samples(NamedTuple):
+    """Torques and speeds at the nodes of k cells, of the m motors whose torques count."""
 
-    Returns:
-        Torques over the reference (k, NODES, m): constant, per z, per sqrt(z) and per u.
-        Speeds per s' over the limits (k, NODES, n) of motors with a limit.
-        The error (k, m) of dry friction in the constant.
-    """
-    specification, motors = task.specification, np.isfinite(reference)
+    constant: Array  # (k, NODES, m) c over the reference, with dry friction
+    per_z: Array  # (k, NODES, m) cz
+    damping: Array  # (k, NODES, m) d
+    per_u: Array  # (k, NODES, m) cu
+    speed_ratio: Array  # (k, NODES, n) speeds per s' over the limits, of the n motors with a limit
+    friction_error: Array  # (k, m) of dry friction in the constant
+
+
+def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
+    """Sample torques and speeds at the nodes of each cell."""
+    specification = task.specification
+    counts = np.isfinite(reference)
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     required = demand(task.branch, Smoothstep(0), s, None, task.geometry)
     friction, friction_error = _mean_friction(required, specification.friction)
     torque = required.torque
     parts = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
-    torques = [_split_by_cell(part / reference)[..., motors] for part in parts]
-    limited = np.isfinite(specification.speed_limit)
-    speed_ratio = _split_by_cell(required.speed / specification.speed_limit)[..., limited]
-    return torques, speed_ratio, (friction_error / reference)[:, motors]
+    constant, per_z, damping, per_u = (_split_by_cell(part / reference)[..., counts] for part in parts)
+    is_limited = np.isfinite(specification.speed_limit)
+    speed_ratio = _split_by_cell(required.speed / specification.speed_limit)[..., is_limited]
+    return _Samples(constant, per_z, damping, per_u, speed_ratio, (friction_error / reference)[:, counts])
 
 
 def _split_by_cell(values: Array) -> Array:
@@ -145,13 +171,14 @@ def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
 
 
 def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Return e (k, m - 1, m) and v (k, NODES, m, m) for torques per u (k, NODES, m).
+    """Compute e (k, m - 1, m) and v (k, NODES, m, m) for torques per u (k, NODES, m).
 
-    The e_i are orthogonal to cu at a node beside the middle of the cell.
+    v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The e_i are orthogonal to cu at a node beside
+    the middle of the cell.
     """
     along = per_u / (per_u**2).sum(axis=2, keepdims=True)  # cu / |cu|^2
     orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # its first column is along cu
     e = orthonormal[:, :, 1:].swapaxes(1, 2)
-    share = per_u @ e.swapaxes(1, 2)  # (k, NODES, m - 1)
-    across = e[:, None] - share[..., None] * along[:, :, None]
+    cosines = per_u @ e.swapaxes(1, 2)  # (k, NODES, m - 1) cu . e_i
+    across = e[:, None] - cosines[..., None] * along[:, :, None]
     return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)

@@ -38,8 +38,8 @@ class PeakBound(ReadOnlyArrays):
     at_rest: the peak that every law has at its ends, where s' = s" = 0; zero where s" need not vanish.
     reference: (n_a,) [N m]; torques of motors where it is infinite do not count.
     edges: (k + 1,) of cells in s, on which the multipliers are constant or polynomials in Bernstein form.
-    p: (k, 3) and across: (k, 3, m) give nu = 2 p cu / |cu|^2 + across less its share along cu, of the torques
-        of the m motors that count, over the reference.
+    p: (k, 3) and across: (k, 3, m) give nu = 2 p cu / |cu|^2 + across - cu (cu . across) / |cu|^2, of the m
+        motors whose torques count, over the reference.
     mu: (k, n) of the n motors with a limit of speed. lam: lambda.
     """
 
@@ -111,11 +111,18 @@ class _Proof(NamedTuple):
 
 
 def _bound_of(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
-    """Return the bound of a proof, nu given by p and its part `across` on the axes of the motors."""
-    series, (x, mu, _, lam) = proof.series, proof.multipliers
-    across = x[..., 1:] @ series.directions
+    """Return the bound of a proof, with p = x_0 and across = sum of x_i e_i, i > 0."""
+    series = proof.series
+    (x, mu, _, lam) = proof.multipliers
     return PeakBound(
-        proof.evidence.value, at_rest, reference, series.edges, p=x[..., 0], across=across, mu=mu, lam=lam
+        proof.evidence.value,
+        at_rest,
+        reference,
+        series.edges,
+        p=x[..., 0],
+        across=x[..., 1:] @ series.directions,
+        mu=mu,
+        lam=lam,
     )
 
 
@@ -125,29 +132,35 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
     Cells are cut where |nu| is large, since its integral is the denominator of the bound, and where the
     factor is not proved to be positive.
     """
-    robot, points = task.branch.robot, task.to_cross.points
-    crossed = all(point.corank == 1 and point.contact != "tangential" for point in points)
-    if robot.n_e or robot.n_a != robot.n or not crossed or not np.isfinite(reference).any():
+    if not _has_bound(task, reference):
         return None
     longest = None if timed else task.specification.max_duration
     best: _Proof | None = None
-    last: _Proof | None = None
+    proof: _Proof | None = None
     edges = uniform_cells(task, FIRST_CELLS)
     for _ in range(MAX_REFINEMENTS):
         series = resolve_series(task, reference, edges)
-        last = series and _solve_program(DualProgram(series, longest, timed), last)
-        if last is None:
+        proof = series and _solve_program(DualProgram(series, longest, timed), proof)
+        if proof is None:
             break
-        if last.complete:
-            gain = np.inf if best is None else last.evidence.value / best.evidence.value - 1.0
-            best = last if best is None or gain > 0.0 else best
+        if proof.complete:
+            gain = np.inf if best is None else proof.evidence.value / best.evidence.value - 1.0
+            best = proof if best is None or gain > 0.0 else best
             if gain < MIN_GAIN:
                 break
-        parts = _choose_parts(last.evidence)
+        parts = _choose_parts(proof.evidence)
         if parts.sum() > MAX_CELLS:
             break
-        edges = cut_cells(task, last.series.edges, parts)
+        edges = cut_cells(task, proof.series.edges, parts)
     return best
+
+
+def _has_bound(task: Task, reference: Array) -> bool:
+    """Whether bounds hold: a rigid robot, as many motors as axes, all crossings transversal and single."""
+    robot = task.branch.robot
+    points = task.to_cross.points
+    are_crossed = all(point.corank == 1 and point.contact != "tangential" for point in points)
+    return not robot.n_e and robot.n_a == robot.n and are_crossed and bool(np.isfinite(reference).any())
 
 
 def _choose_parts(evidence: Evidence) -> IntArray:
@@ -156,8 +169,9 @@ def _choose_parts(evidence: Evidence) -> IntArray:
     A cell is cut for a large share of the integral of |nu|_1, or where the factor is not proved to be
     positive; and into no fewer parts than its neighbours on their own.
     """
-    relative = evidence.shares * len(evidence.shares)  # over the mean
-    parts = 1 + (relative > CUT_SHARES[0]) + 2 * (relative > CUT_SHARES[1])
+    share_over_mean = evidence.shares * len(evidence.shares)
+    halving_share, quartering_share = CUT_SHARES
+    parts = 1 + (share_over_mean > halving_share) + 2 * (share_over_mean > quartering_share)
     parts = np.where(evidence.lacking > 0.0, np.maximum(parts, 2), parts)
     padded = np.pad(parts, 1, constant_values=1)
     return np.maximum(parts, np.maximum(padded[:-2], padded[2:]))
@@ -172,10 +186,10 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
     series = program.series
     margin = 2.0 * program.factor_error
     if previous is not None:
-        middle = 0.5 * (series.edges[1:] + series.edges[:-1])
-        previous_cell = np.searchsorted(previous.series.edges, middle) - 1
-        size = np.abs(previous.multipliers.x).max(axis=1)[previous_cell]
-        margin = margin + ERROR_GROWTH * (size * series.per_z.error).sum(axis=1)
+        middles = 0.5 * (series.edges[1:] + series.edges[:-1])
+        previous_cell = np.searchsorted(previous.series.edges, middles) - 1
+        x_size = np.abs(previous.multipliers.x).max(axis=1)[previous_cell]  # (k, m)
+        margin = margin + ERROR_GROWTH * (x_size * series.per_z.error).sum(axis=1)
     proof = None
     for _ in range(MAX_MARGINS):
         multipliers = program.solve(margin)
@@ -195,6 +209,6 @@ def _peak_at_rest(task: Task, reference: Array) -> float:
     """
     if task.specification.smoothness < 2:
         return 0.0
-    asked = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]), None, task.geometry)
-    torque = asked.torque.constant + asked.friction(task.specification.friction)
+    required = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]), None, task.geometry)
+    torque = required.torque.constant + required.friction(task.specification.friction)
     return float(np.abs(torque / reference).max())

@@ -87,21 +87,21 @@ class AffineInSpeed(NamedTuple):
 
 
 class Demand(NamedTuple):
-    """The torques and speeds asked of the motors at points sigma (M,)."""
+    """The torques and speeds that a path requires of the motors at points sigma (M,)."""
 
     torque: AffineInSpeed  # (M, n_a) [N m], motor side, without damping
     damping: Array  # (M, n_a) [N m s], motor side: over d sigma/dt
     speed: Array  # (M, n_a) [rad], motor side: over d sigma/dt
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt, if dry friction acts on any
 
-    def linearise_damping(self, before: Array | None) -> AffineInSpeed:
-        """Return the torques with damping replaced by its tangent at z (M,) [1/s^2]; without damping at None.
+    def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
+        """Return the torques with damping replaced by its tangent at z0 (M,) [1/s^2]; left out at None.
 
         damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
         """
-        if before is None:
+        if z0 is None:
             return self.torque
-        root = np.sqrt(before)[:, None]
+        root = np.sqrt(z0)[:, None]
         constant = self.torque.constant + 0.5 * self.damping * root
         return AffineInSpeed(constant, self.torque.per_z + 0.5 * self.damping / root, self.torque.per_u)
 
@@ -125,28 +125,34 @@ def demand(
     move the motors.
     """
     robot = branch.robot
-    deflected = _three_motions(branch, phi, sigma, deflections)
-    force_motion = deflected
+    count = len(sigma)
+    motor_motion = _three_motions(branch, phi, sigma, deflections)
+    force_motion = motor_motion
     if geometry == "rigid" and deflections is not None:
         force_motion = _three_motions(branch, phi, sigma, None)
-    at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
 
-    def motor_torques(forces: Array) -> Array:
-        balanced = balanced_forces(robot, force_motion.linearised, forces)
-        return motor_torque(robot, deflected, balanced.joint_torque)
+    def motor_torques(forces: Array) -> AffineInSpeed:
+        """Compute the motors' torques, each (M, n_a), that balance forces (3, M, nv) of the tree."""
+        balanced = balanced_forces(robot, force_motion.linearised, forces.reshape(3 * count, -1))
+        torque = motor_torque(robot, motor_motion, balanced.joint_torque)
+        return AffineInSpeed(*torque.reshape(3, count, -1))
 
-    forces = _linearised_forces(branch, force_motion, (sigma, phi(sigma)), None)
+    forces = _linearised_forces(branch, force_motion, sigma, phi(sigma), None)
     torque = motor_torques(forces)
-    damping = np.zeros_like(torque[at_rest])
+    damping = np.zeros_like(torque.constant)
     if robot.is_damped:
-        forces[at_rest] += robot.joint_damping * force_motion.v[per_z]
-        damping = motor_torques(forces)[at_rest] - torque[at_rest]
-    speed = deflected.v[per_z, robot.actuated] * robot.gear_ratio
-    affine = AffineInSpeed(*torque.reshape(3, len(sigma), -1))
-    return Demand(affine, damping, speed, _direction(branch, phi(sigma), deflected))
+        forces[0] += robot.joint_damping * _rates_per_root_z(force_motion)
+        damping = motor_torques(forces).constant - torque.constant
+    speed = _rates_per_root_z(motor_motion)[:, robot.actuated] * robot.gear_ratio
+    return Demand(torque, damping, speed, _motor_direction(branch, phi(sigma), motor_motion))
 
 
-def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
+def _rates_per_root_z(three: Motion) -> Array:
+    """Return the rates (M, nv) of all joints at z = 1, of the motions of `_three_motions`."""
+    return np.split(three.v, 3)[1]
+
+
+def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
     """Return dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction.
 
     The springs do not move here. Their rates would change a sign only beside a reversal.
@@ -154,100 +160,113 @@ def _direction(branch: Branch, s: Array, three: Motion) -> Array | None:
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
         return None
+    q = three.q[: len(s)]
     x = branch.path(s)
-    closed = ClosedStack(three.q[: len(s)], x, linearised_at(robot, three.q[: len(s)], x))
+    closed = ClosedStack(q, x, linearised_at(robot, q, x))
     motion = motion_at(robot, closed, branch.path(s, 1), 0.0 * x)
     return robot.gear_ratio * motion.v[:, robot.actuated]
 
 
 def _linearised_forces(
-    branch: Branch, motion: Motion, places: tuple[Array, Array], before: SquaredSpeed | None
+    branch: Branch, three: Motion, sigma: Array, s: Array, z0: SquaredSpeed | None
 ) -> Array:
-    """Return forces (3 M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
+    """Compute forces (3, M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
 
-    Weight and wrenches of the world are in the forces at rest. Damping is replaced by its tangent at the
-    squared speed `before`, and left out without one.
+    Weight and wrenches of the world are in the forces at rest. Damping D q' sqrt(z) is replaced by its
+    tangent at the squared speed z0, and left out without one.
 
     Args:
-        places: sigma and s, each (M,).
+        sigma, s: (M,) of the points.
     """
-    robot, (sigma, s) = branch.robot, places
-    at_rest, per_z = slice(len(sigma)), slice(len(sigma), 2 * len(sigma))
-    forces = inertial_forces(robot, motion)
-    wrenches = branch.wrenches.evaluate(robot, motion.linearised.frames.select(at_rest), s)
-    forces[at_rest] = static_forces(robot, motion.q[at_rest], wrenches)
-    if robot.is_damped and before is not None:
-        root = np.sqrt(before(sigma))[:, None]
-        damping = 0.5 * robot.joint_damping * motion.v[per_z]
-        forces[at_rest] += damping * root
-        forces[per_z] += damping / root
+    robot = branch.robot
+    at_rest = slice(len(sigma))
+    forces = inertial_forces(robot, three).reshape(3, len(sigma), -1)
+    wrenches = branch.wrenches.evaluate(robot, three.linearised.frames.select(at_rest), s)
+    forces[0] = static_forces(robot, three.q[at_rest], wrenches)
+    if robot.is_damped and z0 is not None:
+        root = np.sqrt(z0(sigma))[:, None]
+        half_damping = 0.5 * robot.joint_damping * _rates_per_root_z(three)
+        forces[0] += half_damping * root
+        forces[1] += half_damping / root
     return forces
+
+
+class CrossingConditions(NamedTuple):
+    """The conditions at one crossing: each row times (1, z, u, u') has to vanish at sigma."""
+
+    sigma: float
+    rows: Array  # (k, 4)
 
 
 def crossing_rows(
     branch: Branch,
     phi: Smoothstep,
-    place: CrossingPoint,
+    crossing: CrossingPoint,
     deflections: Deflections | None,
-    before: SquaredSpeed | None = None,
-) -> tuple[float, Array]:
-    """Return sigma of a crossing and its conditions, rows (k, 4) on (1, z, u, u').
+    z0: SquaredSpeed | None = None,
+) -> CrossingConditions:
+    """Compute the conditions on a law at a crossing.
 
-    Each row times (1, z, u, u') has to vanish at sigma. A path that crosses the locus, with one uncontrolled
-    motion, has the one condition t_s . W_p = 0 without u'. Several motions have one each, and a touch adds
-    the derivatives along the path. A coefficient is zero if it is no more than rounding of its terms: that of
-    u on a path orthogonal to t_s; all coefficients on a straight path with no weight along t_s.
+    A path that crosses the locus, with one uncontrolled motion, has the one condition t_s . W_p = 0 without
+    u'. Several motions have one each, and a touch adds the derivatives along the path. A coefficient is zero
+    if it is no more than rounding of its terms: that of u on a path orthogonal to t_s; all coefficients on a
+    straight path with no weight along t_s.
+
+    Args:
+        z0: the squared speed about which damping is linearised, if any.
     """
-    sigma, wrench_row = _wrench_row(branch, phi, place, deflections, before)
-    if place.corank == 1 and not place.touches:
-        per_curvature = 0.0  # u' enters at a touch alone
-        return sigma, np.append(wrench_row, per_curvature)[None]
-    return sigma, _rows_about(branch, phi, sigma, place, before)
+    sigma = float(phi.inverse(np.array([crossing.s]))[0])
+    if crossing.corank > 1 or crossing.touches:
+        return CrossingConditions(sigma, _rows_about(branch, phi, sigma, crossing, z0))
+    wrench_row = _wrench_row(branch, phi, crossing, deflections, z0)
+    per_du = 0.0  # u' enters at a touch alone
+    return CrossingConditions(sigma, np.append(wrench_row, per_du)[None])
 
 
 def _rows_about(
-    branch: Branch, phi: Smoothstep, sigma: float, place: CrossingPoint, before: SquaredSpeed | None
+    branch: Branch, phi: Smoothstep, sigma: float, crossing: CrossingPoint, z0: SquaredSpeed | None
 ) -> Array:
-    """Return the conditions (k, 4) of all uncontrolled motions of the rigid robot.
+    """Compute the conditions (k, 4) of all uncontrolled motions of the rigid robot.
 
     At a touch, the derivative of each along the path is one more condition: (c0', cz', cu' + 2 cz, cu) per
     (1, z, u, u'), since z' = 2 u. It is that of a Chebyshev series through points about the crossing. Null
     vectors of the bordered system are smooth there, and so are the conditions.
     """
-    half = min(HALF_WIDTH, sigma, 1.0 - sigma)
-    points = np.append(sigma + half * nodes(NODES), sigma)
-    values, size = _conditions_at_points(branch, phi, points, place.corank, before)
-    rows = np.pad(values[-1], ((0, 0), (0, 1)))
-    if place.corank > 1:
+    half_width = min(HALF_WIDTH, sigma, 1.0 - sigma)
+    points = np.append(sigma + half_width * nodes(NODES), sigma)
+    values, size = _conditions_at_points(branch, phi, points, crossing.corank, z0)
+    rows = np.pad(values[-1], ((0, 0), (0, 1)))  # of (1, z, u, u'): 0 per u'
+    if crossing.corank > 1:
         size = size.max()
         rows = _independent_rows(rows, size)
-    if place.touches:
+    if crossing.touches:
         series = coefficients(values[:-1].reshape(NODES, -1))
-        slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half
+        slopes = evaluate(np.zeros(1), derivative_matrix(NODES) @ series).reshape(-1, 3) / half_width
         slopes[:, 2] += 2.0 * rows[:, 1]
         rows = np.concatenate([rows, np.column_stack([slopes, rows[:, 2]])])
-        size = np.concatenate([size, size / half])
+        size = np.concatenate([size, size / half_width])
     return np.where(np.abs(rows) > CONDITION_ROUNDING * size, rows, 0.0)
 
 
 def _conditions_at_points(
-    branch: Branch, phi: Smoothstep, points: Array, corank: int, before: SquaredSpeed | None
+    branch: Branch, phi: Smoothstep, sigma: Array, corank: int, z0: SquaredSpeed | None
 ) -> tuple[Array, Array]:
-    """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions at rest, per z and per u.
+    """Compute t_s . W_p (M, corank, 3), at rest, per z and per u, of all uncontrolled motions.
 
     Also its scale (corank, 1), against which a value is rounding: the largest sum of sizes of its terms.
 
     Args:
-        points: sigma (M,), the last one that of the singular pose.
+        sigma: (M,), the last one at the singular pose.
     """
-    robot, s = branch.robot, phi(points)
+    robot = branch.robot
+    s = phi(sigma)
     closed = close_loops(robot, branch.path(s), branch.guess(s))
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
-    motion = _three_motions(branch, phi, points, None, closed)
-    forces = _linearised_forces(branch, motion, (points, s), before)
-    terms = forces.reshape(3, len(points), 1, -1) * escaping
+    three = _three_motions(branch, phi, sigma, None, closed)
+    forces = _linearised_forces(branch, three, sigma, s, z0)
+    terms = forces[:, :, None] * escaping  # (3, M, corank, nv)
     sizes = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
     return np.moveaxis(terms.sum(axis=3), 0, 2), sizes
 
@@ -265,35 +284,38 @@ def _independent_rows(rows: Array, size: float) -> Array:
 def _wrench_row(
     branch: Branch,
     phi: Smoothstep,
-    place: CrossingPoint,
+    crossing: CrossingPoint,
     deflections: Deflections | None,
-    before: SquaredSpeed | None,
-) -> tuple[float, Array]:
-    """Return sigma of a crossing, and t_s . W_p at that point as (constant, per z, per u)."""
-    robot, s = branch.robot, np.array([place.s])
-    sigma, q, x = phi.inverse(s), place.q[None], branch.path(s)
+    z0: SquaredSpeed | None,
+) -> Array:
+    """Compute t_s . W_p (3,) at a crossing: constant, per z and per u."""
+    robot = branch.robot
+    s = np.array([crossing.s])
+    sigma = phi.inverse(s)
+    q = crossing.q[None]
+    x = branch.path(s)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    motion = _three_motions(branch, phi, sigma, deflections, closed)
-    terms = _linearised_forces(branch, motion, (sigma, s), before) * place.motion
-    bounds = _bound_wrench_terms(branch, phi, place, float(sigma[0]), motion.v[1])
+    three = _three_motions(branch, phi, sigma, deflections, closed)
+    terms = _linearised_forces(branch, three, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
+    bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(three)[0])
     size = np.maximum(np.abs(terms).sum(axis=1), bounds)
-    return float(sigma[0]), remove_rounding(terms.sum(axis=1), size, 2)
+    return remove_rounding(terms.sum(axis=1), size, 2)
 
 
 def _bound_wrench_terms(
-    branch: Branch, phi: Smoothstep, place: CrossingPoint, sigma: float, rates: Array
+    branch: Branch, phi: Smoothstep, crossing: CrossingPoint, sigma: float, rates: Array
 ) -> Array:
     """Bound the terms of t_s . W_p (3,), constant, per z and per u, as `bounds_of_terms` does.
 
-    With s'^2 = phi'^2 z and s" = phi' u + phi" z.
+    gamma + beta s'^2 + alpha s" with s'^2 = phi'^2 z and s" = phi' u + phi" z.
 
     Args:
         rates: of the joints (nv,) at z = 1.
     """
-    slope, bend = (float(phi(np.array([sigma]), order)[0]) for order in (1, 2))
-    rate = float(np.abs(rates / branch.robot.column_scale).max()) / slope
-    alpha, beta, gamma, _ = bounds_of_terms(branch, place, rate)
-    return np.array([gamma, slope**2 * beta + abs(bend) * alpha, slope * alpha])
+    dphi, ddphi = (float(phi(np.array([sigma]), order)[0]) for order in (1, 2))
+    rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi
+    alpha, beta, gamma, _ = bounds_of_terms(branch, crossing, rate)
+    return np.array([gamma, dphi**2 * beta + abs(ddphi) * alpha, dphi * alpha])
 
 
 def _three_motions(
@@ -303,27 +325,39 @@ def _three_motions(
     deflections: Deflections | None,
     closed: ClosedStack | None = None,
 ) -> Motion:
-    """Return all coordinates at points sigma (M,) for (z, u) = (0, 0), (1, 0), (0, 1), stacked (3 M,).
+    """Compute the motions (3 M,) of all joints for (z, u) = (0, 0), (1, 0) and (0, 1), stacked.
 
-    dx/dt = x' phi' z^(1/2) and d2x/dt2 = x' (phi' u + phi" z) + x" phi'^2 z.
+    The platform's derivatives in sigma are x' phi' and x' phi" + x" phi'^2, with those of x in s.
     """
-    robot, s = branch.robot, phi(sigma)
+    robot = branch.robot
+    s = phi(sigma)
     if closed is None:
-        guess = branch.guess(s)
-        if deflections is not None:
-            step = np.zeros((len(sigma), robot.model.nv))
-            step[:, robot.elastic] = deflections(sigma)
-            guess = integrate(robot, guess, step)
-        closed = close_loops(robot, branch.path(s), guess)
-    q, x = (np.tile(values, (3, 1)) for values in (closed.q, closed.x))
-    z, u = (np.repeat(values, len(sigma))[:, None] for values in ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
-    ds, dds = (np.tile(phi(sigma, order), 3)[:, None] for order in (1, 2))  # in sigma
-    slope, bend = (np.tile(branch.path(s, order), (3, 1)) for order in (1, 2))  # in s
-    rates: tuple[Array, ...] = ()
+        closed = _close_deflected(branch, sigma, s, deflections)
+    dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
+    dx, ddx = (branch.path(s, order) for order in (1, 2))
+    rates = _three_rates(dx * dphi, dx * ddphi + ddx * dphi**2)
     if deflections is not None and robot.n_e:
-        first, second = (np.tile(deflections(sigma, order), (3, 1)) for order in (1, 2))
-        rates = (first * np.sqrt(z), second * z + first * u)
-    stacked = ClosedStack(q, x, linearised_at(robot, q, x))
-    return motion_at(
-        robot, stacked, slope * ds * np.sqrt(z), slope * (ds * u + dds * z) + bend * ds**2 * z, *rates
-    )
+        rates += _three_rates(deflections(sigma, 1), deflections(sigma, 2))
+    q = np.tile(closed.q, (3, 1))
+    x = np.tile(closed.x, (3, 1))
+    return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), *rates)
+
+
+def _close_deflected(branch: Branch, sigma: Array, s: Array, deflections: Deflections | None) -> ClosedStack:
+    """Close the loops of the deflected robot at sigma and s (M,), from the poses of the branch."""
+    robot = branch.robot
+    guess = branch.guess(s)
+    if deflections is not None:
+        step = np.zeros((len(sigma), robot.model.nv))
+        step[:, robot.elastic] = deflections(sigma)
+        guess = integrate(robot, guess, step)
+    return close_loops(robot, branch.path(s), guess)
+
+
+def _three_rates(first: Array, second: Array) -> tuple[Array, ...]:
+    """Return rates and accelerations (3 M, k) for the three (z, u) of `_three_motions`.
+
+    With y' and y" (M, k) in sigma, dy/dt = y' z^(1/2) and d2y/dt2 = y" z + y' u.
+    """
+    zero = np.zeros_like(first)
+    return np.concatenate([zero, first, zero]), np.concatenate([zero, second, first])

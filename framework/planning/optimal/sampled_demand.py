@@ -37,12 +37,19 @@ class SampledDemand(NamedTuple):
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
         """Compute the demand at sigma (M,), with s'^2 = phi'^2 z and s" = phi' u + phi" z."""
-        s, ds, dds = phi(sigma), phi(sigma, 1)[:, None], phi(sigma, 2)[:, None]
-        away = (s[:, None] - self.poles).prod(axis=1)[:, None]
+        s = phi(sigma)
+        dphi = phi(sigma, 1)[:, None]
+        ddphi = phi(sigma, 2)[:, None]
+        pole_product = _pole_product(s, self.poles)
         *torques, speed = np.split(self.series(s), 5, axis=1)
-        constant, per_z, per_u, damping = (torque / away for torque in torques)
-        affine = AffineInSpeed(constant, per_z * ds**2 + per_u * dds, per_u * ds)
-        return Demand(affine, damping * ds, speed * ds, speed if self.rubs else None)
+        constant, per_z, per_u, damping = (torque / pole_product for torque in torques)
+        affine = AffineInSpeed(constant, per_z * dphi**2 + per_u * ddphi, per_u * dphi)
+        return Demand(affine, damping * dphi, speed * dphi, speed if self.rubs else None)
+
+
+def _pole_product(s: Array, poles: Array) -> Array:
+    """Compute the product (T, 1) of s - pole over all poles at s (T,)."""
+    return (s[:, None] - poles).prod(axis=1)[:, None]
 
 
 def sample_demand(task: Task) -> SampledDemand | None:
@@ -61,26 +68,28 @@ def sample_demand(task: Task) -> SampledDemand | None:
     edges = uniform_cells(task, FIRST_CELLS)
     while len(edges) <= MAX_CELLS:
         grid = TimeGrid(edges, NODES)
-        asked = demand(task.branch, Smoothstep(0), grid.times, None, task.geometry)
-        away = (grid.times[:, None] - poles).prod(axis=1)[:, None]
-        torques = [part * away for part in (*asked.torque, asked.damping)]
-        series = grid.fit(np.concatenate([*torques, asked.speed], axis=1))
-        unresolved = _find_unresolved(series, task.branch.robot.n_a)
-        if not unresolved.any():
-            return SampledDemand(poles, series, asked.direction is not None)
-        edges = cut_cells(task, edges, np.where(unresolved, 2, 1))
+        required = demand(task.branch, Smoothstep(0), grid.times, None, task.geometry)
+        pole_product = _pole_product(grid.times, poles)
+        torques = [part * pole_product for part in (*required.torque, required.damping)]
+        series = grid.fit(np.concatenate([*torques, required.speed], axis=1))
+        is_unresolved = _find_unresolved(series, task.branch.robot.n_a)
+        if not is_unresolved.any():
+            return SampledDemand(poles, series, required.direction is not None)
+        edges = cut_cells(task, edges, np.where(is_unresolved, 2, 1))
     return None
 
 
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
-    """Return a mask (P,) of the panels with large last coefficients of any quantity, or values not finite.
+    """Return a mask (P,) of the panels on which any of the five quantities is not resolved, or not finite.
 
-    Torques per s'^2 and per s" have one unit and one size: either may be rounding of the other.
+    Resolved means: the last two coefficients are small against the largest, over all motors. Torques per s'^2
+    and per s" have one unit and one size: either may be rounding of the other.
     """
     panels, size, _ = series.coefficients.shape
-    by_quantity = np.abs(series.coefficients).reshape(panels, size, -1, motors).max(axis=3)
-    at_rest, per_z, per_u, *others = np.moveaxis(by_quantity, 2, 0)
-    sizes = np.stack([at_rest, np.maximum(per_z, per_u), *others], axis=2)  # (P, coefficients, quantities)
-    tail, largest = sizes[:, -2:].max(axis=1), sizes.max(axis=1)
+    by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)
+    at_rest, per_z, per_u, damping, speed = np.moveaxis(by_quantity, 2, 0)
+    sizes = np.stack([at_rest, np.maximum(per_z, per_u), damping, speed], axis=2)
+    tail = sizes[:, -2:].max(axis=1)
+    largest = sizes.max(axis=1)
     resolved = tail <= SERIES_TAIL * largest  # not a number compares false
     return np.asarray(~resolved.all(axis=1))

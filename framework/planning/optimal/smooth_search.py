@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -27,7 +27,7 @@ MIN_ENERGY_GAIN = 1e-3
 MAX_INNER_COST = 0.9  # of holding the robot inside its path, over that at an end, where a law may wait
 # in sigma, of stretches where a law may wait; the second where the first has no law
 WAITING_WIDTHS = (0.15, 0.05)
-BETWEEN = np.arange(1, 6) / 6  # places between two points, where a limit that is nearly reached is looked at
+BETWEEN = np.arange(1, 6) / 6  # of the way from a point to the next, where limits are checked
 NEARLY_REACHED = 0.98  # of what is allowed
 
 
@@ -53,19 +53,21 @@ class SmoothSearch(NamedTuple):
     @property
     def bounds(self) -> Bounds:
         """The limits, and the least cost with the share that smoothness may take."""
-        specification, cost_share = self.program.problem.specification, 1.0 + self.share
+        specification = self.program.problem.specification
+        cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
         longest = specification.max_duration
         if self.goal == "time":
-            return Bounds(min(cost_share * self.least.value, longest or np.inf), share=limit_share)
+            return Bounds(min(cost_factor * self.least.value, longest or np.inf), share=limit_share)
         if longest is None:
             longest = self.pace
         else:
             longest = min(longest * (1.0 - SAME_DURATION), self.pace or np.inf)
         if self.goal == "energy":
-            return Bounds(longest, energy=cost_share * self.least.energy, share=limit_share)
-        within_limits = specification.limited and self.least.peak <= 1.0
-        largest_peak = min(cost_share * self.least.peak, 1.0 if within_limits else np.inf)
+            return Bounds(longest, energy=cost_factor * self.least.energy, share=limit_share)
+        largest_peak = cost_factor * self.least.peak
+        if specification.limited and self.least.peak <= 1.0:
+            largest_peak = min(largest_peak, 1.0)
         return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
 
     def limit_duration(self) -> SmoothSearch:
@@ -78,48 +80,48 @@ class SmoothSearch(NamedTuple):
         pace = min(self.program.problem.specification.max_duration or np.inf, 2.0 * quick.duration)
         return self._replace(pace=pace, units=self.units._replace(time=pace))
 
-    def find_smoothest(self, near: Speed | None = None) -> Speed | NoneFound:
-        """Find the smoothest law within the bounds, its floor at most that of the law `near`."""
-        return self._solve_above_floor(self.bounds, near=near)[0]
+    def find_smoothest(self, similar: Speed | None = None) -> Speed | NoneFound:
+        """Find the smoothest law within the bounds, its floor at most ten times that of a similar law."""
+        return self._solve_above_floor(self.bounds, similar=similar)[0]
 
-    def find_lasting(self, duration: float, near: Speed | None = None) -> Speed | NoneFound:
+    def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
 
         If the smoothest law is too quick, a law of this duration is improved by the tangent of T(z): once if
-        one is given, else twice, from a blend with a slow law.
+        a similar law is given, else twice, from a blend with a slow law.
 
         Args:
-            near: a law of this duration, if one is known.
+            similar: a law of this duration, if one is known.
         """
         if self.goal == "energy":
-            return self._find_least_energy(duration, near)
-        smooth, floor = self._solve_above_floor(self.bounds, near=near)
+            return self._find_least_energy(duration, similar)
+        smooth, floor = self._solve_above_floor(self.bounds, similar=similar)
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
-        free = self.bounds._replace(longest=None)
-        if near is not None:
-            return self._improve("bend", near, smooth, free, floor)
-        slow = self._find_slow(duration, free, floor)
+        bounds = self.bounds._replace(longest=None)
+        if similar is not None:
+            return self._improve("curvature", similar, smooth, bounds, floor)
+        slow = self._find_slow(duration, bounds, floor)
         if isinstance(slow, NoneFound):
             return slow
-        law = self._improve("bend", self._blend(smooth, slow, duration), smooth, free, floor)
-        return self._improve("bend", law, smooth, free, floor)
+        law = self._improve("curvature", self._blend(smooth, slow, duration), smooth, bounds, floor)
+        return self._improve("curvature", law, smooth, bounds, floor)
 
     def _solve_above_floor(
-        self, bounds: Bounds, goal: str = "bend", near: Speed | None = None
+        self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
         """Solve with the highest floor under z that has a solution; return the law and the floor [1/s^2].
 
-        Floors far above that of a law `near` are not tried: they had no solution.
+        Floors more than ten times that of a similar law are not tried: they had no solution.
         """
         assert bounds.longest is not None
         status = ""
-        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2
-        if near is not None and near.floor > 0.0:
-            floors = floors[floors <= 10.0 * near.floor]
-        for floor in floors:  # the highest first
+        floors = np.array(SQUARED_SPEED_FLOORS) / bounds.longest**2  # the highest first
+        if similar is not None and similar.floor > 0.0:
+            floors = floors[floors <= 10.0 * similar.floor]
+        for floor in floors:
             law = self.program.minimise(goal, bounds, self.units, floor=floor)
-            if isinstance(law, Speed) and np.isfinite(law.duration):
+            if _lasts(law, 0.0):
                 return law, floor
             status = law.status if isinstance(law, Unsolved) else "z is not positive"
         return NoneFound(self.program, status), 0.0
@@ -132,25 +134,34 @@ class SmoothSearch(NamedTuple):
         return blend._replace(floor=min(quick.floor, slow.floor))
 
     def _find_slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes at least a duration [s]: smooth and waiting at its ends, or else any.
-
-        Any: z is made small by weights z^(-3/2) of the last law, to which the change of T is proportional.
-        """
-        sigma = self._places
+        """Find a law that takes at least a duration [s]: a smooth one that waits at its ends, else any."""
+        sigma = self._positive_sigma
         for width in WAITING_WIDTHS:
             cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
-            slow = self.program.minimise("bend", bounds, self.units, floor=floor, cap=cap)
-            if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+            slow = self.program.minimise("curvature", bounds, self.units, floor=floor, cap=cap)
+            if _lasts(slow, duration):
                 return slow
+        return self._slow_down(duration, bounds, floor)
+
+    def _slow_down(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
+        """Find a law that takes at least a duration [s], by least integrals of weights times z.
+
+        The weights are z^(-3/2) of the last law, to which the change of T = integral of z^(-1/2) is
+        proportional.
+        """
         weights = np.ones(self.program.z.shape[0])
         for _ in range(MAX_SLOW_STEPS):
             slow = self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights)
+            if _lasts(slow, duration):
+                return slow
             if isinstance(slow, Unsolved):
                 return NoneFound(self.program, slow.status)
-            if duration <= slow.duration < np.inf:
-                return slow
             z = self.program.z @ slow.y
             weights = (z / z.max()) ** -1.5
+        return self._none_lasts(duration)
+
+    def _none_lasts(self, duration: float) -> NoneFound:
+        """Return the result that no law takes so long."""
         return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
 
     def _improve(self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float) -> Speed:
@@ -159,40 +170,41 @@ class SmoothSearch(NamedTuple):
         Where the program has no solution, or one that is too quick all the same, the law itself is returned.
         """
         duration = law.duration
-        bounded = bounds._replace(longest=4.0 * duration)
-        slow = self.program.minimise(goal, bounded, self.units, floor=floor, about=(law.y, duration))
-        if isinstance(slow, Unsolved) or not duration * (1.0 - BLENDED_DURATION) <= slow.duration < np.inf:
-            return law
-        return self._blend(quick, slow, duration)
+        bounds = bounds._replace(longest=4.0 * duration)
+        slow = self.program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, duration))
+        if _lasts(slow, duration * (1.0 - BLENDED_DURATION)):
+            return self._blend(quick, slow, duration)
+        return law
 
     # -------------------------------------------------------------- energy at a duration
 
-    def _find_least_energy(self, duration: float, near: Speed | None) -> Speed | NoneFound:
+    def _find_least_energy(self, duration: float, similar: Speed | None) -> Speed | NoneFound:
         """Find a law of little energy that takes a duration [s], then a smooth one of hardly more.
 
         The law of least energy may be quicker than the duration. Then the best of several laws of the
         duration is improved. Last, the smoothest law within a share of that energy is slowed to the duration.
 
         Args:
-            near: a law of this duration, in place of these.
+            similar: a law of this duration, in place of the several.
         """
         limits = Bounds(share=self.bounds.share)
-        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", near)
+        quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", similar)
         if isinstance(quick, NoneFound):
             return quick
-        law = near or quick
-        if law.duration < duration * (1.0 - SAME_DURATION):
+        law = similar or quick
+        least_duration = duration * (1.0 - SAME_DURATION)
+        if law.duration < least_duration:
             starts = list(self._find_starts(quick, duration, floor))
             if not starts:
-                return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
+                return self._none_lasts(duration)
             law = self._descend(min(starts, key=_energy_of), quick, floor)
         bounds = limits._replace(energy=(1.0 + self.share) * law.energy)
-        smooth = self.program.minimise("bend", bounds._replace(longest=duration), self.units, floor=floor)
-        if isinstance(smooth, Speed) and np.isfinite(smooth.duration):
-            if smooth.duration >= duration * (1.0 - SAME_DURATION):
-                return smooth
-            quick = smooth
-        return self._improve("bend", law, quick, bounds, floor)
+        smooth = self.program.minimise(
+            "curvature", bounds._replace(longest=duration), self.units, floor=floor
+        )
+        if _lasts(smooth, least_duration):
+            return smooth
+        return self._improve("curvature", law, smooth if _lasts(smooth, 0.0) else quick, bounds, floor)
 
     def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
         """Lower the energy of a law step by step, as long as that pays.
@@ -211,14 +223,13 @@ class SmoothSearch(NamedTuple):
 
     def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
         """Find laws of a duration [s] that wait where holding is cheap, and the law of least peak."""
+        limits = Bounds(share=self.bounds.share)
         for width in WAITING_WIDTHS:
             laws = []
             for waiting in self._choose_waits(width):
                 cap = _cap_speed(waiting, width, duration, floor)
-                slow = self.program.minimise(
-                    "energy", Bounds(share=self.bounds.share), self.units, floor=floor, cap=cap
-                )
-                if isinstance(slow, Speed) and duration <= slow.duration < np.inf:
+                slow = self.program.minimise("energy", limits, self.units, floor=floor, cap=cap)
+                if _lasts(slow, duration):
                     laws.append(self._blend(quick, slow, duration))
             yield from laws
             if laws:
@@ -226,13 +237,14 @@ class SmoothSearch(NamedTuple):
         gentle = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
         least = solve_least_cost(gentle)
         if not isinstance(least, NoneFound):
-            law = SmoothSearch(gentle, least.units, least.speed, self.share).find_lasting(duration)
+            search = SmoothSearch(gentle, least.units, least.speed, self.share)
+            law = search.find_lasting(duration)
             if isinstance(law, Speed) and law.duration >= duration * (1.0 - SAME_DURATION):
                 yield law
 
     @property
-    def _places(self) -> Array:
-        """Places sigma (m,) of the rows that keep z positive."""
+    def _positive_sigma(self) -> Array:
+        """The points sigma (m,) of the rows that keep z positive."""
         return self.program.problem.task.stretch.inverse(np.clip(self.program.positive[1], -1.0, 1.0))
 
     def _choose_waits(self, width: float) -> Iterator[BoolArray]:
@@ -240,14 +252,21 @@ class SmoothSearch(NamedTuple):
 
         Holding costs the sum of (torque at rest over the reference)^2. Inside, its local minima count.
         """
-        program, sigma = self.program, self._places
+        program = self.program
+        sigma = self._positive_sigma
         points = program.problem.task.stretch.inverse(program.xi)
-        offsets = np.stack([torque.offset[: len(points)] for torque in program.rows.torque], axis=1)
-        cost = np.interp(sigma, points, ((offsets / program.problem.reference) ** 2).sum(axis=1))
+        torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]
+        ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference
+        cost = np.interp(sigma, points, (ratio**2).sum(axis=1))
         yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
         minima = 1 + np.flatnonzero((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]))
         for k in minima[cost[minima] < MAX_INNER_COST * min(cost[0], cost[-1])]:
             yield np.abs(sigma - sigma[k]) < 0.5 * width
+
+
+def _lasts(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
+    """Whether a law was found that takes at least a duration [s], and not forever."""
+    return isinstance(law, Speed) and duration <= law.duration < np.inf
 
 
 def _cap_speed(waiting: BoolArray, width: float, duration: float, floor: float) -> Array:
@@ -263,21 +282,22 @@ def _energy_of(speed: Speed) -> float:
 
 
 def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
-    """Find places in xi (R,) between the points where a limit or the bound of the peak is exceeded.
+    """Find xi (R,) between the points where a limit or the bound of the peak is exceeded.
 
-    If any is, places where it is nearly reached are added: the next law would exceed it there. Of places side
-    by side only the local maxima are returned.
+    If any is, further ones where a limit is nearly reached are added: the next law would exceed it there. Of
+    neighbouring ones only the local maxima are returned.
     """
-    limit, reference = program.problem.specification.torque_limit, program.problem.reference
+    limit = program.problem.specification.torque_limit
+    reference = program.problem.reference
     peak_bound = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
     allowed = np.minimum(limit, peak_bound)
-    at_points = program.rows.used_share(speed.y, allowed)[: len(program.xi)]
-    gaps = np.flatnonzero(np.maximum(at_points[1:], at_points[:-1]) > NEARLY_REACHED)
-    if not len(gaps):
+    used = program.rows.used_share(speed.y, allowed)[: len(program.xi)]  # at the points
+    intervals = np.flatnonzero(np.maximum(used[1:], used[:-1]) > NEARLY_REACHED)
+    if not len(intervals):
         return np.empty(0)
-    between = (program.xi[gaps, None] + np.diff(program.xi)[gaps, None] * BETWEEN).ravel()
-    on_crossing = np.abs(between[:, None] - program.problem.places).min(axis=1, initial=np.inf) <= SAME_PLACE
-    between = between[~on_crossing]
+    between = (program.xi[intervals, None] + np.diff(program.xi)[intervals, None] * BETWEEN).ravel()
+    distance = np.abs(between[:, None] - program.problem.crossing_xi).min(axis=1, initial=np.inf)
+    between = between[distance > SAME_PLACE]
     rows = motor_rows(program.problem, program.basis, program.conditions, between)
     used = rows.used_share(speed.y, allowed)
     if not used.max(initial=0.0) > 1.0:

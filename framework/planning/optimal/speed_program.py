@@ -13,7 +13,6 @@ Unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl, IEEE TAC 54 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -24,14 +23,23 @@ from scipy import sparse
 
 from framework.laws.exact_duration import SpeedSpace
 from framework.laws.speed_basis import SpeedBasis
-from framework.numerics.arrays import Array, BoolArray, read_only
-from framework.numerics.cone_program import Affine, AffineRows, ConeProgram, Unsolved, solve_cone_program
+from framework.numerics.arrays import Array, read_only
+from framework.numerics.cone_program import (
+    Affine,
+    AffineRows,
+    ConeProgram,
+    Unsolved,
+    product_cone,
+    solve_cone_program,
+)
 from framework.planning.optimal.law_problem import LawProblem, MotorRows, condition_rows, motor_rows
+from framework.planning.optimal.path_series import cells_about
 from framework.tolerances import LIMIT_MARGIN
 
-# of a cell; about crossings and at ends. An even number has no point in the middle, where the pole is
+# Gauss points of a cell, and of a cell about a crossing or at an end. An even number has no point in the
+# middle, where the pole is.
 POINTS, POINTS_ABOUT = 4, 8
-FINE_PARTS, FINE_POINTS = 4, 8  # of a cell, and of each of these, where a duration is integrated
+FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, where a duration is integrated
 MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
 
 
@@ -93,23 +101,18 @@ class SpeedProgram:
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
         """Return the program with points on cells (k + 1,) of xi, each crossing in the middle of one."""
-        basis, places = problem.basis_on(cells), np.unique(problem.places)
-        counts = np.where(_cells_about(cells, places), POINTS_ABOUT, POINTS)
+        basis = problem.basis_on(cells)
+        crossings = np.unique(problem.crossing_xi)
+        counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
-        xi, weight = _gauss_points(cells, counts)
-        weights = weight / problem.task.stretch(problem.sigma(xi), 1)
+        xi, xi_weights = _gauss_points(cells, counts)
+        sigma_weights = xi_weights / problem.task.stretch(problem.sigma(xi), 1)  # d sigma = d xi / xi'
         conditions = condition_rows(problem, basis)
         rows = motor_rows(problem, basis, conditions, xi)
-        # torques at a crossing are 0 / 0: take their limit by the polynomial through the points of its cell
-        first_points = 1 + np.cumsum(counts) - counts  # of each cell; point 0 is the end -1
-        limit_weights = []
-        for place in places:
-            for cell in np.flatnonzero(_cells_about(cells, np.array([place]))):  # one, or none on an edge
-                points = first_points[cell] + np.arange(counts[cell])
-                limit_weights.append(_interpolation(xi, points, place))
+        limit_weights = _weigh_limits(xi, cells, counts, crossings)
         if limit_weights:
             rows = rows.stack(rows.combine(sparse.csr_array(np.array(limit_weights))))
-        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions)
+        return SpeedProgram(problem, basis, cells, xi, sigma_weights, rows, conditions)
 
     @property
     def space(self) -> SpeedSpace:
@@ -119,6 +122,11 @@ class SpeedProgram:
     def _integrated(self) -> slice:
         """The points with a weight: all but the ends."""
         return slice(1, len(self.xi) - 1)
+
+    @property
+    def _inner_weights(self) -> Array:
+        """Weights (P,) of the points with a weight."""
+        return self.weights[self._integrated]
 
     @cached_property
     def z(self) -> Any:
@@ -136,27 +144,32 @@ class SpeedProgram:
         return self.basis.matrix(self.xi), self.xi
 
     @cached_property
-    def bend(self) -> AffineRows:
-        """d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the points, times the root of their weights."""
-        stretch, inside = self.problem.task.stretch, self._integrated
+    def curvature(self) -> AffineRows:
+        """Rows (M - 2, n) whose sum of squares is the integral of (d2z/dsigma2)^2, in a unit of their size.
+
+        d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the points, times the root of their weights.
+        """
+        stretch = self.problem.task.stretch
+        inside = self._integrated
         sigma = self.problem.sigma(self.xi)[inside]
         first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
-        bend = (
+        curvature = (
             sparse.diags_array(stretch(sigma, 1) ** 2) @ second
             + sparse.diags_array(stretch(sigma, 2)) @ first
         )
-        root = np.sqrt(self.weights[inside])
-        return AffineRows({"y": sparse.diags_array(root) @ bend}, np.zeros(len(root)))
+        rows = sparse.diags_array(np.sqrt(self._inner_weights)) @ curvature
+        size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
+        return AffineRows({"y": rows / size}, np.zeros(rows.shape[0]))
 
     @cached_property
     def _fine(self) -> tuple[Any, Array]:
         """Values (F, n) of z and weights (F,) in sigma with which a duration is integrated."""
-        cells = self.cells
         parts = np.linspace(0.0, 1.0, FINE_PARTS + 1)[:-1]
-        edges = np.append((cells[:-1, None] + np.diff(cells)[:, None] * parts).ravel(), 1.0)
-        xi, weight = _gauss_points(edges, np.full(len(edges) - 1, FINE_POINTS))
-        sigma = self.problem.sigma(xi)[1:-1]
-        return self.basis.matrix(xi[1:-1]), weight[1:-1] / self.problem.task.stretch(sigma, 1)
+        starts = (self.cells[:-1, None] + np.diff(self.cells)[:, None] * parts).ravel()
+        xi, xi_weights = _gauss_points(np.append(starts, 1.0), np.full(len(starts), FINE_POINTS))
+        inside = slice(1, -1)  # without the ends of the path, whose weights are zero
+        sigma = self.problem.sigma(xi)[inside]
+        return self.basis.matrix(xi[inside]), xi_weights[inside] / self.problem.task.stretch(sigma, 1)
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with rows at further places xi (R,)."""
@@ -164,17 +177,21 @@ class SpeedProgram:
         return replace(self, rows=self.rows.stack(further))
 
     def speed(self, y: Array, value: float = np.nan) -> Speed:
-        """Compute the costs of coefficients y (n,)."""
-        fine, weights = self._fine
-        z = fine @ y
-        duration = float(weights @ z**-0.5) if z.min() > 0 else np.inf
-        ratio = np.stack([torque(y) for torque in self.rows.torque], axis=1) / self.problem.reference
-        fastest = max((float((rows @ y).max()) for rows in self.rows.squared_speed), default=0.0)
-        slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5
-        power = (ratio[self._integrated] ** 2).sum(axis=1) * slowness
-        energy = float(self.weights[self._integrated] @ power)
-        peak = float(np.abs(ratio).max(initial=0.0))
-        return Speed(y, duration, peak, float(np.sqrt(max(fastest, 0.0))), energy, value)
+        """Compute the costs of coefficients y (n,).
+
+        The duration is the integral of z^(-1/2) over sigma, the energy that of |torque|^2 z^(-1/2).
+        """
+        fine_z, fine_weights = self._fine
+        z = fine_z @ y
+        duration = float(fine_weights @ z**-0.5) if z.min() > 0 else np.inf
+        torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
+        slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
+        power = (torque[self._integrated] ** 2).sum(axis=1) * slowness
+        energy = float(self._inner_weights @ power)
+        peak = float(np.abs(torque).max(initial=0.0))
+        squared_speeds = [float((rows @ y).max()) for rows in self.rows.squared_speed]
+        peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
+        return Speed(y, duration, peak, peak_speed, energy, value)
 
     def meet_conditions(self, y: Array) -> Array:
         """Return the coefficients (n,) nearest to y that meet condition (8) to rounding."""
@@ -199,143 +216,179 @@ class SpeedProgram:
 
         Args:
             goal: "time", "peak_torque", "energy"; "peak_speed" or "limits", the least multiple of the speed
-                limits or of all limits; "bend", the integral of (d2z/dsigma2)^2; "slowness", that of
+                limits or of all limits; "curvature", the integral of (d2z/dsigma2)^2; "slowness", that of
                 `weights` z.
             floor, cap: of the `positive` rows [1/s^2], a number and (m,).
             weights: (P,) at the points with a weight.
             about: y (n,) and a duration [s], which the tangent of T(z) at y must not fall below.
         """
-        scale = units.time**2
         timed = goal == "time" or bounds.longest is not None
         powered = goal == "energy" or bounds.energy is not None
-        count = self.z.shape[0]
-        sizes = {"y": self.basis.size, "peak": 1}
-        sizes |= {"r": count} if timed or powered else {}
-        sizes |= {"v": count} if timed else {}
-        sizes |= {"e": count} if powered else {}
-        equal = [_limit_entries(AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset))]
+        scale = units.time**2  # the unknown y is in units of 1 / time^2
+        conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
         positive = self.positive[0]
         nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
         nonnegative += self._limit_rows(goal, bounds, units)
         if cap is not None:
             capped = np.flatnonzero(np.isfinite(cap))
             nonnegative.append(AffineRows({"y": -positive[capped]}, cap[capped] * scale))
-        if bounds.longest is not None:
-            nonnegative.append(self._integral_bound("v", bounds.longest / units.time))
-        if bounds.energy is not None:
-            nonnegative.append(self._integral_bound("e", bounds.energy / (units.torque**2 * units.time)))
+        nonnegative += self._bound_integrals(bounds, units)
         if about is not None:
             nonnegative.append(self._duration_tangent(*about, units))
-        square = self.bend if goal == "bend" else None
-        if square is not None:  # in the unit of its own size
-            size = np.sqrt(np.mean(np.square(square.parts["y"].data)) * count)
-            square = AffineRows({"y": square.parts["y"] / size}, square.offset)
         program = ConeProgram(
-            sizes,
+            self._sizes(timed=timed, powered=powered),
             self._linear_cost(goal, weights),
-            square,
-            equal,
+            self.curvature if goal == "curvature" else None,
+            [_limit_entries(conditions)],
             nonnegative,
             self._cones(units, timed=timed, powered=powered),
         )
         optimum = solve_cone_program(program)
         if isinstance(optimum, Unsolved):
             return optimum
-        y = self.meet_conditions(optimum.unknowns["y"] / scale)
-        inside = self.weights[self._integrated]
-        value = float(inside @ optimum.unknowns["v"]) * units.time if goal == "time" else np.nan
-        return self.speed(y, value)._replace(floor=floor)
+        y = self.meet_conditions(optimum["y"] / scale)
+        duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
+        return self.speed(y, duration * units.time)._replace(floor=floor)
+
+    def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
+        """Return the numbers of unknowns by name: r, v for a duration and e for an energy at each point."""
+        count = self.z.shape[0]
+        sizes = {"y": self.basis.size, "peak": 1}
+        sizes |= {"r": count} if timed or powered else {}
+        sizes |= {"v": count} if timed else {}
+        sizes |= {"e": count} if powered else {}
+        return sizes
 
     def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
-        """Return the cost of each unknown by a goal; none for "bend", whose cost is quadratic."""
-        inside = self.weights[self._integrated]
+        """Return the cost of each unknown by a goal; none for "curvature", whose cost is quadratic."""
         match goal:
             case "time":
-                return {"v": inside}
+                return {"v": self._inner_weights}
             case "energy":
-                return {"e": inside}
+                return {"e": self._inner_weights}
             case "slowness":
                 assert weights is not None
-                return {"y": (inside * weights) @ self.z}
-            case "bend":
+                return {"y": (self._inner_weights * weights) @ self.z}
+            case "curvature":
                 return {}
         return {"peak": np.ones(1)}
 
-    def _integral_bound(self, name: str, largest: float) -> AffineRows:
-        """Return largest - the integral of an unknown at the points with a weight."""
-        weights = self.weights[self._integrated]
-        return AffineRows({name: sparse.csr_array(-weights[None])}, np.array([largest]))
+    def _bound_integrals(self, bounds: Bounds, units: Units) -> list[AffineRows]:
+        """Return the bounds of duration and energy less the integrals of v and e, rows not negative."""
+        weights = sparse.csr_array(-self._inner_weights[None])
+        rows = []
+        if bounds.longest is not None:
+            rows.append(AffineRows({"v": weights}, np.array([bounds.longest / units.time])))
+        if bounds.energy is not None:
+            unit = units.torque**2 * units.time
+            rows.append(AffineRows({"e": weights}, np.array([bounds.energy / unit])))
+        return rows
 
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
         """Return T_lin(z) - duration, with the tangent T_lin of the duration at the coefficients y.
 
         T = integral of z^(-1/2), so that T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
         """
-        inside = self.weights[self._integrated]
+        weights = self._inner_weights
         z = self.z @ y * units.time**2
-        slope = sparse.csr_array((-0.5 * inside * z**-1.5)[None]) @ self.z
-        return AffineRows({"y": slope}, np.array([1.5 * inside @ z**-0.5 - duration / units.time]))
+        slope = sparse.csr_array((-0.5 * weights * z**-1.5)[None]) @ self.z
+        return AffineRows({"y": slope}, np.array([1.5 * weights @ z**-0.5 - duration / units.time]))
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds as rows that may not be negative.
 
-        A share of a torque limit may be less than what holds the robot at an end, whatever the law. There the
-        holding torque is allowed, up to the limit itself.
+        `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed", and the
+        limited torques and the squared speeds for "limits", as a multiple of their limits.
         """
-        limit, ends = self.problem.specification.torque_limit, [0, len(self.xi) - 1]
-        rows, scale = [], units.time**2
+        rows = list[AffineRows]()
+        scale = units.time**2
         for motor, (matrix, offset) in enumerate(self.rows.torque):
             unit = self.problem.reference[motor] * units.torque
-            largest = np.inf if bounds.peak is None else bounds.peak / units.torque
-            limited = bool(np.isfinite(limit[motor]))
-            if bounds.torque_limits and limited and goal != "limits":
-                holding = min(np.abs(offset[ends]).max(), limit[motor])
-                largest = min(largest, max(bounds.share * limit[motor], holding) / unit)
             torque = AffineRows({"y": matrix / (unit * scale)}, offset / unit)
-            if goal == "peak_torque" or (goal == "limits" and limited):
-                rows += _bound_by_peak(torque, bounds.share if goal == "limits" else 1.0)
+            is_limited = np.isfinite(self.problem.specification.torque_limit[motor])
+            if goal == "peak_torque":
+                rows += _bound_size(torque, peak_share=1.0)
+            elif goal == "limits" and is_limited:
+                rows += _bound_size(torque, peak_share=bounds.share)
+            largest = self._largest_torque(motor, goal, bounds, units)
             if np.isfinite(largest):
                 rows += _bound_size(torque, largest)
         for matrix in self.rows.squared_speed:
-            parts, largest = {"y": -(matrix / scale)}, bounds.share**2
+            parts = {"y": -(matrix / scale)}
+            largest = bounds.share**2
             if goal in ("peak_speed", "limits"):
-                parts, largest = {**parts, "peak": _column(matrix, 1.0)}, 0.0
+                parts["peak"] = _column(matrix, 1.0)
+                largest = 0.0
             rows.append(_limit_entries(AffineRows(parts, np.full(matrix.shape[0], largest))))
         return rows
 
+    def _largest_torque(self, motor: int, goal: str, bounds: Bounds, units: Units) -> float:
+        """Return the largest torque of a motor, over reference and unit; infinite without a bound.
+
+        A share of a torque limit may be less than the torque that holds the robot at an end, whatever the
+        law. Then the holding torque is allowed, up to the limit itself.
+        """
+        largest = np.inf if bounds.peak is None else bounds.peak / units.torque
+        limit = self.problem.specification.torque_limit[motor]
+        if goal == "limits" or not bounds.torque_limits or not np.isfinite(limit):
+            return largest
+        at_ends = self.rows.torque[motor].offset[[0, len(self.xi) - 1]]
+        allowed = max(bounds.share * limit, min(np.abs(at_ends).max(), limit))
+        return min(largest, allowed / (self.problem.reference[motor] * units.torque))
+
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
-        """Return r^2 <= z, v r >= 1 and e r >= |torque|^2 at the points with a weight."""
+        """Return r^2 <= z, v r >= 1 and e r >= |torque|^2 at the points with a weight.
+
+        The first is 4 z >= (2 r)^2, that is z + 1 >= |(z - 1, 2 r)|.
+        """
         count = self.z.shape[0]
         cones: list[list[AffineRows]] = []
         if timed or powered:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
             twice_r = AffineRows({"r": 2.0 * sparse.identity(count, format="csr")}, np.zeros(count))
             cones.append([*z_plus_and_minus_1, twice_r])
+        identity = sparse.identity(count, format="csr")
         if timed:
-            cones.append(_product_cone("v", "r", count, [AffineRows({}, np.full(count, 2.0))]))
+            two = AffineRows({}, np.full(count, 2.0))
+            cones.append(product_cone({"v": identity}, {"r": identity}, [two]))
         if powered:
-            inside, scale = self._integrated, units.time**2
+            inside = self._integrated
+            scale = units.time**2
             unit = self.problem.reference * units.torque
             twice_torque = [
                 AffineRows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
                 for j, (matrix, offset) in enumerate(self.rows.torque)
             ]
-            cones.append(_product_cone("e", "r", count, twice_torque))
+            cones.append(product_cone({"e": identity}, {"r": identity}, twice_torque))
         return cones
 
 
-def _cells_about(cells: Array, places: Array) -> BoolArray:
-    """Return a mask (k,) of the cells in which a place lies."""
-    return np.asarray(((cells[:-1, None] < places) & (places < cells[1:, None])).any(axis=1))
+def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> list[Array]:
+    """Return for each crossing the weights (M,) of values at the points in the limit at the crossing.
+
+    A torque at a crossing is 0 / 0. Its limit is that of the polynomial through the points of the cell about
+    the crossing; a crossing on an edge of two cells has no weights.
+
+    Args:
+        counts: (k,) points of each cell; the first point of all is the end -1.
+    """
+    first_points = 1 + np.cumsum(counts) - counts
+    weights = []
+    for crossing in crossings:
+        for cell in np.flatnonzero(cells_about(cells, np.array([crossing]))):
+            points = first_points[cell] + np.arange(counts[cell])
+            weights.append(_interpolation(xi, points, crossing))
+    return weights
 
 
 def _gauss_points(cells: Array, counts: Array) -> tuple[Array, Array]:
-    """Return Gauss points of each cell and both ends of all, with weights in xi, zero at the ends."""
-    xi, weights = [np.array([-1.0])], [np.zeros(1)]
+    """Return Gauss points (M,) of the cells, with -1 and 1, and weights (M,), zero at -1 and 1."""
+    xi = [np.array([-1.0])]
+    weights = [np.zeros(1)]
     for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
-        points, weight = _gauss_legendre(int(count))
+        points, point_weights = _gauss_legendre(int(count))
         xi.append(0.5 * (low + high) + 0.5 * (high - low) * points)
-        weights.append(0.5 * (high - low) * weight)
+        weights.append(0.5 * (high - low) * point_weights)
     return np.concatenate([*xi, [1.0]]), np.concatenate([*weights, [0.0]])
 
 
@@ -346,20 +399,20 @@ def _gauss_legendre(count: int) -> tuple[Array, Array]:
     return read_only(points), read_only(weights)
 
 
-def _interpolation(xi: Array, through: Array, place: float) -> Array:
-    """Return the weights (M,) of Lagrange's polynomial at a place, through some of the points.
+def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
+    """Return the weights (M,) of Lagrange's polynomial at x through some of the points xi (M,).
 
-    The weight of point i is the product of (place - x_j) / (x_i - x_j) over all others.
+    The weight of point i is the product of (x - x_j) / (x_i - x_j) over all j other than i.
 
     Args:
-        through: indices (k,) of these points.
+        chosen: indices (k,) of the points.
     """
-    points = xi[through]
+    points = xi[chosen]
     denominators = points[:, None] - points + np.eye(len(points))
-    numerators = np.tile(place - points, (len(points), 1))
+    numerators = np.tile(x - points, (len(points), 1))
     np.fill_diagonal(numerators, 1.0)
     weights = np.zeros(len(xi))
-    weights[through] = numerators.prod(axis=1) / denominators.prod(axis=1)
+    weights[chosen] = numerators.prod(axis=1) / denominators.prod(axis=1)
     return weights
 
 
@@ -373,19 +426,14 @@ def _limit_entries(rows: AffineRows) -> AffineRows:
     return AffineRows({name: scaling @ matrix for name, matrix in rows.parts.items()}, factors * rows.offset)
 
 
-def _bound_size(rows: AffineRows, largest: float) -> list[AffineRows]:
-    """Return |rows| <= largest as rows that may not be negative."""
+def _bound_size(
+    torque: AffineRows, largest: float = 0.0, *, peak_share: float | None = None
+) -> list[AffineRows]:
+    """Return |torque| <= largest + peak_share * peak as rows that may not be negative."""
+    matrix = torque.parts["y"]
+    peak = {} if peak_share is None else {"peak": _column(matrix, peak_share)}
     return [
-        _limit_entries(AffineRows({"y": sign * rows.parts["y"]}, sign * rows.offset + largest))
-        for sign in (-1.0, 1.0)
-    ]
-
-
-def _bound_by_peak(rows: AffineRows, share: float) -> list[AffineRows]:
-    """Return |rows| <= share * peak as rows that may not be negative."""
-    peak = _column(rows.parts["y"], share)
-    return [
-        _limit_entries(AffineRows({"y": sign * rows.parts["y"], "peak": peak}, sign * rows.offset))
+        _limit_entries(AffineRows({"y": sign * matrix, **peak}, sign * torque.offset + largest))
         for sign in (-1.0, 1.0)
     ]
 
@@ -393,14 +441,3 @@ def _bound_by_peak(rows: AffineRows, share: float) -> list[AffineRows]:
 def _column(matrix: Any, value: float) -> Any:
     """Return a sparse column of one value with as many rows as a matrix."""
     return sparse.csr_array(np.full((matrix.shape[0], 1), value))
-
-
-def _product_cone(first: str, second: str, count: int, others: Sequence[AffineRows]) -> list[AffineRows]:
-    """Return the cone 4 first * second >= |others|^2: first + second >= |(first - second, others)|."""
-    one = sparse.identity(count, format="csr")
-    zero = np.zeros(count)
-    return [
-        AffineRows({first: one, second: one}, zero),
-        AffineRows({first: one, second: -one}, zero),
-        *others,
-    ]

@@ -22,7 +22,7 @@ from framework.planning.optimal.optimal_task import (
     Task,
     check_speeds,
     conditions_at,
-    crossing_places,
+    find_crossing_points,
     other_law,
 )
 from framework.planning.optimal.phase_plane import Deflections, SquaredSpeed
@@ -40,20 +40,22 @@ def find_undeformed_law(task: Task) -> Best:
         NoLaw: none was found within the limits; NotConverged: law and damping do not settle, or the solver
             gave up.
     """
-    places = crossing_places(task, None, None)
-    check_speeds(task, places)
-    return find_law(task, places)
+    points = find_crossing_points(task, None, None)
+    check_speeds(task, points)
+    return find_law(task, points)
 
 
 def find_law(
     task: Task,
-    places: Sequence[CrossingPoint],
+    points: Sequence[CrossingPoint],
     *,
     deflections: Deflections | None = None,
     share: float = SMOOTHNESS_COST,
     degree: int | None = None,
 ) -> Best:
-    """Find the best law through these places, with deflections along the path if they are known.
+    """Find the best law through crossing points, with the deflections along the path if given.
+
+    Damping is linearised about the last law, until the error of the tangent is small.
 
     Args:
         share: of the least cost, which smoothness may take.
@@ -63,19 +65,19 @@ def find_law(
         As `find_undeformed_law`.
     """
     sampled = sample_demand(task) if deflections is None else None
-    problem = problem_of(task, places, deflections)._replace(degree=degree, sampled=sampled)
-    best = _found_or_refused(problem, find_best_law(problem, share=share))
+    problem = problem_of(task, points, deflections)._replace(degree=degree, sampled=sampled)
+    best = _require_law(problem, find_best_law(problem, share=share))
     if not task.branch.robot.is_damped:
         return best
     for _ in range(MAX_TANGENTS):
-        problem = _linearise_damping(problem, places, best.law.squared_speed)
-        found = resume_law(best, problem)
-        if isinstance(found, NoneFound):
-            found = find_best_law(problem, best.program.cells, share=share)
-        best = _found_or_refused(problem, found)
+        problem = _linearise_damping(problem, points, best.law.squared_speed)
+        result = resume_law(best, problem)
+        if isinstance(result, NoneFound):
+            result = find_best_law(problem, best.program.cells, share=share)
+        best = _require_law(problem, result)
         error = _tangent_error(problem, best)
         if error <= DAMPING_TORQUE_ERROR:
-            return best._replace(law=_meet_conditions(problem, places, best.law))
+            return best._replace(law=_meet_conditions(problem, points, best.law))
     raise NotConverged(
         f"{task.branch.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
         f"use {other_law(task)}another duration",
@@ -85,7 +87,7 @@ def find_law(
 
 def adapt_found_law(
     task: Task,
-    places: Sequence[CrossingPoint],
+    points: Sequence[CrossingPoint],
     best: Best,
     *,
     excess: float = 1.0,
@@ -109,53 +111,53 @@ def adapt_found_law(
     if not task.branch.robot.is_damped:
         return adapted
     # the linearisation of damping has moved with the law, and condition (8) with it
-    return adapted._replace(law=_meet_conditions(adapted.program.problem, places, adapted.law))
+    return adapted._replace(law=_meet_conditions(adapted.program.problem, points, adapted.law))
 
 
 def problem_of(
-    task: Task, places: Sequence[CrossingPoint], deflections: Deflections | None = None
+    task: Task, points: Sequence[CrossingPoint], deflections: Deflections | None = None
 ) -> LawProblem:
     """Return the problem of a task, without damping."""
-    return LawProblem(task, *conditions_at(task, places, deflections), deflections)
+    return LawProblem(task, *conditions_at(task, points, deflections), deflections)
 
 
-def _linearise_damping(
-    problem: LawProblem, places: Sequence[CrossingPoint], before: SquaredSpeed
-) -> LawProblem:
-    """Return the problem with damping linearised about the squared speed of a law."""
-    crossings, conditions = conditions_at(problem.task, places, problem.deflections, before)
-    return problem._replace(crossings=crossings, conditions=conditions, before=before)
+def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0: SquaredSpeed) -> LawProblem:
+    """Return the problem with damping linearised about the squared speed z0 of a law."""
+    crossings, conditions = conditions_at(problem.task, points, problem.deflections, z0)
+    return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
 
 
-def _found_or_refused(problem: LawProblem, found: Best | NoneFound) -> Best:
-    """Return what was found for a problem; raises as `find_undeformed_law`."""
-    if isinstance(found, NoneFound):
-        raise refuse_law(problem, found)
-    return found
+def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
+    """Return the law of a search; raise the refusal if none was found."""
+    if isinstance(result, NoneFound):
+        raise refuse_law(problem, result)
+    return result
 
 
 def _tangent_error(problem: LawProblem, best: Best) -> float:
-    """Return the largest torque that linearised damping is off, over the peak of the law.
+    """Return the largest error of linearised damping [N m], over the peak torque of the law.
 
-    Beside crossings, where torques have a pole, condition (8) is met with the damping itself.
+    Damping d sqrt(z) is replaced by d (sqrt(z0) / 2 + z / (2 sqrt(z0))). Beside crossings, where torques have
+    a pole, condition (8) is met with the damping itself.
     """
-    task, before = problem.task, problem.before
-    assert before is not None
+    assert problem.z0 is not None
     xi = best.program.xi
-    beside = np.abs(xi[:, None] - problem.places).min(axis=1, initial=np.inf) < POLE_WIDTH
-    sigma = task.stretch.inverse(xi[~beside][1:-1])
-    root = np.sqrt(before(sigma))
+    is_beside = np.abs(xi[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf) < POLE_WIDTH
+    sigma = problem.task.stretch.inverse(xi[~is_beside][1:-1])
+    root_z0 = np.sqrt(problem.z0(sigma))
     z = best.law.squared_speed(sigma)
-    off = problem.demand(sigma).damping * (np.sqrt(z) - 0.5 * (root + z / root))[:, None]
-    return float(np.abs(off / best.reference).max(initial=0.0)) / best.peak
+    root_error = np.sqrt(z) - 0.5 * (root_z0 + z / root_z0)
+    torque_error = problem.demand(sigma).damping * root_error[:, None]
+    return float(np.abs(torque_error / best.reference).max(initial=0.0)) / best.peak
 
 
-def _meet_conditions(problem: LawProblem, places: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
+def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
     """Return the law nearest in speed that meets condition (8) with damping, to rounding."""
     for _ in range(MAX_CONDITION_STEPS):
-        problem = _linearise_damping(problem, places, law.squared_speed)
+        problem = _linearise_damping(problem, points, law.squared_speed)
         try:
-            space, rows = SpeedSpace(law.basis, law.stretch), condition_rows(problem, law.basis)
+            space = SpeedSpace(law.basis, law.stretch)
+            rows = condition_rows(problem, law.basis)
             law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
         except InvalidInput as reason:
             raise NotConverged(

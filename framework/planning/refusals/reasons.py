@@ -36,7 +36,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.motion_rates import motion_at
 from framework.planning.condition import condition_at, crossing_point
 from framework.planning.crossing_points import check_crossable, check_one_condition_each
-from framework.planning.optimal.elastic_balance import in_balance
+from framework.planning.optimal.elastic_balance import find_law_in_balance
 from framework.planning.optimal.limit_refusals import refuse_law
 from framework.planning.optimal.optimal_motion import optimal_motion
 from framework.planning.optimal.optimal_task import check_speeds, check_unfolded
@@ -107,7 +107,9 @@ MOTION = (  # under either law, or one of the user's own
     _reason(
         "no deflections cause the forces that hold them", NotConverged, solve_deflections, unsettled_error
     ),
-    _reason("no law near this one has deflections in balance", NotConverged, solve_balance, in_balance),
+    _reason(
+        "no law near this one has deflections in balance", NotConverged, solve_balance, find_law_in_balance
+    ),
     _reason("even springs much stiffer would give beyond all sense", SpringsTooSoft, solve_balance),
     _reason("springs tear the loops open", NotConverged, resolve),
     _reason("torques, deflections or a near miss are not resolved", NotConverged, unresolved_error),
