@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> Report:
     capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
-    return _document(capacity), capacity_text(capacity)
+    return _document(capacity), capacity_lines(capacity)
 
 
 def _document(capacity: Capacity) -> Document:
@@ -62,7 +62,7 @@ def _document(capacity: Capacity) -> Document:
     }
 
 
-def capacity_text(capacity: Capacity) -> str:
+def capacity_lines(capacity: Capacity) -> list[str]:
     """Return the report on a capacity, in words."""
     robot = capacity.plan.robot
     lines = [HEAD.format(capacity, torque_text(robot, capacity.plan.peak_torque))]
@@ -74,4 +74,4 @@ def capacity_text(capacity: Capacity) -> str:
         lines.append(UNDECIDED.format(capacity))
     if not np.isfinite(capacity.end):
         lines.append(UNBOUND.format(capacity))
-    return "\n".join(lines)
+    return lines

@@ -135,7 +135,7 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     if instant is not None:
         torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
         document["dynamics"] = {key: getattr(instant, key) for key in LOADS} | {"torque": torque}
-    return document, "\n".join(lines)
+    return document, lines
 
 
 def _singularity_document(classification: Classification) -> Document:
@@ -295,7 +295,7 @@ def _working(robot: ParallelRobot, options: Namespace) -> Report:
 def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
     """Return a report on all modes of a robot."""
     head = {"robot": robot.name, "flexibility": robot.flexibility}
-    return head | facts, "\n".join([", ".join(head.values()), *lines])
+    return head | facts, [", ".join(head.values()), *lines]
 
 
 def _angles(robot: ParallelRobot, classification: Classification) -> str:

@@ -26,8 +26,7 @@ import numpy as np
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
-from framework.fidelity.fidelity_indicators import Indicators, indicators_of
-from framework.fidelity.level_motions import level_motions, model_of
+from framework.fidelity.fidelity_indicators import Indicators, indicators_of, level_motions, model_of
 from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import is_number
@@ -225,7 +224,7 @@ def fidelity_study(
     started = time.perf_counter()
     highest = model_of(robot.description, LEVELS[-1])
     level, plan = _plan_motion(highest, request_without_geometry(highest, path, **options))
-    motions = dict(level_motions(highest.description, plan.dynamics, level, plan.seconds))
+    motions = level_motions(highest.description, plan.dynamics, level, plan.seconds)
     reference = ReferenceMotion.of(plan, highest, tolerance)
     levels: list[Comparison] = []
     for comparison in reference.compare_levels(motions.items()):

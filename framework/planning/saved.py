@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -65,7 +65,6 @@ from framework.tolerances import FILE_ROUNDING
 
 FILE = "plan.json"
 VERSION = 3  # of plan.json; before, an optimal law was one Chebyshev series
-MAX_DOCUMENT_SIZE = 1_000_000_000  # bytes
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
 # ------------------------------------------------------------------ the keys that are read
@@ -82,15 +81,14 @@ def _read_series(where: str, given: Any) -> tuple[float, ...]:
 def _read_law(where: str, given: Any) -> Document:
     """Read the keys of a law by its kind."""
     kind = read_table(where, given, _KIND, others=None)["kind"]
-    return read_table(where, given, _LAWS[kind], others=("degree", "domain", "turns"))
+    return read_table(where, given, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
 
 
 _NUMBERS = list_of(number)
 _KIND: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
 _LAWS: Mapping[str, Table] = {
-    Law.kind: {**_KIND, "chebyshev": required(_read_series)},
+    Law.kind: {"chebyshev": required(_read_series)},
     OptimalLaw.kind: {
-        **_KIND,
         "smoothness": required(whole),
         "squared_speed": required(_read_series),
         "cells": required(_NUMBERS),
@@ -153,8 +151,6 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "robot_file": robot_name_or_file(plan.robot, folder),
             "parameters": plan.robot.description.parameters,
             "flexibility": plan.robot.flexibility,
-            "geometry": plan.geometry,
-            "duration": plan.duration,
             "request": _request_document(plan.request),
             **_compared_document(plan),
             "exceeded": plan.exceeded,
@@ -273,7 +269,6 @@ def plan_from_document(
             dynamics,
             law,
             timing=[CrossingTime(**times) for times in stated["crossings"]],
-            seconds=stated["seconds"],
             reason=stated["reason"],
             optimality=optimality,
         )
@@ -283,7 +278,7 @@ def plan_from_document(
         ) from None
     with naming(file, InvalidInput):
         _check_leaves(saved, plan)
-    return plan
+    return replace(plan, seconds=stated["seconds"])
 
 
 def stated_certificate(folder: str | FilePath) -> Certificate:
@@ -311,7 +306,7 @@ def read_document(file: FilePath, command: str) -> Document:
         InvalidInput: there is none.
     """
     complaint = f"give a folder of `crossing {command} --out`: {file} cannot be read"
-    content = read_text(file, complaint, largest=MAX_DOCUMENT_SIZE)
+    content = read_text(file, complaint, largest=1_000_000_000)  # bytes
     try:
         saved = json.loads(content)
     except (ValueError, RecursionError) as error:
