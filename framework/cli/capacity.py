@@ -21,7 +21,6 @@ REFUSED = "  {1:16s}  {0.refused:.6g} times: {0.refusal}"
 IMPOSSIBLE = "  no law, proved    with {0.impossible:.6g} times{1}"
 UNDECIDED = "  undecided         {0.undecided:.6g} times: {0.failure}"
 UNBOUND = "  binds             nothing refused up to {0.multiple:.6g} times"
-NUMBERS = ("multiple", "refused", "proved", "impossible", "undecided")  # of a capacity, with --json
 
 
 def add(commands: Any) -> None:
@@ -53,7 +52,10 @@ def _document(capacity: Capacity) -> Document:
     return {
         "robot": plan.robot.name,
         "flexibility": plan.robot.flexibility,
-        **{key: getattr(capacity, key) for key in NUMBERS},
+        **{
+            key: getattr(capacity, key)
+            for key in ("multiple", "refused", "proved", "impossible", "undecided")
+        },
         "binds": capacity.refusal and str(capacity.refusal),
         "failure": capacity.failure and str(capacity.failure),
         "wrenches": plan.request.wrenches,

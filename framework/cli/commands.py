@@ -116,7 +116,6 @@ COMMANDS = {
 MODULES = {"map": "workspace_map"}  # of commands whose module has another name
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
-FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
 
 
 class Misuse(Exception):
@@ -299,7 +298,10 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
         prog="crossing",
         usage="%(prog)s COMMAND [options], %(prog)s COMMAND --help",
         description="Carry parallel robots through Type 2 singularities with finite motor torques.",
-        examples=FIRST_EXAMPLES,
+        examples=(
+            "crossing plan five_bar --scene C",
+            "crossing show five_bar --scene C --html crossing.html",
+        ),
     )
     parser.set_defaults(json=False)
     parser.add_argument("--version", action=_Version, help="say the version and end")

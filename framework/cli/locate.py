@@ -27,8 +27,6 @@ from framework.singularity.spring_shift import spring_shift
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
 UNRESOLVED = "  two crossings nearer together than {0.resolution:.2g} in s would look the same"
-# of a singular point, with --json
-POINT_KEYS = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
 
 
 def add(commands: Any) -> None:
@@ -77,7 +75,10 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
     """Return a singular point with its shift by deflections and condition (8), as a document and in lines."""
     robot, shift = searched.branch.robot, _shift(searched, singular)
     condition = feasibility_at(searched.branch, singular)
-    entry = {key: getattr(singular, key) for key in POINT_KEYS} | {"shift": shift, "condition": None}
+    entry = {
+        key: getattr(singular, key)
+        for key in ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
+    } | {"shift": shift, "condition": None}
     lines = [POINT.format(singular, robot.place(singular.platform), twist_text(robot, singular.twist))]
     if singular.resolution is not None:
         lines.append(UNRESOLVED.format(singular))

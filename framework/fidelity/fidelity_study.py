@@ -40,8 +40,6 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
-NO_FEEDBACK = "without feedback, errors of rounding and integration grow along this motion"
-BLIND_CONTROL = "each motor has a controller, which sees its own angle and not the platform"
 ERROR_ROUNDING = 1e-12  # of the path or the peak, below which an error is rounding
 
 
@@ -138,7 +136,11 @@ class FidelityStudy(ReadOnlyArrays):
             )
         reference = next(one for one in reversed(self.levels) if one.motion is not None)
         failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
-        cause = BLIND_CONTROL if self.has_control else NO_FEEDBACK
+        cause = (
+            "each motor has a controller, which sees its own angle and not the platform"
+            if self.has_control
+            else "without feedback, errors of rounding and integration grow along this motion"
+        )
         return NoAnswer(
             f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
             f"simulation even the torques of the most detailed one, {reference.level.name}, {failure}; "

@@ -116,8 +116,6 @@ _READ: Table = {
     ),
     "seconds": required(not_negative),
 }
-_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected")
-_BESIDE_PLAN = ("bend", "fidelity")  # keys that commands add
 
 # ------------------------------------------------------------------ writing
 
@@ -151,8 +149,8 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
             "robot_file": robot_name_or_file(plan.robot, folder),
             "parameters": plan.robot.description.parameters,
             "flexibility": plan.robot.flexibility,
-            "request": _request_document(plan.request),
             **_compared_document(plan),
+            "request": _request_document(plan.request),
             "exceeded": plan.exceeded,
             "neglected_friction": plan.neglected_friction,
             "neglected": [effect._asdict() for effect in plan.neglected],
@@ -296,7 +294,8 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with naming(file, InvalidInput):
-        return read_table("", saved, _READ, others=(*_COMPUTED, *_BESIDE_PLAN))
+        computed = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected")
+        return read_table("", saved, _READ, others=(*computed, "bend", "fidelity"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:

@@ -256,8 +256,6 @@ def save_map_figures(
 # ------------------------------------------------------------------ as a page
 
 LEAD = "All poses are reached from the robot's reference without leaving its working mode."
-SIDES = "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
-BRIGHT_IS_LARGE, BRIGHT_IS_SMALL = "Bright is large, and good.", "Bright is small, and good."
 ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform."
 
 
@@ -339,8 +337,8 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
 def _reading(quantity: Quantity) -> str:
     """Return which colours of a quantity are good, in words."""
     if quantity.signed:
-        return SIDES
-    return BRIGHT_IS_LARGE if quantity.large_is_good else BRIGHT_IS_SMALL
+        return "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
+    return f"Bright is {'large' if quantity.large_is_good else 'small'}, and good."
 
 
 def _curve(points: Array, colour: str, width: float, dash: list[int]) -> Document:
