@@ -115,6 +115,7 @@ COMMANDS = {
 }
 MODULES = {"map": "workspace_map"}  # of commands whose module has another name
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
+FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
@@ -298,10 +299,7 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
         prog="crossing",
         usage="%(prog)s COMMAND [options], %(prog)s COMMAND --help",
         description="Carry parallel robots through Type 2 singularities with finite motor torques.",
-        examples=(
-            "crossing plan five_bar --scene C",
-            "crossing show five_bar --scene C --html crossing.html",
-        ),
+        examples=FIRST_EXAMPLES,
     )
     parser.set_defaults(json=False)
     parser.add_argument("--version", action=_Version, help="say the version and end")
