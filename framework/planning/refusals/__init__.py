@@ -3,7 +3,8 @@
 Each has its error, its sentence, and below them the functions that decide, here or in the packages below.
 `framework.` is left out. What was given and cannot be right is refused before (`planning.options`,
 `planning.request`: InvalidInput). Open `refusal_proofs` for the numbers on which a refusal rests;
-`turning_back` refuses laws that run backwards or leave the path; `planning.plan` adds what to ask for instead.
+`turning_back` refuses laws that run backwards or leave the path; `planning.plan` adds what to ask for
+instead.
 
 On the path, springs at rest:
 
