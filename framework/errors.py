@@ -148,9 +148,7 @@ def check_unique(where: str, names: Sequence[str]) -> None:
 
 _CUT = reprlib.Repr()  # cuts long values
 _CUT.maxstring = _CUT.maxother = 200
-_SUGGESTED = 3  # names
 _LISTED = 40  # names that a sentence lists
-_COMPARED = 1_000_000  # letters of the given name times those of the valid ones: 0.1 s
 
 
 def nearest(given: str, names: Iterable[str]) -> list[str]:
@@ -160,13 +158,14 @@ def nearest(given: str, names: Iterable[str]) -> list[str]:
     else names that contain the given one.
     """
     names, word = list(names), given.lower()
-    if not word or len(word) * sum(map(len, names)) > _COMPARED:
+    # a million pairs of letters are compared in 0.1 s
+    if not word or len(word) * sum(map(len, names)) > 1_000_000:
         return []
     alike = {name.lower(): name for name in names}
     begun = [name for lower, name in alike.items() if len(word) > 1 and lower.startswith(word)]
     close = [alike[lower] for lower in get_close_matches(word, alike, n=1)]
     within = [name for lower, name in alike.items() if len(word) > 2 and word in lower]
-    return [alike[word]] if word in alike else (begun or close or within)[:_SUGGESTED]
+    return [alike[word]] if word in alike else (begun or close or within)[:3]
 
 
 def expect(what: str, given: object, kind: type, such_as: str) -> None:

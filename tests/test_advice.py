@@ -22,7 +22,8 @@ from framework import (
 )
 from framework.cli import main
 from framework.cli.commands import COMMANDS
-from framework.planning.path_modification import plan_request_with_modified_path, plan_with_modified_path
+from framework.planning.path_modification import plan_request_with_modified_path
+from framework.planning.request import Request
 from framework.planning.scenes import scene_request
 from tests.planning.test_orthogonal_path import bent
 
@@ -174,7 +175,7 @@ def test_a_path_that_no_law_can_cross_is_to_be_bent():
     with pytest.raises(NoLaw) as caught:
         plan_crossing(robot, path, **options)
     assert caught.value.remedy == {"bend": True}
-    assert plan_with_modified_path(robot, path, **options).share > 0
+    assert plan_request_with_modified_path(robot, Request.of(robot, path, **options)).share > 0
 
 
 def test_an_end_on_the_locus_has_no_remedy():

@@ -9,7 +9,6 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
-NO_CHANGE = 1e-3  # of its standard deviation: a parameter that the report leaves out
 LISTED_UNSEEN = 12  # directions that the report has; the document has all
 
 HEAD = """\
@@ -67,7 +66,7 @@ def run(options: Namespace) -> Report:
     document = calibration.to_dict()
     if options.out is not None:
         options.written = document["robot_file"] = str(calibration.write(options.out))
-    return document, calibration_text(calibration)
+    return document, calibration_lines(calibration)
 
 
 def _noise_text(calibration: Calibration) -> str:
@@ -80,7 +79,7 @@ def _noise_text(calibration: Calibration) -> str:
     )
 
 
-def calibration_text(calibration: Calibration) -> str:
+def calibration_lines(calibration: Calibration) -> list[str]:
     """Return the report on a calibration, in words."""
     geometry, measured = calibration.geometry, calibration.measured
     outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
@@ -91,7 +90,8 @@ def calibration_text(calibration: Calibration) -> str:
         *("  {}\t{:.2e}\t{:.2e}".format(*row) for row in list(errors)[measured.driven :]),
         "  parameters [m, rad]",
         "  name\toff by\tdeviation",
-        *("  {}\t{:.2e}\t{:.1e}".format(*row) for row in values if abs(row[1]) > NO_CHANGE * row[2]),
+        # others have not changed
+        *("  {}\t{:.2e}\t{:.1e}".format(*row) for row in values if abs(row[1]) > 1e-3 * row[2]),
     ]
     unseen = calibration.unseen
     if unseen:
@@ -99,4 +99,4 @@ def calibration_text(calibration: Calibration) -> str:
         lines += [f"    {sentence}" for sentence in unseen[:LISTED_UNSEEN]]
     if len(unseen) > LISTED_UNSEEN:
         lines.append(f"    and {len(unseen) - LISTED_UNSEEN} more, see --json")
-    return "\n".join(lines)
+    return lines

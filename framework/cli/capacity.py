@@ -21,7 +21,6 @@ REFUSED = "  {1:16s}  {0.refused:.6g} times: {0.refusal}"
 IMPOSSIBLE = "  no law, proved    with {0.impossible:.6g} times{1}"
 UNDECIDED = "  undecided         {0.undecided:.6g} times: {0.failure}"
 UNBOUND = "  binds             nothing refused up to {0.multiple:.6g} times"
-NUMBERS = ("multiple", "refused", "proved", "impossible", "undecided")  # of a capacity, with --json
 
 
 def add(commands: Any) -> None:
@@ -44,7 +43,7 @@ def run(options: argparse.Namespace) -> Report:
     capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
-    return _document(capacity), capacity_text(capacity)
+    return _document(capacity), capacity_lines(capacity)
 
 
 def _document(capacity: Capacity) -> Document:
@@ -53,7 +52,10 @@ def _document(capacity: Capacity) -> Document:
     return {
         "robot": plan.robot.name,
         "flexibility": plan.robot.flexibility,
-        **{key: getattr(capacity, key) for key in NUMBERS},
+        **{
+            key: getattr(capacity, key)
+            for key in ("multiple", "refused", "proved", "impossible", "undecided")
+        },
         "binds": capacity.refusal and str(capacity.refusal),
         "failure": capacity.failure and str(capacity.failure),
         "wrenches": plan.request.wrenches,
@@ -62,7 +64,7 @@ def _document(capacity: Capacity) -> Document:
     }
 
 
-def capacity_text(capacity: Capacity) -> str:
+def capacity_lines(capacity: Capacity) -> list[str]:
     """Return the report on a capacity, in words."""
     robot = capacity.plan.robot
     lines = [HEAD.format(capacity, torque_text(robot, capacity.plan.peak_torque))]
@@ -74,4 +76,4 @@ def capacity_text(capacity: Capacity) -> str:
         lines.append(UNDECIDED.format(capacity))
     if not np.isfinite(capacity.end):
         lines.append(UNBOUND.format(capacity))
-    return "\n".join(lines)
+    return lines

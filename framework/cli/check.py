@@ -55,7 +55,7 @@ def run(options: Namespace) -> Report:
         "smallest": "unknown" if smallest is None else f"{smallest:.3g}",
     }
     notes = [f"  note              {advice}" for advice in diagnosis.advice]
-    return facts, "\n".join([REPORT.format_map(facts | words), *notes])
+    return facts, [REPORT.format_map(facts | words), *notes]
 
 
 def _refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:

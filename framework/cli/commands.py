@@ -115,8 +115,8 @@ COMMANDS = {
 }
 MODULES = {"map": "workspace_map"}  # of commands whose module has another name
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
-NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 class Misuse(Exception):

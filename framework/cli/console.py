@@ -34,7 +34,6 @@ from framework.numerics.interruption import defer_signals
 
 PROGRAM, TRY = "crossing: ", "try: "  # what a complaint begins with, and what advice does
 MAX_MESSAGE_LENGTH = 1000  # [characters]
-_END_LENGTH = 200  # [characters] of a longer message, the gap included
 GAP = "  "  # between columns
 RED, GREEN, YELLOW, BOLD = "31;1", "32", "33", "1"
 LABELS = {"warning": YELLOW, "note": YELLOW, "undecided": YELLOW, "failed": RED, "refused": RED}
@@ -56,7 +55,7 @@ def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
     if len(line) <= most:
         return line
     left_out = f" [... {len(line)} characters ...] "
-    beginning = line[: max(most - _END_LENGTH, 0)]
+    beginning = line[: max(most - 200, 0)]
     return beginning + left_out + line[len(line) - most + len(beginning) + len(left_out) :]
 
 

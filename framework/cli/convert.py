@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> Report:
         f"  written to        {written}",
         f"  next              crossing check {written}",
     ]
-    return document, "\n".join(lines)
+    return document, lines
 
 
 def _dry_friction(parsed: ParsedRobot) -> str:

@@ -111,7 +111,7 @@ def run(options: Namespace) -> Report:
     }
     description, *rest = lines
     head = f"{robot.name}, {robot.flexibility}: {description}, written to {file}"
-    return document, "\n".join([head, *(f"  {line}" for line in rest)])
+    return document, [head, *(f"  {line}" for line in rest)]
 
 
 def _check_options(options: Namespace, file: FilePath) -> None:

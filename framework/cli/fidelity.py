@@ -19,8 +19,6 @@ from framework.numerics.output import Document, json_text
 from framework.planning.options import LIMITS
 
 STUDY_FILE = "fidelity.json"
-SAME_LAW_DIFFERENCE = 1e-12  # in s
-REPORTED_FALL = 1.0  # time constants in the motion: worth a line
 
 HEAD = """\
 {0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
@@ -59,20 +57,19 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> Report:
     """Compare all levels; with --out write the numbers and the figure."""
-    if options.out is None:
-        return _report_study(options)[1:]
     with written_out(options, STUDY_FILE) as folder:
-        from framework.show.fidelity import plot_fidelity
-        from framework.show.plots import save
+        study, document, lines = _report_study(options)
+        if folder is not None:
+            from framework.show.fidelity import plot_fidelity
+            from framework.show.plots import save
 
-        study, document, text = _report_study(options)
-        options.progress.start("drawing the figure")
-        (folder / STUDY_FILE).write_text(json_text(document))
-        save(lambda: plot_fidelity(study), folder / "fidelity")
-    return document, text
+            options.progress.start("drawing the figure")
+            (folder / STUDY_FILE).write_text(json_text(document))
+            save(lambda: plot_fidelity(study), folder / "fidelity")
+    return document, lines
 
 
-def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, str]:
+def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, list[str]]:
     """Study the levels; return the study, its document and its report, with the line for a scene."""
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path(options, robot), arguments.motion_options(options, robot)
@@ -80,14 +77,15 @@ def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, str]:
     motion = options.scene or path
     study = fidelity_study(robot, motion, tolerance=tolerance, progress=progress, **typed)
     options.refusal = study.refusal
-    document, text, entry = study.to_dict(), fidelity_text(study), study.scene_entry
+    document, lines, entry = study.to_dict(), fidelity_lines(study), study.scene_entry
     if entry is not None and options.scene is not None and not typed:
-        line = f"fidelity: {{level: {entry['level']}, tolerance: {entry['tolerance']:g}}}"
-        document, text = {**document, "fidelity": entry}, f"{text}\n  to keep           {line}"
-    return study, document, text
+        document["fidelity"] = entry
+        kept = f"{{level: {entry['level']}, tolerance: {entry['tolerance']:g}}}"
+        lines.append(f"  to keep           fidelity: {kept}")
+    return study, document, lines
 
 
-def fidelity_text(study: FidelityStudy) -> str:
+def fidelity_lines(study: FidelityStudy) -> list[str]:
     """Return the report on a study, in words."""
     plan = study.highest
     places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
@@ -97,13 +95,13 @@ def fidelity_text(study: FidelityStudy) -> str:
         *(note for comparison in study.levels for note in _notes(comparison)),
         f"  crossing          {f's = {places}' if places else 'none'}",
     ]
-    if study.fall >= REPORTED_FALL:
+    if study.fall >= 1.0:
         judged = "so the motors have controllers" if study.has_control else "and nothing corrects them"
         lines.append(GROWTH.format(plan.duration / study.fall, study.fall, judged))
     if study.neglected_work:
         lines.append(FRICTION.format(plan.neglected_friction, _percent(study.neglected_work)))
     lines += [f"  in no level       {what}" for what in study.robot.description.left_out]
-    return "\n".join([*lines, *_enough_lines(study)])
+    return [*lines, *_enough_lines(study)]
 
 
 def _enough_lines(study: FidelityStudy) -> list[str]:
@@ -128,7 +126,7 @@ def _row(study: FidelityStudy, comparison: Comparison) -> str:
     motion = ["-"] * 4
     if comparison.motion is not None:
         bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
-        difference = "same" if law <= SAME_LAW_DIFFERENCE else f"{law:.1e}"
+        difference = "same" if law <= 1e-12 else f"{law:.1e}"  # in s
         motion = [f"{1e3 * comparison.seconds:.0f} ms", _percent(comparison.torque), difference, bent]
     plan, torque, difference, bent = motion
     cells = (plan, torque, _percent(comparison.platform), difference, bent, predicted)

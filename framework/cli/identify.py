@@ -77,10 +77,10 @@ def run(options: Namespace) -> Report:
         )
     if options.out is not None:
         options.written = document["robot_file"] = str(identification.write(options.out))
-    return document, identification_text(identification)
+    return document, identification_lines(identification)
 
 
-def identification_text(identification: Identification) -> str:
+def identification_lines(identification: Identification) -> list[str]:
     """Return the report on identified parameters, in words."""
     base, joints = identification.base, identification.robot.actuator_names
     words = {
@@ -98,7 +98,7 @@ def identification_text(identification: Identification) -> str:
         lines.append(f"  not seen          and left as in the file: {'; '.join(identification.undetermined)}")
     if identification.keeps_file:
         lines.append("  the file's stay   all of them: they predict the torques held out at least as well")
-    return "\n".join(lines)
+    return lines
 
 
 def _errors(joints: tuple[str, ...], errors: np.ndarray) -> str:

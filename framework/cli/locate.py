@@ -17,10 +17,8 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.output import Document
-from framework.planning.durations import optimal_durations
-from framework.planning.feasibility import Feasibility, feasibility_at
+from framework.planning.feasibility import feasibility_at, optimal_durations
 from framework.planning.plan_facts import twist_text
 from framework.planning.request import Request
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
@@ -29,8 +27,6 @@ from framework.singularity.spring_shift import spring_shift
 MISS = "near miss at s = {0.s:.9f}  {1}  |g| = {2:.3g}"
 POINT = "s = {0.s:.15f}  {0.kind} ({0.contact})  {1}  t_s = {2}  dg/ds = {0.slope:.6g}"
 UNRESOLVED = "  two crossings nearer together than {0.resolution:.2g} in s would look the same"
-# of a singular point, with --json
-POINT_KEYS = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
 
 
 def add(commands: Any) -> None:
@@ -55,44 +51,34 @@ def run(options: Namespace) -> Report:
     typed = arguments.options_with_wrenches(options, robot)
     request = Request.of(robot, path, **{"duration": 1.0, **typed})
     searched = search_path(robot, path).under(request.external_wrenches)
-    facts = [
-        (singular, _shift(searched, singular), feasibility_at(searched.branch, singular))
-        for singular in searched.points
-    ]
+    facts = [_describe_point(searched, singular) for singular in searched.points]
     optimal = optimal_durations(searched, request)
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
-        "singularities": [_singularity(*fact) for fact in facts],
+        "singularities": [entry for entry, _ in facts],
         "least_duration": optimal and optimal.shortest,
         "near_misses": [
             {"s": miss.s, "platform": path(miss.s), "g": miss.g} for miss in searched.near_misses
         ],
     }
-    lines = [line for fact in facts for line in _lines(robot, *fact)]
+    lines = [line for _, told in facts for line in told]
     if facts:
         lines += [f"  {optimal.sentence}"] if optimal else []
     else:
         lines.append(f"{robot.name}: no singularity on the path")
     lines += [MISS.format(miss, robot.place(path(miss.s)), abs(miss.g)) for miss in searched.near_misses]
-    return document, "\n".join(lines)
+    return document, lines
 
 
-def _singularity(
-    singular: SingularPoint, shift: dict[str, float] | None, condition: Feasibility | None
-) -> Document:
-    """Return a singular point with its shift by deflections and condition (8) as a document."""
-    entry = {key: getattr(singular, key) for key in POINT_KEYS}
-    return entry | {"shift": shift, "condition": condition and condition.to_dict()}
-
-
-def _lines(
-    robot: ParallelRobot,
-    singular: SingularPoint,
-    shift: dict[str, float] | None,
-    condition: Feasibility | None,
-) -> list[str]:
-    """Return a singular point in lines: place, twist, shift by deflections, condition (8)."""
+def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Document, list[str]]:
+    """Return a singular point with its shift by deflections and condition (8), as a document and in lines."""
+    robot, shift = searched.branch.robot, _shift(searched, singular)
+    condition = feasibility_at(searched.branch, singular)
+    entry = {
+        key: getattr(singular, key)
+        for key in ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
+    } | {"shift": shift, "condition": None}
     lines = [POINT.format(singular, robot.place(singular.platform), twist_text(robot, singular.twist))]
     if singular.resolution is not None:
         lines.append(UNRESOLVED.format(singular))
@@ -100,8 +86,13 @@ def _lines(
         rates = ", ".join(f"{rate:.6g} by {spring}" for spring, rate in shift.items() if rate)
         lines.append(f"  springs at rest; ds for each m or rad of deflection: {rates or 'none'}")
     if condition is not None:
+        entry["condition"] = {
+            **condition.condition._asdict(),
+            "acceleration": condition.acceleration and condition.acceleration[:2],
+            **{key: getattr(condition, key) for key in ("weight_share", "tangent_share", "pace")},
+        }
         lines.append(f"  {condition.sentence}")
-    return lines
+    return entry, lines
 
 
 def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:

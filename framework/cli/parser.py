@@ -13,7 +13,7 @@ from framework.numerics import MAX_WORKERS
 from framework.numerics.output import Document
 from framework.planning.options import MODEL, MOTION, TYPED
 
-Report = tuple[Document, str]  # for machines, for people
+Report = tuple[Document, list[str]]  # for machines; for people, line by line
 
 
 def integer_between(least: int, most: int) -> Callable[[str], int]:

@@ -30,7 +30,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
 from framework.numerics.output import Document, json_text, write_csv, written_together
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
-from framework.planning.optimal.peak_bound import bound_plan
 from framework.planning.options import MOTION
 from framework.planning.path_modification import plan_request_with_modified_path
 from framework.planning.plan import (
@@ -106,7 +105,7 @@ def run(options: Namespace) -> Report:
             return report_raw(options, robot, request, folder)
     if out is None:
         plan, entries, lines = _make_plan(robot, request, level, options.bend)
-        return plan_document(plan) | entries, plan_text(plan) + lines
+        return plan_document(plan) | entries, plan_lines(plan) + lines
     replaced, present = _describe_replaced(out), [name for name in OF_A_PLAN if os.path.isfile(out / name)]
     with written_together(out, document=FILE, beside=OF_A_PLAN) as folder:
         plan, entries, lines = _make_plan(robot, request, level, options.bend)
@@ -116,7 +115,7 @@ def run(options: Namespace) -> Report:
     removed = [name for name in present if not os.path.exists(out / name)]
     replaced += f"; {', '.join(removed)} of that is removed" * bool(removed)
     options.written = f"{out}{replaced}"
-    return document, plan_text(plan) + lines
+    return document, plan_lines(plan) + lines
 
 
 def _check_options(options: Namespace, level: ChosenLevel | None) -> None:
@@ -155,13 +154,13 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
 
 def _make_plan(
     robot: ParallelRobot, request: Request, level: ChosenLevel | None, bend: str | None
-) -> tuple[CrossingPlan, Document, str]:
-    """Plan; return also a document and a line on the level of --flexibility auto or the bend of --bend."""
+) -> tuple[CrossingPlan, Document, list[str]]:
+    """Plan; return also a document and lines on the level of --flexibility auto or the bend of --bend."""
     if level is not None:
-        line = f"\n  fidelity          {level.sentence}"
-        return plan_request(robot, request), {"fidelity": level._asdict()}, line
+        line = f"  fidelity          {level.sentence}"
+        return plan_request(robot, request), {"fidelity": level._asdict()}, [line]
     if bend is None:
-        return plan_request(robot, request), {}, ""
+        return plan_request(robot, request), {}, []
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
     size = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
@@ -172,14 +171,18 @@ def _make_plan(
         facts.append(Fact(f"  --bend {100 * choice.share:.3g}%", f"peak torque {peaks}"))
     document = modified._asdict() | {"choices": [choice._asdict() for choice in modified.choices]}
     plan = document.pop("plan")
-    return plan, {"bend": document}, "".join(f"\n{fact.line}" for fact in facts)
+    return plan, {"bend": document}, [fact.line for fact in facts]
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
     """Return the fact on the bound of all laws and the plan's gap to the bound, if any."""
     best = plan.optimality
-    bound = None if best is None else bound_plan(plan)
-    if bound is None or best is None:
+    if best is None:
+        return []
+    from framework.planning.optimal.peak_bound import bound_plan  # which other plans do not need
+
+    bound = bound_plan(plan)
+    if bound is None:
         return []
     if best.specification.goal == "time":
         cost, least = plan.duration, f"takes less than {bound.value:.4g} s"
@@ -192,7 +195,7 @@ def _bound_facts(plan: CrossingPlan) -> list[Fact]:
     return [Fact("bound", f"no law {least}, this one {100 * over:.1f} % more")]
 
 
-def plan_text(plan: CrossingPlan) -> str:
+def plan_lines(plan: CrossingPlan) -> list[str]:
     """Return the report on a plan, in words."""
     robot, is_polynomial = plan.robot, plan.law.kind == Law.kind
     law = f"law of degree {plan.law.degree}" if is_polynomial else f"{plan.law.kind} law"
@@ -201,7 +204,7 @@ def plan_text(plan: CrossingPlan) -> str:
     tells_reason = not is_polynomial or was_chosen or NEARLY_STOPS in plan.reason
     reason = [Fact("law", plan.reason)] if tells_reason else []
     facts = [*reason, *smoothness_facts(plan), *_bound_facts(plan), *motion_facts(plan)]
-    return "\n".join([head, *(fact.line for fact in facts)])
+    return [head, *(fact.line for fact in facts)]
 
 
 def report_raw(
@@ -245,7 +248,7 @@ def report_raw(
     if folder is not None:
         _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)
     head = RAW.format(robot, len(raw.time), torque_text(robot, largest))
-    return document, "\n".join([head, *map(SINGULAR.format, crossings)])
+    return document, [head, *map(SINGULAR.format, crossings)]
 
 
 def _write_raw(

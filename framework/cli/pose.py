@@ -46,9 +46,6 @@ WORST = (
     "  worst torque      {0.motor_torque_largest:.3g} {1} of one motor, norm {0.motor_torque_norm:.3g} "
     "(motor side), to hold a unit force in any direction"
 )
-LOADS = ("torque", "loop_forces", "reactions", "indeterminate")  # of an instant, with --json
-# options that need one pose
-OF_ONE_POSE = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
 
 
 def add(commands: Any) -> None:
@@ -94,7 +91,11 @@ def run(options: Namespace) -> Report:
         raise InvalidInput("give either --motors or --platform").advising(
             {"platform": None, "motors": motors}
         )
-    stated = [name for name in OF_ONE_POSE if getattr(options, name) is not None]
+    stated = [
+        name
+        for name in ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
+        if getattr(options, name) is not None
+    ]
     if options.every and stated:
         flag = arguments.flag_of(stated[0])
         raise InvalidInput(f"--all: lists poses alone; {flag} is for a single pose").advising(
@@ -134,8 +135,10 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         lines.append(f"  within ranges     {sentence}")
     if instant is not None:
         torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
-        document["dynamics"] = {key: getattr(instant, key) for key in LOADS} | {"torque": torque}
-    return document, "\n".join(lines)
+        document["dynamics"] = {
+            key: getattr(instant, key) for key in ("torque", "loop_forces", "reactions", "indeterminate")
+        } | {"torque": torque}
+    return document, lines
 
 
 def _singularity_document(classification: Classification) -> Document:
@@ -295,7 +298,7 @@ def _working(robot: ParallelRobot, options: Namespace) -> Report:
 def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
     """Return a report on all modes of a robot."""
     head = {"robot": robot.name, "flexibility": robot.flexibility}
-    return head | facts, "\n".join([", ".join(head.values()), *lines])
+    return head | facts, [", ".join(head.values()), *lines]
 
 
 def _angles(robot: ParallelRobot, classification: Classification) -> str:

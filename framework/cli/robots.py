@@ -53,7 +53,7 @@ def run(options: Namespace) -> Report:
         picture = gallery_picture(robots, FilePath(options.picture).suffix[1:])
         write_file(FilePath(options.picture), picture, option="--picture")
         lines.append(f"drawn into {options.picture}")
-    return {"robots": rows}, "\n".join(lines)
+    return {"robots": rows}, lines
 
 
 def _figures(robot: ParallelRobot) -> Document:

@@ -36,7 +36,6 @@ from framework.numerics.output import Document, json_text
 from framework.numerics.tasks import executor_of
 
 DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
-RUNS_WITH_FEEDBACK = 5  # runs that failed by default, done once more with feedback
 COLUMNS = (
     *("controller", "study_seed", "run", "passed"),
     *("tracking_error", "end_error", "peak_torque", "payload", "why"),
@@ -133,10 +132,8 @@ def run(options: Namespace) -> Report:
     if options.replay is not None:
         return replay_run(options)
     setup = _setup(options)
-    if options.out is None:
-        return _report(options, setup, _studies(options, setup, {}), None)
-    out = Path(options.out)
-    stores = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options)}
+    out = None if options.out is None else Path(options.out)
+    stores = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options) if out is not None}
 
     def count_runs() -> int:
         return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
@@ -144,10 +141,11 @@ def run(options: Namespace) -> Report:
     unit = f"of {options.runs * len(stores)} runs"
     with written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _studies(options, setup, stores)
-        document, text = _report(options, setup, studies, out)
-        options.progress.start("drawing the figure")
-        _write(setup, studies, document, folder)
-    return document, text
+        document, lines = _report(options, setup, studies, out)
+        if folder is not None:
+            options.progress.start("drawing the figure")
+            _write(setup, studies, document, folder)
+    return document, lines
 
 
 def _setup(options: Namespace) -> StudySetup:
@@ -176,7 +174,7 @@ def _names(options: Namespace) -> list[str]:
 
 def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Document:
     """Return how many of the first failed runs pass with feedback; empty where a controller was chosen."""
-    failed = [number for _, number in study.failures[:RUNS_WITH_FEEDBACK]]
+    failed = [number for _, number in study.failures[:5]]
     if options.controller or not failed:
         return {}
     try:
@@ -197,7 +195,7 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
         "studies": [_document(study) for study in studies],
         **_with_feedback(options, setup, studies[0]),
     }
-    return document, _text(document)
+    return document, _lines(document)
 
 
 def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
@@ -253,7 +251,7 @@ ROW = (
 )
 
 
-def _text(document: Document) -> str:
+def _lines(document: Document) -> list[str]:
     """Return the table of studies in text, with the first failures of each."""
     lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
     for study in document["studies"]:
@@ -263,7 +261,7 @@ def _text(document: Document) -> str:
             lines.append(MORE_FAILED.format(len(failures) - 3))
     if "with_feedback" in document:
         lines.append(FEEDBACK_TRIED.format_map(document["with_feedback"]))
-    return "\n".join(lines)
+    return lines
 
 
 def _write(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
@@ -353,7 +351,7 @@ def _failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
     return {"seed": seed, "why": runs.why[number], "tracking_error": runs.tracking_error[number]}
 
 
-def _describe_replay(document: Document) -> str:
+def _describe_replay(document: Document) -> list[str]:
     """Return the report on a repeated run, and its differences from the study, in words."""
     then, now = document["versions"]["then"], document["versions"]["now"]
     changed = [library for library in now if then.get(library) != now[library]]
@@ -361,4 +359,4 @@ def _describe_replay(document: Document) -> str:
     agreement = "as in the study"
     if not document["as_written"]:
         agreement = f"otherwise than in the study, with {versions or 'the same versions'}"
-    return REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})
+    return [REPORT.format_map(document | {"verdict": document["why"] or "passed", "agreement": agreement})]

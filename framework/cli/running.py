@@ -27,7 +27,6 @@ from framework.numerics.output import Document, plain
 
 UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
-MAX_ADVICE_LENGTH = 500  # [characters] half of what a complaint may have
 VALUE_COUNTS = {"None": 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # of an option, by its `nargs`
 
 
@@ -40,12 +39,12 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
     options.warnings = []
     options.refusal = options.written = None
     with np.errstate(all="ignore"), Progress("at work") as options.progress:  # errors tell what is not finite
-        document, text = options.run(options)
+        document, lines = options.run(options)
     if options.written is not None:
-        text += f"\n  written to        {options.written}"
+        lines.append(f"  written to        {options.written}")
     if options.warnings:
         document = {**document, "warnings": options.warnings}
-        text = "\n".join([text, *(f"  warning           {warning}" for warning in options.warnings)])
+        lines += (f"  warning           {warning}" for warning in options.warnings)
     heard.check()
     if options.refusal is not None:
         line, entry = describe_error(options.refusal, str(options.refusal), arguments)
@@ -53,7 +52,7 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
     if options.json:
         tell(json.dumps(plain(document), allow_nan=False))
     else:
-        report(text)
+        report("\n".join(lines))
     if options.refusal is None:
         return 0
     complain(line)
@@ -136,7 +135,7 @@ def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
             words += [flag, *_typed_words(value)]
     instead = one_line(shlex.join(["crossing", *words]))
     tried = sorted(words) == sorted(typed)
-    return None if tried or len(instead) > MAX_ADVICE_LENGTH else instead
+    return None if tried or len(instead) > 500 else instead
 
 
 def _mend_words(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:

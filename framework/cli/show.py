@@ -68,15 +68,14 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     """Write a page to a file and report its scenes; `chosen`: a scene was chosen for want of a name."""
     from framework.show.captions import display_name, parts
 
-    document, written = write_page(FilePath(file), page)
+    document, (written,) = write_page(FilePath(file), page)
     scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
-    text = f"{display_name(films[0].robot.name)}, {scenes}: {written}"
-    if chosen:
-        text = f"no scene given: filmed {films[0].name}\n{text}"
+    lines = [f"no scene given: filmed {films[0].name}"] if chosen else []
+    lines.append(f"{display_name(films[0].robot.name)}, {scenes}: {written}")
     entries = [
         {"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved} for film in films
     ]
-    return document | {"films": entries}, text
+    return document | {"films": entries}, lines
 
 
 def _films(options: Namespace) -> list[Film]:
@@ -138,4 +137,4 @@ def _serve(options: Namespace, page: str, robot: ParallelRobot | None) -> Report
     if not options.no_open:
         threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
     server.serve_until_interrupted()
-    return {"address": server.address, "ended": True}, "ended"
+    return {"address": server.address, "ended": True}, ["ended"]

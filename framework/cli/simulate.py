@@ -73,14 +73,14 @@ def run(options: Namespace) -> Report:
         progress=options.progress.start("simulating", 1.0, "the motion"),
     )
     document = result.to_dict()
-    if options.out is not None:
-        with written_out(options, "simulation.json") as folder:
+    with written_out(options, "simulation.json") as folder:
+        if folder is not None:
             (folder / "simulation.json").write_text(json_text(document))
             _write_csv(result, plan, folder / "simulation.csv")
             if sensors is not None:
                 (folder / "sensors.csv").write_text(record_sensors(result, plan.torque, sensors).as_csv())
     _check_on_path(result)
-    return document, simulation_text(result)
+    return document, simulation_lines(result)
 
 
 def _sensors(options: Namespace) -> Sensors | None:
@@ -108,7 +108,7 @@ def _check_on_path(result: Simulation) -> None:
     raise NoAnswer(OFF_PATH.format(result, how))
 
 
-def simulation_text(result: Simulation) -> str:
+def simulation_lines(result: Simulation) -> list[str]:
     """Return the report on a simulation, in words."""
     unit, _ = _unit(result)
     iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
@@ -117,7 +117,7 @@ def simulation_text(result: Simulation) -> str:
         lines.append(TRACKING.format(result, unit))
     if result.turning_error is not None:
         lines.append(TURNING.format(result))
-    return "\n".join([*lines, DRIFT.format(result)])
+    return [*lines, DRIFT.format(result)]
 
 
 def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:

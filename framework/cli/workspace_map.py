@@ -13,7 +13,6 @@ import numpy as np
 
 from framework.atlas.design_study import DOCUMENT as STUDY_DOCUMENT
 from framework.atlas.design_study import (
-    Designs,
     DesignStudy,
     StudyTask,
     design_study,
@@ -23,7 +22,7 @@ from framework.atlas.design_study import (
 )
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
-from framework.atlas.quantities import QUANTITIES, Quantity, choose_quantities, has_torque_limits, unit_of
+from framework.atlas.quantities import QUANTITIES, choose_quantities, has_torque_limits, unit_of
 from framework.atlas.ranges import check_reference, check_window, restrict_to_ranges
 from framework.atlas.survey import EDGE_POSES, survey_window
 from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
@@ -176,13 +175,26 @@ def run(options: Namespace) -> Report:
     if options.nearest is not None:
         pose = assemble(robot, options.nearest)
         margin = nearest_singular_pose(robot, pose.q, within=options.within)
-    if options.out is None:
-        return _report(_compute_map(options, robot, window, quantities, None), margin)
-    store = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
-    with written_stepwise(options, DOCUMENT, lambda: len(store.read()), "bands") as folder:
-        workspace = _compute_map(options, robot, window, quantities, store)
-        options.progress.start("drawing the figures")
-        _write(workspace, path, folder)
+    store = None
+    if options.out is not None:
+        store = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
+    with written_stepwise(options, DOCUMENT, lambda: len(store.read()) if store else 0, "bands") as folder:
+        progress = options.progress.start("mapping", float(np.prod(window.shape)), "poses")
+        with executor_of(workers=options.workers, dask=options.dask) as executor:
+            workspace = workspace_map(
+                robot,
+                window,
+                [quantity.key for quantity in quantities],
+                wrench=options.wrench,
+                executor=executor,
+                keeper=store,
+                progress=progress,
+            )
+        if options.keep_limits:
+            workspace = restrict_to_ranges(workspace)
+        if folder is not None:
+            options.progress.start("drawing the figures")
+            _write(workspace, path, folder)
     return _report(workspace, margin)
 
 
@@ -207,32 +219,9 @@ def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Wind
     )
 
 
-def _compute_map(
-    options: Namespace,
-    robot: ParallelRobot,
-    window: Window,
-    quantities: tuple[Quantity, ...],
-    store: KeptChunks | None,
-) -> WorkspaceMap:
-    """Map the window by several processes; keep poses within limits if asked."""
-    progress = options.progress.start("mapping", float(np.prod(window.shape)), "poses")
-    with executor_of(workers=options.workers, dask=options.dask) as executor:
-        workspace = workspace_map(
-            robot,
-            window,
-            [quantity.key for quantity in quantities],
-            wrench=options.wrench,
-            executor=executor,
-            keeper=store,
-            progress=progress,
-        )
-    return restrict_to_ranges(workspace) if options.keep_limits else workspace
-
-
 def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
     """Write a map into a folder: numbers, figures and page."""
-    from framework.show.map import save_map_figures
-    from framework.show.map_page import map_page
+    from framework.show.map import map_page, save_map_figures
 
     write_map(workspace, folder)
     save_map_figures(workspace, folder, path=path)
@@ -261,7 +250,7 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "twist")
         nearest = {key: getattr(margin, key) for key in keys}
         document["nearest_singular_pose"] = nearest | {"platform": margin.x}
-    return document, "\n".join(lines)
+    return document, lines
 
 
 def _spans(robot: ParallelRobot, window: Window) -> str:
@@ -299,27 +288,23 @@ def report_design_study(options: Namespace) -> Report:
         size=options.size or STUDY_EDGE_POSES,
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
-    if options.out is None:
-        return _report_study(_compute_study(options, task, designs, None), robot.name)
-    store = KeptChunks.of(FilePath(options.out), study_setup(task, designs))
-    with written_stepwise(options, STUDY_DOCUMENT, lambda: len(store.read()), "chunks") as folder:
-        from framework.show.design_study import plot_study
-        from framework.show.plots import save
+    store = None
+    if options.out is not None:
+        store = KeptChunks.of(FilePath(options.out), study_setup(task, designs))
+    with written_stepwise(
+        options, STUDY_DOCUMENT, lambda: len(store.read()) if store else 0, "chunks"
+    ) as folder:
+        progress = options.progress.start("mapping", len(designs.values), "designs")
+        with executor_of(workers=options.workers, dask=options.dask) as executor:
+            study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
+        if folder is not None:
+            from framework.show.design_study import plot_study
+            from framework.show.plots import save
 
-        study = _compute_study(options, task, designs, store)
-        write_study(study, folder)
-        options.progress.start("drawing the figure")
-        save(lambda: plot_study(study), folder / "study")
+            write_study(study, folder)
+            options.progress.start("drawing the figure")
+            save(lambda: plot_study(study), folder / "study")
     return _report_study(study, robot.name)
-
-
-def _compute_study(
-    options: Namespace, task: StudyTask, designs: Designs, store: KeptChunks | None
-) -> DesignStudy:
-    """Map all designs by several processes; `store` keeps finished chunks."""
-    progress = options.progress.start("mapping", len(designs.values), "designs")
-    with executor_of(workers=options.workers, dask=options.dask) as executor:
-        return design_study(task, designs, executor=executor, keeper=store, progress=progress)
 
 
 def finite_window(options: Namespace) -> tuple[float, ...]:
@@ -350,7 +335,7 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
     lines += _study_table(study, with_reasons=refused > 0)
     if count > MAX_PRINTED_DESIGNS:
         lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
-    return document, "\n".join(lines)
+    return document, lines
 
 
 def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:

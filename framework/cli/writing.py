@@ -16,12 +16,15 @@ def write_page(file: Path, page: str | bytes) -> Report:
     """Write one file and return the report on its name and size."""
     write_file(file, page)
     size = file.stat().st_size
-    return {"file": str(file), "bytes": size}, f"written to {file} ({size / 1e6:.2f} MB)"
+    return {"file": str(file), "bytes": size}, [f"written to {file} ({size / 1e6:.2f} MB)"]
 
 
 @contextmanager
-def written_out(options: Namespace, document: str) -> Iterator[Path]:
-    """Yield a folder whose files move into --out."""
+def written_out(options: Namespace, document: str) -> Iterator[Path | None]:
+    """Yield a folder whose files move into --out; None without --out."""
+    if options.out is None:
+        yield None
+        return
     with written_together(Path(options.out), document=document) as folder:
         yield folder
     options.written = options.out
@@ -30,8 +33,8 @@ def written_out(options: Namespace, document: str) -> Iterator[Path]:
 @contextmanager
 def written_stepwise(
     options: Namespace, document: str, count: Callable[[], int], unit: str
-) -> Iterator[Path]:
-    """Yield a folder whose files move into --out, for long work that an interruption may stop.
+) -> Iterator[Path | None]:
+    """Yield a folder as `written_out`, for long work that an interruption may stop.
 
     Finished parts stay; the message names their number, `count()`, with its `unit`.
     """
@@ -42,4 +45,5 @@ def written_stepwise(
             finished = count()
             sentence = f"{finished} {unit} are kept in {options.out}, and the same command goes on from them"
             raise type(stop)(*([sentence] if finished else [])) from None
-    remove_stores(Path(options.out))
+    if options.out is not None:
+        remove_stores(Path(options.out))

@@ -30,9 +30,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, search_path
 
-BRACKET_RATIO = 1e-3  # of the refused multiple over the planned one, less 1
 IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of multiples over the refused, tried in turn
-MAX_DOUBLINGS = 20  # of the multiple, up or down, before it counts as without bound, or as none
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +165,7 @@ class _Multiples:
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Double or halve from 1 until a multiple is planned and one twice as large is not."""
     capacity = task.try_multiple(capacity, 1.0)
-    for _ in range(MAX_DOUBLINGS):
+    for _ in range(20):  # without bound, or none, after that
         if not np.isfinite(capacity.end):
             capacity = task.try_multiple(capacity, 2.0 * capacity.multiple)
         elif capacity.multiple == 0.0:
@@ -180,7 +178,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bisect between the planned multiple and the least that was not, at their geometric mean."""
     while capacity.multiple > 0.0 and capacity.end < np.inf:
-        if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
+        if capacity.end <= (1.0 + 1e-3) * capacity.multiple:
             break
         capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity

@@ -9,8 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from framework.errors import InvalidInput, NoAnswer
-from framework.fidelity.fidelity_indicators import Indicators, indicators_of
-from framework.fidelity.level_motions import level_motions, model_of
+from framework.fidelity.fidelity_indicators import Indicators, indicators_of, level_motions, model_of
 from framework.fidelity.model_comparison import fall_of
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -90,7 +89,7 @@ def predict_errors(description: RobotDescription, path: Path | str, **options: A
     try:
         plan = plan_request(robot, request)
         motions = level_motions(description, plan.dynamics, LEVELS_BY_NAME["rigid"], plan.seconds)
-        return indicators_of(dict(motions), fall_of(plan.dynamics)[1])
+        return indicators_of(motions, fall_of(plan.dynamics)[1])
     except NoAnswer:
         return Indicators.of({})
 

@@ -1,4 +1,6 @@
-"""Indicators: estimated errors of each level of fidelity, without a simulation.
+"""The motions of all levels of fidelity, and indicators: estimated errors of each, without a simulation.
+
+All levels make one motion with the torques that each needs along it.
 
 An effect that a level leaves out has a torque, which the level lacks, and a displacement, by which the
 platform leaves the level's motion for want of that torque. The error of a level is that of all effects above
@@ -14,7 +16,9 @@ vanishes there.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,13 +28,55 @@ from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dyna
 from framework.dynamics.platform_wrench import platform_wrench
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
-from framework.fidelity.level_motions import LevelMotion
-from framework.model.fidelity_levels import LEVELS
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.model.description import RobotDescription
+from framework.model.fidelity_levels import LEVELS, Level, with_bodies
 from framework.numerics.arrays import Array
+from framework.planning.model_on_motion import ModelOnMotion
 from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
 
 INSTANTS = 65  # of the motion, at which the dynamics of the platform's error are computed
 STEPS = 512  # of the integration of the platform's error
+
+
+class LevelMotion(NamedTuple):
+    """The motion with the torques of one level, and their computing time [s].
+
+    dynamics: None where the level's model cannot make the motion, for a `reason`.
+    """
+
+    dynamics: InverseDynamics | None
+    seconds: float
+    reason: str = ""
+
+
+def level_motions(
+    description: RobotDescription, motion: InverseDynamics, own: Level, seconds: float
+) -> dict[str, LevelMotion]:
+    """Compute, by the levels' names, the torques along a motion that was planned with the level `own`.
+
+    The law meets the condition (8) of each level.
+
+    Args:
+        seconds: time that the motion took.
+    """
+    motions = {level.name: LevelMotion(motion, seconds) for level in LEVELS}
+    for level in LEVELS:
+        if level is not own:
+            started = time.perf_counter()
+            try:
+                dynamics = ModelOnMotion.of(motion, model_of(description, level)).resolve(level.geometry)
+                motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
+            except NoAnswer as refusal:
+                motions[level.name] = LevelMotion(None, 0.0, f"no torques: {refusal}")
+    return motions
+
+
+def model_of(description: RobotDescription, level: Level) -> ParallelRobot:
+    """Return the robot with the masses and springs of a level."""
+    simplified = with_bodies(description, level.bodies)
+    robot = ParallelRobot.from_description(simplified, flexibility=level.flexibility)
+    return robot if level.elastic_inertia else replace(robot, elastic_inertia=False)
 
 
 class LevelError(NamedTuple):

@@ -26,8 +26,7 @@ import numpy as np
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
-from framework.fidelity.fidelity_indicators import Indicators, indicators_of
-from framework.fidelity.level_motions import level_motions, model_of
+from framework.fidelity.fidelity_indicators import Indicators, indicators_of, level_motions, model_of
 from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import is_number
@@ -41,8 +40,6 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
-NO_FEEDBACK = "without feedback, errors of rounding and integration grow along this motion"
-BLIND_CONTROL = "each motor has a controller, which sees its own angle and not the platform"
 ERROR_ROUNDING = 1e-12  # of the path or the peak, below which an error is rounding
 
 
@@ -139,7 +136,11 @@ class FidelityStudy(ReadOnlyArrays):
             )
         reference = next(one for one in reversed(self.levels) if one.motion is not None)
         failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
-        cause = BLIND_CONTROL if self.has_control else NO_FEEDBACK
+        cause = (
+            "each motor has a controller, which sees its own angle and not the platform"
+            if self.has_control
+            else "without feedback, errors of rounding and integration grow along this motion"
+        )
         return NoAnswer(
             f"{self.robot.name}: no model is accurate to {100 * self.tolerance:g} %: in the full elastic "
             f"simulation even the torques of the most detailed one, {reference.level.name}, {failure}; "
@@ -225,7 +226,7 @@ def fidelity_study(
     started = time.perf_counter()
     highest = model_of(robot.description, LEVELS[-1])
     level, plan = _plan_motion(highest, request_without_geometry(highest, path, **options))
-    motions = dict(level_motions(highest.description, plan.dynamics, level, plan.seconds))
+    motions = level_motions(highest.description, plan.dynamics, level, plan.seconds)
     reference = ReferenceMotion.of(plan, highest, tolerance)
     levels: list[Comparison] = []
     for comparison in reference.compare_levels(motions.items()):

@@ -18,7 +18,7 @@ from framework.dynamics.open_loop import MotorControl, fall_exponent
 from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
-from framework.fidelity.level_motions import LevelMotion
+from framework.fidelity.fidelity_indicators import LevelMotion
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -32,9 +32,6 @@ from framework.tolerances import TORQUE_TAIL
 
 # Difference over the peak of torques that are equal; an effect that counts changes torques by 1e-7 and more.
 EQUAL_TORQUES = 10 * TORQUE_TAIL
-# Error of the platform over the path's length that ends a simulation; twice the tolerance if that is more.
-MAX_ERROR = 0.1
-METHOD = "stiff"  # takes long steps where fast vibrations are not excited
 STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step over the tolerance, tried in turn
 # Platform error of the reference's own torques over the tolerance, from which on shorter steps are tried.
 # The error with the shortest steps is reported.
@@ -42,8 +39,6 @@ OWN_ERROR = 0.1
 # Time constants of the fall in a motion, from which on the motors have a controller: without one, the error
 # of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
-CONTROL_TO_FALL = 10.0  # frequency of the controllers over the rate of the fall: they catch the robot
-MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
 MOTION_SAMPLES = 1001  # equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, where differences may be narrow
 
@@ -100,7 +95,8 @@ def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
     if fall <= MAX_FALL:
         return fall, None
     inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
-    return fall, MotorControl.of(inertia, CONTROL_TO_FALL * fall / motion.duration)
+    # ten times faster than the fall, they catch the robot
+    return fall, MotorControl.of(inertia, 10.0 * fall / motion.duration)
 
 
 @dataclass
@@ -143,7 +139,7 @@ class ReferenceMotion:
     @property
     def lost(self) -> float:
         """Platform error over path length from which on the platform counts as lost."""
-        return max(MAX_ERROR, 2.0 * self.tolerance)
+        return max(0.1, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
         """Yield the comparison of each level; levels with equal torques share one simulation.
@@ -173,7 +169,7 @@ class ReferenceMotion:
         """
         allowed = self.tolerance * self.length / self.highest.length
         for step_error in STEP_ERRORS:
-            self.step_error = max(step_error * allowed, MIN_STEP_ERROR)
+            self.step_error = max(step_error * allowed, 1e-12)  # the accuracy of planned torques
             own = self._simulate(LEVELS[-1], self.plan.dynamics)
             if own.platform <= OWN_ERROR * self.tolerance:
                 break
@@ -226,7 +222,7 @@ class ReferenceMotion:
         return simulate(
             robot,
             self._drive(motion),
-            method=METHOD,
+            method="stiff",  # takes long steps where fast vibrations are not excited
             tolerance=self.step_error,
             start=start,
             start_velocity=np.zeros(robot.model.nv),

@@ -9,8 +9,8 @@ Open `plan` first: `plan_crossing` in four steps, each a file.
        optimal/, specification   the law of free shape: the cone program, and what it is best at
     4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate
 
-Beside them: `refusals/` has every reason to say no; `feasibility` and `durations` say what a singular point
-asks of any law, and the least duration of one; `path_modification` bends a path where nothing else helps;
+Beside them: `refusals/` has every reason to say no; `feasibility` says what a singular point asks of any
+law, and the least duration of one; `path_modification` bends a path where nothing else helps;
 `scenes` plans the scenes of a robot file; `saved` and `motion_table` are plan.json and motion.csv;
 `plan_facts` is a plan in words; `motion_scales` has the sizes that errors are relative to.
 """

@@ -48,41 +48,32 @@ class PathToCross:
 
 
 def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
-    """Choose the points of a searched path where a request asks for condition (8), under its wrenches.
+    """Choose the points where a request asks for condition (8), under its wrenches.
+
+    Imposed points, else the singular ones; none where an empty list of times asks for a law without crossing
+    conditions. Singular points that no law can cross are refused, imposed ones are not judged.
 
     Raises:
         InvalidInput: times or speeds are not as many as these points.
         NoLaw, UncontrolledMotions: no law can cross at one of the points.
     """
     searched = searched.under(request.external_wrenches)
-    return PathToCross(searched, _choose_points(searched.branch, searched.points, request))
-
-
-def _choose_points(
-    branch: Branch, points: tuple[SingularPoint, ...], request: Request
-) -> list[SingularPoint | CrossingPoint]:
-    """Choose the points where condition (8) is to hold: imposed ones, else the singular points.
-
-    An empty list of times asks for a law without crossing conditions. Singular points that no law can cross
-    are refused, imposed ones are not judged.
-    """
     times, speeds, imposed = request.times, request.speeds, request.at
     if imposed is None and times == ():
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
-        return []
-    count = len(points) if imposed is None else len(imposed)
+        return PathToCross(searched, ())
+    count = len(searched.points if imposed is None else imposed)
     for name, values in (("times", times), ("speeds", speeds)):
         if values is not None and len(values) != count:
             listed, are = ", ".join(f"{value:g}" for value in values), "is" if count == 1 else "are"
-            raise InvalidInput(
-                f"{name}: got {len(values)} ({listed}), but there {are} {_count_points(points, imposed)}"
-            )
+            counted = _count_points(searched.points, imposed)
+            raise InvalidInput(f"{name}: got {len(values)} ({listed}), but there {are} {counted}")
     if imposed is not None:
-        return [imposed_point(branch, s) for s in imposed]
-    for singular in points:
-        check_crossable(branch, singular)
-    return [*points]
+        return PathToCross(searched, [imposed_point(searched.branch, s) for s in imposed])
+    for singular in searched.points:
+        check_crossable(searched.branch, singular)
+    return PathToCross(searched, searched.points)
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:

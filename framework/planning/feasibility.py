@@ -7,23 +7,23 @@ path and joints, delta of viscous damping, alpha of the acceleration s".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from framework.dynamics.singularity_crossings import check_kind
-from framework.errors import NoLaw
+from framework.errors import NoLaw, NotConverged
 from framework.kinematics.continuation.tracking import Branch
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
-from framework.numerics.output import Document
 from framework.planning.condition import Condition8, coefficients_at, undeformed_crossing
-from framework.planning.crossing_points import stops_at
+from framework.planning.crossing_points import PathToCross, stops_at
 from framework.planning.motion_scales import coordinate_sizes
+from framework.planning.request import Request
+from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
-
-VECTOR_ROUNDING = 1e-12  # of a motion of unit size along a path, in robot lengths and radians
-NOTABLE_CURVATURE = 4.0  # |s"| over s'^2 that is worth a word: what a polynomial has at its most
 
 
 @dataclass(frozen=True)
@@ -47,28 +47,13 @@ class Feasibility:
         return self.condition.alpha == 0.0
 
     @property
-    def unmet_by_acceleration(self) -> bool:
-        """Whether no s" meets the condition: at best one s' does."""
-        return self.orthogonal and not self.condition.holds_anyway
+    def acceleration(self) -> tuple[float, float, float] | None:
+        """The terms of the s" asked for; None where s" has no effect.
 
-    def _balancing_acceleration(self, coefficient: float) -> float:
-        """Return the s" that balances a term, -coefficient / alpha; not a number where s" has no effect."""
-        return np.nan if self.orthogonal else 0.0 - coefficient / self.condition.alpha
-
-    @property
-    def constant(self) -> float:
-        """The s" [1/s^2] asked for at s' -> 0; not a number where s" has no effect."""
-        return self._balancing_acceleration(self.condition.gamma)
-
-    @property
-    def per_squared_speed(self) -> float:
-        """The s" asked for by s'^2, over s'^2 [-]; not a number where s" has no effect."""
-        return self._balancing_acceleration(self.condition.beta)
-
-    @property
-    def per_speed(self) -> float:
-        """The s" asked for by s', over s' [1/s]; not a number where s" has no effect."""
-        return self._balancing_acceleration(self.condition.delta)
+        The first is asked at s' -> 0 [1/s^2], the second over s'^2 [-], the third over s' [1/s].
+        """
+        alpha, beta, gamma, delta = self.condition
+        return None if self.orthogonal else (0.0 - gamma / alpha, 0.0 - beta / alpha, 0.0 - delta / alpha)
 
     @property
     def weightless(self) -> bool:
@@ -77,11 +62,6 @@ class Feasibility:
         Without damping it then looks alike at all durations.
         """
         return self.condition.gamma == 0.0
-
-    @property
-    def damped(self) -> bool:
-        """Whether viscous damping enters the condition."""
-        return self.condition.delta != 0.0
 
     @property
     def steady_speed(self) -> float | None:
@@ -101,25 +81,20 @@ class Feasibility:
 
         With a constant s" that is (2 / |s"|)^(1/2). None where s" has no effect, or without weight.
         """
-        if self.orthogonal or self.weightless:
+        if self.acceleration is None or self.weightless:
             return None
-        return float(np.sqrt(2.0 / abs(self.constant)))
+        return float(np.sqrt(2.0 / abs(self.acceleration[0])))
 
-    def to_dict(self) -> Document:
-        """Return the entry of `locate --json`, null for quantities that do not exist."""
-        return {
-            **self.condition._asdict(),
-            "acceleration": None if self.orthogonal else [self.constant, self.per_squared_speed],
-            "weight_share": self.weight_share,
-            "tangent_share": self.tangent_share,
-            "pace": self.pace,
-        }
+    @property
+    def forbids_every_law(self) -> bool:
+        """Whether neither an acceleration nor a speed meets the condition."""
+        return self.orthogonal and not self.condition.holds_anyway and self.steady_speed is None
 
     @property
     def sentence(self) -> str:
         """The condition, the s" that is asked for, and consequences for path and speed, in one line."""
         alpha, beta, gamma, delta = self.condition
-        damping = f", delta = {delta:.6g}" if self.damped else ""
+        damping = f", delta = {delta:.6g}" if delta else ""
         return (
             f"condition (8) at s = {self.s:.6g} has alpha = {alpha:.6g}, beta = {beta:.6g}, "
             f"gamma = {gamma:.6g}{damping}, with "
@@ -138,35 +113,37 @@ class Feasibility:
         """Return the s" that the condition asks for, in words."""
         if self.condition.holds_anyway:
             return "it holds whatever s' and s\" are"
-        if self.orthogonal:
+        if self.acceleration is None:
             only = (
                 "no law meets it" if self.steady_speed is None else f"only s' = {self.steady_speed:.4g} does"
             )
             return f's" has no effect, {only}; turn the path towards t_s'
-        demand = f's" = {self.constant:.6g}'
-        for coefficient, variable in ((self.per_squared_speed, "s'^2"), (self.per_speed, "s'")):
+        constant, *rates = self.acceleration
+        demand = f's" = {constant:.6g}'
+        for coefficient, variable in zip(rates, ("s'^2", "s'"), strict=True):
             if coefficient:
                 demand += f" {'-' if coefficient < 0 else '+'} {abs(coefficient):.6g} {variable}"
         return demand
 
     def _consequence_texts(self) -> list[str]:
         """Return clauses on speeds, pace and path that the condition suggests."""
-        if self.orthogonal:
+        if self.acceleration is None:
             return []
         clauses = []
         forces, s = ("weight and wrenches", "") if self.wrenches else ("weight", "s")
         if self.steady_speed is not None:
             clauses.append(f"s' = {self.steady_speed:.4g} 1/s needs no s\"")
-        if self.pace is None and self.damped:
-            clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
-        elif self.pace is None:
-            clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
-        else:
+        if self.pace is not None:
             clauses.append(f"the {forces} set{s} the pace, {self.pace:.3g} s for the whole path from rest")
-        if abs(self.per_squared_speed) > NOTABLE_CURVATURE:
+        elif self.condition.delta:
+            clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
+        else:
+            clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
+        curvature = abs(self.acceleration[1])  # |s"| over s'^2
+        if curvature > 4.0:  # what a polynomial has at its most
             clauses.append(
-                f"s' changes e-fold over {1 / abs(self.per_squared_speed):.2g} of the path there: make it "
-                f"smoother (straighter), or nearer to t_s"
+                f"s' changes e-fold over {1 / curvature:.2g} of the path there: make it smoother "
+                f"(straighter), or nearer to t_s"
             )
         return clauses
 
@@ -202,7 +179,8 @@ def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...
 def _cosine(a: Array, b: Array) -> float:
     """Compute |cos| of the angle between two vectors; 0 if the first is zero or the second rounding."""
     size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
-    if size_a == 0.0 or size_b <= VECTOR_ROUNDING:
+    # of a motion of unit size along a path, in robot lengths and radians
+    if size_a == 0.0 or size_b <= 1e-12:
         return 0.0
     return abs(float(a @ b)) / (size_a * size_b)
 
@@ -213,6 +191,56 @@ def is_crossable(searched: SearchedPath) -> bool:
         feasibility is None
         or singular.contact == "tangential"
         or stops_at(singular)
-        or (feasibility.unmet_by_acceleration and feasibility.steady_speed is None)
+        or feasibility.forbids_every_law
         for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
     )
+
+
+class OptimalDurations(NamedTuple):
+    """The least duration [s] found of a law of free shape within the limits of the motors, 0 without limits.
+
+    None where none was found, with the reason. There is never a longest: the squared speeds z of laws of free
+    shape that meet condition (8) and the limits are a convex set, and near an end of the path, where a smooth
+    law needs little more than the weight, z may be scaled by a factor close to zero. Without limits quicker
+    ones exist, too, since condition (8) concerns z and z' at the crossing alone.
+    """
+
+    shortest: float | None
+    refusal: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The durations, in one line."""
+        if self.shortest is None:
+            return f"within the limits no law of free shape was found ({self.refusal})"
+        if not self.shortest:
+            return "without limits laws of free shape have no shortest duration and no longest"
+        return (
+            f"within the limits the quickest law of free shape found takes {self.shortest:.4g} s; none is "
+            f"the slowest"
+        )
+
+
+def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
+    """Return the durations of laws of free shape through all singular points of a path, springs at rest.
+
+    The limits and the smoothness are those of the request. None where no law can cross, and beyond the
+    smoothness that such a law can have.
+    """
+    from framework.planning.optimal.optimal_task import Task  # which most plans do not need
+    from framework.planning.optimal.undeformed_law import find_undeformed_law
+
+    if request.smoothness > HIGHEST_SMOOTHNESS or not is_crossable(searched):
+        return None
+    robot = searched.branch.robot
+    specification = replace(specification_of(robot, request), goal="time", duration=None, longest=None)
+    if not (specification.limited or specification.limited_speeds):
+        return OptimalDurations(0.0)
+    try:
+        to_cross = PathToCross(searched, searched.points)
+        best = find_undeformed_law(
+            Task(to_cross, replace(request, times=None, speeds=None, at=None), specification)
+        )
+    except (NoLaw, NotConverged) as refusal:
+        return OptimalDurations(None, str(refusal))
+    return OptimalDurations(best.law.duration)

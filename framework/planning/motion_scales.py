@@ -11,8 +11,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
 
-POLYGON_POINTS = 1001  # of the polygon that is measured
-
 
 def coordinate_sizes(robot: ParallelRobot) -> Array:
     """Return the length (n,) [m] of each platform coordinate's unit: 1 for m, the robot's length for rad."""
@@ -20,8 +18,8 @@ def coordinate_sizes(robot: ParallelRobot) -> Array:
 
 
 def path_length(robot: ParallelRobot, path: Path) -> float:
-    """Compute the length of a path [m]."""
-    points = path(np.linspace(0.0, 1.0, POLYGON_POINTS)) * coordinate_sizes(robot)
+    """Compute the length of a path [m], as that of a polygon."""
+    points = path(np.linspace(0.0, 1.0, 1001)) * coordinate_sizes(robot)
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 

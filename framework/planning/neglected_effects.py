@@ -25,7 +25,6 @@ from framework.planning.model_on_motion import ModelOnMotion
 from framework.planning.motion_scales import largest_by_unit
 from framework.tolerances import TORQUE_TAIL
 
-PEAK_SAMPLES = 501  # equidistant instants
 MAX_NAMES = 4  # of springs or turns that are listed one by one
 
 # of each effect, in words: computes by how much it changes the torques (T, n_a); raises NoAnswer
@@ -54,10 +53,12 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
     alone. Near the largest torque or above it, as of springs under a load across a crossing, a number is an
     order of magnitude.
     """
+    torques = np.abs(dynamics.torque(np.linspace(0.0, dynamics.duration, 501))).max(axis=0)
+    peaks = largest_by_unit(dynamics.robot, torques)
     differences = [*_spring_differences(dynamics), *_friction_differences(dynamics)]
     effects = [
-        *(_measure_effect(dynamics, *difference) for difference in differences),
-        *_idle_turn_effects(dynamics),
+        *(_measure_effect(dynamics.robot, peaks, *difference) for difference in differences),
+        *_idle_turn_effects(dynamics, peaks),
         *map(NeglectedEffect, dynamics.robot.description.left_out),
     ]
     resolved = max(TORQUE_TAIL, dynamics.certificate.tail)
@@ -65,23 +66,17 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
     return tuple(sorted(effects, key=lambda one: -1.0 if one.share is None else one.share, reverse=True))
 
 
-def _peaks(dynamics: InverseDynamics) -> Array:
-    """Return, for each motor (n_a,), the largest torque along the motion of all motors of its unit."""
-    times = np.linspace(0.0, dynamics.duration, PEAK_SAMPLES)
-    return largest_by_unit(dynamics.robot, np.abs(dynamics.torque(times)).max(axis=0))
-
-
 def _measure_effect(
-    dynamics: InverseDynamics, effect: str, difference: Callable[[], Array]
+    robot: ParallelRobot, peaks: Array, effect: str, difference: Callable[[], Array]
 ) -> NeglectedEffect:
-    """Return the effect with its largest torque, or with the reason why none is known."""
+    """Return the effect with its largest torque over peaks (n_a,), or the reason why none is known."""
     try:
         largest = np.abs(difference()).max(axis=0)
     except NoAnswer as failure:
         return NeglectedEffect(f"{effect}: no number, {failure}")
-    shares = largest / _peaks(dynamics)
+    shares = largest / peaks
     motor = np.argmax(shares)
-    joint = dynamics.robot.actuator_names[motor]
+    joint = robot.actuator_names[motor]
     return NeglectedEffect(effect, float(largest[motor]), joint, float(shares[motor]))
 
 
@@ -158,7 +153,7 @@ def neglected_friction(dynamics: InverseDynamics) -> Array:
     return friction
 
 
-def _idle_turn_effects(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:
+def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[NeglectedEffect]:
     """Yield the torque that would hold idle turns as planned, as an estimate of the motors' error."""
     robot, holding = dynamics.robot, dynamics.certificate.max_held_torque
     if not holding:
@@ -167,5 +162,5 @@ def _idle_turn_effects(dynamics: InverseDynamics) -> Iterator[NeglectedEffect]:
     turns = turns if len(turns) else robot.structure.idle
     names = _list_names([robot.coordinates.name_of(k) for k in turns])
     torque = holding / float(np.abs(robot.gear_ratio).min())
-    share = torque / float(_peaks(dynamics).max())
+    share = torque / float(peaks.max())
     yield NeglectedEffect(f"what nothing holds of {names}", torque, share=share)

@@ -1,4 +1,4 @@
-"""The smallest change of a path that lets a robot cross where no timing can: `plan_with_modified_path`.
+"""The smallest change of a path that lets a robot cross where no timing can.
 
 Where a path runs orthogonal to t_s, s" has no hold on condition (8). So its tangent at the crossing c is
 turned towards t_s, x(s) + size d b(s) with d the coordinates that move the platform along t_s and
@@ -13,7 +13,7 @@ of that curve: everything is proved on the spline.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,14 +31,7 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 
 MAX_BEND_SHARE = 0.05  # of the path's length: a bend beyond that makes another path
-# the smallest bend tried is MAX_BEND_SHARE / 2^7, 0.04 % of the length: a matter of making the robot
-BEND_HALVINGS = 7
-BEND_BISECTIONS = 3  # of the last factor of two: the least share is then known to 2^(1/8), 9 %
-BEND_RESERVE = 0.1  # of its size, by which the bend is made larger than the least that helps
-BUMP_EXPONENT = 10.0  # N: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE]
-SPLINE_POINTS = 9  # and two more for each knot of the path
 END_SHARE = 0.15  # in s: nearer to an end the bump would not vanish smoothly there
-BEND_CHOICES = 6  # bends, the least among them, whose torques are compared
 BEND_SAMPLES = 1001  # equidistant places at which the size of a bend is measured
 
 
@@ -65,23 +58,13 @@ class ModifiedPathPlan(NamedTuple):
     choices: tuple[BendChoice, ...] = ()
 
 
-def plan_with_modified_path(
-    robot: ParallelRobot, path: Path, *, bend: float | None = None, **options: Any
-) -> ModifiedPathPlan:
-    """Plan as `plan_crossing` does; where no law can cross, on the path with the least bend that helps.
-
-    See `plan_request_with_modified_path`.
-    """
-    return plan_request_with_modified_path(robot, Request.of(robot, path, **options), bend=bend)
-
-
 def plan_request_with_modified_path(
     robot: ParallelRobot, request: Request, *, bend: float | None = None
 ) -> ModifiedPathPlan:
     """Plan a request; where no law can cross, bend the path at its crossing most orthogonal to t_s.
 
     Bends are tried to both sides, each twice the last, until the request is planned, within its limits if it
-    has any. The least bend is bisected between that and the last refused one, and `BEND_RESERVE` added.
+    has any. The least bend is bisected between that and the last refused one, and a tenth of it added.
     Without a torque limit the least bend may well need a large torque: `choices` has the torques of larger
     bends.
 
@@ -153,7 +136,7 @@ class _Modification(NamedTuple):
         share, plan = least
         choices = [BendChoice(abs(share), plan.peak_torque)]
         if abs(share) < MAX_BEND_SHARE:
-            for size in np.geomspace(abs(share), MAX_BEND_SHARE, BEND_CHOICES)[1:].tolist():
+            for size in np.geomspace(abs(share), MAX_BEND_SHARE, 6)[1:].tolist():
                 larger = self.plan_bent(float(np.copysign(size, share)))
                 choices += [] if larger is None else [BendChoice(size, larger.peak_torque)]
         return self._measure(plan, tuple(choices))
@@ -163,8 +146,9 @@ class _Modification(NamedTuple):
 
         The reserve is left out where the request is not planned with it.
         """
-        smallest = MAX_BEND_SHARE / 2.0**BEND_HALVINGS
-        sizes = smallest * 2.0 ** np.arange(BEND_HALVINGS + 1)
+        sizes = (
+            MAX_BEND_SHARE / 2.0 ** np.arange(8)[::-1]
+        )  # from 0.04 % on: less is a matter of making the robot
         for share in (side * float(size) for size in sizes for side in (1.0, -1.0)):
             plan = self.plan_bent(share)
             if plan is not None:
@@ -172,14 +156,14 @@ class _Modification(NamedTuple):
         else:
             return None
         refused = 0.5 * share
-        for _ in range(BEND_BISECTIONS if abs(share) > smallest else 0):
+        for _ in range(3 if abs(share) > sizes[0] else 0):  # the least share is then known to 2^(1/8), 9 %
             middle = float(np.copysign(np.sqrt(refused * share), share))
             middle_plan = self.plan_bent(middle)
             if middle_plan is None:
                 refused = middle
             else:
                 share, plan = middle, middle_plan
-        with_reserve = (1.0 + BEND_RESERVE) * share
+        with_reserve = 1.1 * share
         reserved = self.plan_bent(with_reserve)
         return (share, plan) if reserved is None else (with_reserve, reserved)
 
@@ -227,7 +211,7 @@ def _choose_intervals(path: Path, c: float) -> int:
 
     A knot is an edge between panels of time, which a crossing must not meet.
     """
-    least = SPLINE_POINTS + 2 * len(path.knots)
+    least = 9 + 2 * len(path.knots)
     return min(range(least - 1, least + 3), key=lambda count: abs(c * count % 1.0 - 0.5))
 
 
@@ -239,10 +223,11 @@ def _largest_norm(rows: Array) -> float:
 def _bump(s: Array, c: float) -> Array:
     """Evaluate b(s) of the head of this file for a crossing at c.
 
+    N = 10: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE].
     c is an inflexion before the peak m where (m - c)^2 (N - 1) = m (1 - m), a quadratic equation in m. For c
     beyond the middle, the bump is that of 1 - c, mirrored.
     """
-    N, near_end = BUMP_EXPONENT, min(c, 1.0 - c)
+    N, near_end = 10.0, min(c, 1.0 - c)
     half_sum = near_end * (N - 1) + 0.5  # N m^2 - 2 half_sum m + (N - 1) near_end^2 = 0
     root = (half_sum + np.sqrt(half_sum**2 - N * (N - 1) * near_end**2)) / N
     m = root if c <= 0.5 else 1.0 - root

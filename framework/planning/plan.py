@@ -10,34 +10,40 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import rigid_crossings
-from framework.errors import NoAnswer, NoLaw, NotConverged, UnboundedTorque, UncontrolledMotions
+from framework.errors import (
+    LimitsExceeded,
+    NoAnswer,
+    NoLaw,
+    NotConverged,
+    UnboundedTorque,
+    UncontrolledMotions,
+)
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
+from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.numerics.time_limit import NONE_FOUND_YET, SearchEnded, limit_time
 from framework.planning.crossing_points import PathToCross, path_to_cross
-from framework.planning.optimal.optimal_motion import limit_excess, optimal_motion
-from framework.planning.optimal.optimal_task import Task
-from framework.planning.options import takes_options
-from framework.planning.polynomial import polynomial_motion, undeformed_polynomial
-from framework.planning.refusals.explanation import check_limits, with_explanation, with_remedy
+from framework.planning.feasibility import feasibility_on_path, is_crossable
+from framework.planning.options import OPTIMAL_LAW, takes_options
+from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
+from framework.planning.refusals.refusal_proofs import SearchEvidence, UnmetCondition
 from framework.planning.request import Request
 from framework.planning.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
-from framework.planning.specification import specification_of
+from framework.planning.specification import limit_excess, specification_of
 from framework.singularity.points_on_path import SearchedPath, check_of, search_path
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
 
 ADVANCES = "the polynomial advances"  # the reason to plan with one
 NEARLY_STOPS = "nearly stops"
-SAMPLES_BESIDE = 65  # places beside a near miss at which the torques are looked at
 
 
 @takes_options
@@ -88,62 +94,63 @@ def plan_request(
     if searched is None:
         searched = search_path(robot, request.path)
     check_of(robot, request.path, searched.branch)
-    work = _Work(path_to_cross(searched, request), request, started)
+    to_cross = path_to_cross(searched, request)
+    searched = to_cross.searched  # under the wrenches of the request
     try:
         with limit_time(request.time_limit) as clock:
-            plan = _plan_best(work)
+            plan = _plan_best(to_cross, request)
     except SearchEnded as end:
         raise SearchEnded(f"{robot.name}: {end}") from None
     except UncontrolledMotions:  # a NoLaw to which one condition (8) and its durations say nothing
         raise
     except NoLaw as refusal:
-        raise with_explanation(refusal, work.to_cross.searched, request) from None
+        raise with_explanation(refusal, searched, request) from None
     except UnboundedTorque as pole:
-        raise with_remedy(pole, work.to_cross.searched, request) from None
+        raise pole.advising(find_remedy(pole, searched, request)) from None
     check_limits(plan)
+    plan = replace(plan, seconds=time.perf_counter() - started)
     if clock.has_ended and not plan.reason.endswith(NONE_FOUND_YET):
         ended = f"the search was ended after {clock.seconds:g} s, there may be better laws"
         return replace(plan, reason=f"{plan.reason}; {ended}")
     return plan
 
 
-def _plan_best(work: _Work) -> CrossingPlan:
+def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """Plan with the law of the request, or choose one.
 
     A goal, or limits without a duration, ask for the optimal law; the polynomial replaces it where none is
     found. Else the polynomial comes first. The optimal law replaces it where it is refused, exceeds the
     limits, nearly stops, or has its largest torque beside a near miss of the locus.
     """
-    request = work.request
     if request.law == "optimal":
-        return _plan_optimal(work, "it was asked for")
+        return _plan_optimal(to_cross, request, "it was asked for")
     if request.kind == "optimal":
         try:
-            return _plan_optimal(work, "only the optimal law has a goal")
+            return _plan_optimal(to_cross, request, "only the optimal law has a goal")
         except (NoLaw, NotConverged, SearchEnded) as refusal:
             with limit_time(None):
-                return _plan_polynomial_within_limits(work, refusal)
+                return _plan_polynomial_within_limits(to_cross, request, refusal)
     try:
-        plan, advance = _plan_polynomial(work)
+        plan, advance = _plan_polynomial(to_cross, request)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
-        return _plan_after_refusal(work, refusal)
+        return _plan_after_refusal(to_cross, request, refusal)
     excess = _limit_ratio(plan)
     if excess > 1.0:
         needs = f"the polynomial needs {excess:.4g} times the limits"
         if request.may_be_optimal:
-            return _plan_optimal(work, needs)
+            return _plan_optimal(to_cross, request, needs)
         raise NoLaw(
             f"{plan.robot.name}: {needs}; torque_limit and speed_limit none (inf in Python) lift those of "
             f"the robot file"
         )
     if not request.may_be_optimal or request.speeds is not None:
         return plan
-    return _improve_polynomial(work, plan, advance)
+    return _improve_polynomial(to_cross, plan, advance)
 
 
-def _improve_polynomial(work: _Work, plan: CrossingPlan, advance: float) -> CrossingPlan:
+def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan, advance: float) -> CrossingPlan:
     """Return the optimal plan where a polynomial nearly stops or peaks beside a near miss, else the plan."""
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
@@ -151,22 +158,26 @@ def _improve_polynomial(work: _Work, plan: CrossingPlan, advance: float) -> Cros
             f"torque {_peak_text(plan)}"
         )
         try:
-            return _plan_optimal(work, nearly_stops)
+            return _plan_optimal(to_cross, plan.request, nearly_stops)
         except NoAnswer as refusal:
             return replace(plan, reason=f"{nearly_stops}; the optimal law is not found: {refusal}")
-    miss = miss_of_peak(plan, work.to_cross.searched.near_misses)
-    return plan if miss is None else _plan_lower_peak(work, plan, miss)
+    miss = miss_of_peak(plan, to_cross.searched.near_misses)
+    return plan if miss is None else _plan_lower_peak(to_cross, plan, miss)
 
 
-def _plan_after_refusal(work: _Work, refusal: NoLaw | NotConverged) -> CrossingPlan:
+def _plan_after_refusal(
+    to_cross: PathToCross, request: Request, refusal: NoLaw | NotConverged
+) -> CrossingPlan:
     """Plan with the optimal law where the polynomial was refused; refuse with both reasons if need be."""
     polynomial = (
         "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
     )
     # the first clause, which says what was not found, without the advice behind it
-    why = str(refusal).removeprefix(f"{work.to_cross.branch.robot.name}: ").partition("; ")[0]
+    why = str(refusal).removeprefix(f"{to_cross.branch.robot.name}: ").partition("; ")[0]
     try:
-        return _plan_optimal(work, f"optimal, as {polynomial} over {work.request.fixed_duration:g} s: {why}")
+        return _plan_optimal(
+            to_cross, request, f"optimal, as {polynomial} over {request.fixed_duration:g} s: {why}"
+        )
     except UncontrolledMotions:
         raise
     except SearchEnded as end:
@@ -184,12 +195,14 @@ def _plan_after_refusal(work: _Work, refusal: NoLaw | NotConverged) -> CrossingP
         ) from None
 
 
-def _plan_polynomial_within_limits(work: _Work, refusal: NoAnswer) -> CrossingPlan:
+def _plan_polynomial_within_limits(
+    to_cross: PathToCross, request: Request, refusal: NoAnswer
+) -> CrossingPlan:
     """Plan with the polynomial where the optimal law was refused; raise that refusal beyond the limits."""
-    if work.request.duration is None:
+    if request.duration is None:
         raise refusal
     try:
-        plan, _ = _plan_polynomial(work)
+        plan, _ = _plan_polynomial(to_cross, request)
     except NoAnswer:
         raise refusal from None
     if _limit_ratio(plan) > 1.0:
@@ -202,14 +215,14 @@ def _limit_ratio(plan: CrossingPlan) -> float:
     return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
 
 
-def _plan_lower_peak(work: _Work, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
+def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
     """Plan with the law of lower peak torque where the polynomial's peak stands beside a near miss."""
     why = (
         f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
         f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
     )
     try:
-        optimal = _plan_optimal(work, f"{why}; this one's is lower")
+        optimal = _plan_optimal(to_cross, polynomial.request, f"{why}; this one's is lower")
     except NoAnswer as refusal:
         return replace(polynomial, reason=f"{why}; the optimal law is not found: {refusal}")
     assert optimal.optimality is not None
@@ -231,7 +244,8 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
         return None
     sampled_times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
     sampled_s = plan.law(sampled_times)
-    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, SAMPLES_BESIDE)
+    # places beside a near miss at which the torques are looked at
+    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)
     times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
     times = np.concatenate([sampled_times, *times_beside])
     limits = [motor.torque_limit for motor in plan.robot.description.actuators]
@@ -257,51 +271,27 @@ def _peak_text(plan: CrossingPlan) -> str:
     return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
-class _Work(NamedTuple):
-    """The input of planning with either law; started: by the clock of `time.perf_counter` [s]."""
-
-    to_cross: PathToCross
-    request: Request
-    started: float
-
-
-def _plan_polynomial(work: _Work) -> tuple[CrossingPlan, float]:
+def _plan_polynomial(to_cross: PathToCross, request: Request) -> tuple[CrossingPlan, float]:
     """Plan with the polynomial law; return the plan and `Law.advance` of its law."""
-    request = work.request
-    motion = polynomial_motion(work.to_cross, request)
-    advance = motion.law.advance(request.smoothness)
+    plan = plan_polynomial(to_cross, request)
+    advance = plan.law.advance(request.smoothness)
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
     if request.kind == "polynomial":
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
         if 0 < advance < MIN_POLYNOMIAL_ADVANCE:
             reason += f"; it {NEARLY_STOPS}, at {advance:.2g} of its mean speed: try --law optimal"
-    plan = certified_plan(
-        work.to_cross,
-        request,
-        motion.dynamics,
-        motion.law,
-        motion.timing,
-        seconds=time.perf_counter() - work.started,
-        reason=reason,
-        conditions=motion.conditions,
-    )
-    return plan, advance
+    return replace(plan, reason=reason), advance
 
 
-def _plan_optimal(work: _Work, reason: str) -> CrossingPlan:
+def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:
     """Plan with the optimal law, for a reason that the plan states."""
-    specification = specification_of(work.to_cross.branch.robot, work.request)
-    dynamics, law, best = optimal_motion(Task(work.to_cross, work.request, specification))
-    return certified_plan(
-        work.to_cross,
-        work.request,
-        dynamics,
-        law,
-        timing=(),
-        seconds=time.perf_counter() - work.started,
-        reason=reason,
-        optimality=Optimality(specification, best.reference, best.gap),
-    )
+    from framework.planning.optimal.optimal_motion import optimal_motion  # which other plans do not need
+    from framework.planning.optimal.optimal_task import Task
+
+    specification = specification_of(to_cross.branch.robot, request)
+    dynamics, law, best = optimal_motion(Task(to_cross, request, specification))
+    optimality = Optimality(specification, best.reference, best.gap)
+    return certified_plan(to_cross, request, dynamics, law, (), reason=reason, optimality=optimality)
 
 
 @takes_options
@@ -328,3 +318,52 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     to_cross = path_to_cross(searched, request)
     law = undeformed_polynomial(to_cross, request)
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)
+
+
+# ------------------------------------------------------------------ what a refusal says beside its reason
+
+
+def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
+    """Return the refusal with condition (8) at each singular point and a remedy appended."""
+    conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
+    sentences = [str(refusal), *(feasibility.short_sentence for feasibility in conditions)]
+    explained = NoLaw("; ".join(sentences), proof=refusal.proof, evidence=refusal.evidence)
+    return explained.advising(find_remedy(refusal, searched, request))
+
+
+def check_limits(plan: CrossingPlan) -> None:
+    """Raise LimitsExceeded where a plan with `keep_limits` exceeds limits."""
+    exceeded = plan.exceeded if plan.request.keep_limits else {}
+    if exceeded:
+        listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
+        raise LimitsExceeded(f"{plan.robot.name}: the motion leaves limits: {listed}", exceeded=exceeded)
+
+
+def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:
+    """Return options of `plan_crossing` to give instead, None for one to leave out; None without remedy.
+
+    A law that was refused is not advised again, the optimal law only where condition (8) does not forbid
+    every law. Limits and durations are those of a law that the search found (`SearchEvidence`). `bend` among
+    the options stands for `path_modification`.
+    """
+    robot = searched.branch.robot
+    if request.at is not None:  # an imposed point: what was said of the located ones does not hold there
+        return None
+    if not request.may_be_optimal:
+        may_cross = request.smoothness <= HIGHEST_SMOOTHNESS and is_crossable(searched)
+        return OPTIMAL_LAW if may_cross and request.duration is not None else None
+    if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
+        return None if refusal.proof.stop else {"bend": True}
+    evidence = getattr(refusal, "evidence", None)
+    if robot.n_e or not isinstance(evidence, SearchEvidence):  # its numbers are of the undeformed robot
+        return None
+    if evidence.quickest is not None:
+        return {"longest" if request.duration is None else "duration": evidence.quickest}
+    return evidence.limits and {
+        option: {
+            name: float(limit)
+            for name, limit in zip(robot.actuator_names, limits, strict=True)
+            if np.isfinite(limit)
+        }
+        for option, limits in evidence.limits.items()
+    }

@@ -17,10 +17,8 @@ from framework.laws.optimal_law import OptimalLaw
 from framework.model.frame_wrench import FrameWrench
 from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import NeglectedEffect
-from framework.planning.result import Crossing, CrossingPlan
+from framework.planning.result import CrossingPlan
 from framework.singularity.type2 import moves_point
-
-NOTABLE_END_SPEED = 1e-6  # of the largest motor speed, that motors have at the ends: worth a line
 
 CROSSING = (
     "t = {0.time:.6g} s at s = {0.s:.15f}, {place}",
@@ -126,20 +124,15 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
     robot, facts = plan.robot, list[Fact]()
     unit = "m" if robot.translations.any() else "rad"
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
-        words = _crossing_words(robot, crossing)
-        facts += [Fact("crossing", CROSSING[0].format(crossing, **words))]
-        facts += [Fact("", CROSSING[1].format(crossing, **words))]
+        words = {
+            "place": robot.place(crossing.platform),
+            "twist": twist_text(robot, crossing.twist),
+            "acceleration": round(crossing.acceleration, 9) + 0.0,
+        }
+        texts = [text.format(crossing, **words) for text in CROSSING]
+        facts += map(Fact, ("crossing", ""), texts)
         facts += [] if loaded is None else [Fact("", LOADED.format(loaded, unit))]
     return facts or [Fact("crossing", "none")]
-
-
-def _crossing_words(robot: ParallelRobot, crossing: Crossing) -> dict[str, object]:
-    """Return the words of CROSSING that a crossing's own numbers do not give."""
-    return {
-        "place": robot.place(crossing.platform),
-        "twist": twist_text(robot, crossing.twist),
-        "acceleration": round(crossing.acceleration, 9) + 0.0,
-    }
 
 
 def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
@@ -161,7 +154,7 @@ def _warnings(plan: CrossingPlan) -> list[Fact]:
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         facts.insert(0, Fact("warning", MUCH_LEFT_OUT))
-    if certificate.end_speed > NOTABLE_END_SPEED:
+    if certificate.end_speed > 1e-6:  # of the largest: worth a line
         facts.append(Fact("warning", MOVING_ENDS.format(certificate)))
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))

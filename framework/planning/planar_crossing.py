@@ -31,28 +31,8 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, twist_norm
 
-UPRIGHT_GRAVITY = 9.81  # [m/s^2] as robot files have it by default
 PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best laws
 STEP_ASIDE = 1e-3  # [robot lengths] of the platform, for how the robot follows it
-
-
-class RequiredForces(NamedTuple):
-    """Torques times g and t_s . W_p at M places: constant, per (ds/dt)^2 and per d2s/dt2."""
-
-    torque: Array  # (M, 3, n_a) [N m], [N m s^2] and [N m s^2]
-    power: Array  # (M, 3) [N], [N s^2] and [N s^2]
-
-
-class CrossingSamples(NamedTuple):
-    """The crossing at places s (M,)."""
-
-    q: Array  # (M, nq)
-    q_aside: Array  # (n, 2, M, nq) the platform one STEP_ASIDE forward and back along each of its axes
-    g: Array  # (M,) measure of singularity, 0 at the crossing
-    t_s: Array  # (M, n) of unit speed at the crossing, pointing along the path there
-    motor_speed: Array  # (M, n_a, n) G, as in `PlatformWrench`
-    torque_of_force: Array  # (M, n_a, n) g times the torques that hold a force on the platform
-    forces: dict[str, RequiredForces]  # by "off" and "on" of gravity
 
 
 class PlanarCrossing(NamedTuple):
@@ -66,13 +46,21 @@ class PlanarCrossing(NamedTuple):
     def point(self) -> SingularPoint:
         return self.searched.points[0]
 
-    def sample(self, s: Array) -> CrossingSamples:
+    def sample(self, s: Array) -> dict[str, Array]:
         """Sample the crossing at s (M,), ascending, none the crossing itself.
 
         Twists and motions are divided by one number: the norm of the twist at the crossing, with the sign
         that makes t_s point along the path. Motor speeds are G v for a twist v of the platform. So a force f
         on the platform is held by the torques (G')^-1 f, which have a pole where g vanishes. Gravity changes
         neither poses nor twists.
+
+        Returns:
+            q (M, nq); q_aside (n, 2, M, nq), the platform one STEP_ASIDE forward and back along each of its
+            axes; g (M,), 0 at the crossing; t_s (M, n), of unit speed at the crossing; motor_speed
+            (M, n_a, n), G as in `PlatformWrench`; torque_of_force (M, n_a, n), g times the torques that hold
+            a force on the platform; and with gravity "off" and "on" torque_off, torque_on (M, 3, n_a), the
+            torques times g: constant [N m], per (ds/dt)^2 and per d2s/dt2 [N m s^2]; power_off, power_on
+            (M, 3), t_s . W_p likewise.
         """
         robot, branch = self.robots["off"], self.searched.branch
         closed = branch.close(s)
@@ -80,15 +68,18 @@ class PlanarCrossing(NamedTuple):
         scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
         G = motor_speeds(robot, closed.linearised)[0]  # (M, n_a, n)
         g, motion = measure.g[:, None, None], measure.motion / scale
-        return CrossingSamples(
-            q=closed.q,
-            q_aside=_close_aside(robot, closed),
-            g=measure.g,
-            t_s=twist / scale,
-            motor_speed=G,
-            torque_of_force=g * np.linalg.inv(G.transpose(0, 2, 1)),
-            forces={gravity: self._forces(one, s, g, motion) for gravity, one in self.robots.items()},
-        )
+        samples = {
+            "q": closed.q,
+            "q_aside": _close_aside(robot, closed),
+            "g": measure.g,
+            "t_s": twist / scale,
+            "motor_speed": G,
+            "torque_of_force": g * np.linalg.inv(G.transpose(0, 2, 1)),
+        }
+        for gravity, one in self.robots.items():
+            torque, samples[f"power_{gravity}"] = self._forces(one, s, motion)
+            samples[f"torque_{gravity}"] = g * torque
+        return samples
 
     def _twist_scale(self, nearest: Array) -> float:
         """Return the norm of the twist at the crossing, negative if `nearest` (n,) points backwards."""
@@ -96,8 +87,8 @@ class PlanarCrossing(NamedTuple):
         _, twist = _measure_with_twist(robot, branch.close(np.array([s])))
         return twist_norm(robot, twist[0]) * sign_along(nearest, branch.path(s, 1))
 
-    def _forces(self, robot: ParallelRobot, s: Array, g: Array, motion: Array) -> RequiredForces:
-        """Compute torques times g and t_s . W_p of a robot at s (M,).
+    def _forces(self, robot: ParallelRobot, s: Array, motion: Array) -> tuple[Array, Array]:
+        """Compute torques (M, 3, n_a) and t_s . W_p (M, 3) of a robot at s (M,).
 
         t_s . W_p is the power of the forces of the open tree in the uncontrolled motion (M, nv): of weight,
         of inertia at ds/dt = 1 and at d2s/dt2 = 1.
@@ -111,8 +102,8 @@ class PlanarCrossing(NamedTuple):
             inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope)),
         )
         torque = demand(replace(branch, robot=robot), Smoothstep(0), s, None, "rigid").torque
-        return RequiredForces(
-            g * np.stack([torque.constant, torque.per_z, torque.per_u], axis=1),
+        return (
+            np.stack([torque.constant, torque.per_z, torque.per_u], axis=1),
             np.stack([np.sum(part * motion, axis=1) for part in parts], axis=1),
         )
 
@@ -162,9 +153,7 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
-    robots = {
-        name: _with_gravity(robot, -size * upwards) for name, size in (("off", 0.0), ("on", UPRIGHT_GRAVITY))
-    }
+    robots = {name: _with_gravity(robot, -size * upwards) for name, size in (("off", 0.0), ("on", 9.81))}
     options: dict[str, Any] = {
         "law": "optimal",
         "optimize": "peak_torque",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from framework.dynamics.inverse_dynamics import resolve
-from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.dynamics.result import SingularityCrossing
 from framework.errors import InvalidInput, NoLaw
 from framework.laws.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
 from framework.numerics.arrays import Array
@@ -25,6 +24,7 @@ from framework.planning.crossing_points import PathToCross, check_one_condition_
 from framework.planning.options import OPTIMAL_LAW
 from framework.planning.refusals.turning_back import check_advance
 from framework.planning.request import Request
+from framework.planning.result import CrossingPlan, certified_plan
 from framework.planning.timing import CrossingTime, choose_timing
 from framework.singularity.points_on_path import SingularPoint
 
@@ -34,17 +34,8 @@ OF_A_SCENE = (
 )
 
 
-class PolynomialMotion(NamedTuple):
-    """The certified motion, its law, and the timing and conditions of its crossings."""
-
-    dynamics: InverseDynamics
-    law: Law
-    timing: tuple[CrossingTime, ...]
-    conditions: list[Condition8]
-
-
-def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMotion:
-    """Certify the motion with the polynomial of least degree; choose an open timing.
+def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
+    """Plan with the polynomial of least degree; choose an open timing.
 
     Deflections move the crossing points: then a law is solved for in each pass, and the last one is checked
     again.
@@ -78,7 +69,7 @@ def polynomial_motion(to_cross: PathToCross, request: Request) -> PolynomialMoti
     assert isinstance(law, Law)
     if len(conditions_of) > 1:  # else it is the first law, which has been checked
         _check_advance(law, request, dynamics.crossings, name)
-    return PolynomialMotion(dynamics, law, timing, conditions_of[law])
+    return certified_plan(to_cross, request, dynamics, law, timing, conditions=conditions_of[law])
 
 
 def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:

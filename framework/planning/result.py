@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from os import PathLike
 from pathlib import Path as FilePath
 from typing import IO
@@ -19,13 +19,12 @@ from framework.kinematics.tree_model import positions_beyond_limits, shares_beyo
 from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.numerics.peaks import peak_sizes
 from framework.planning.condition import Condition8, Deflection, coefficients_at, crossing_point
 from framework.planning.crossing_points import PathToCross
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
-from framework.planning.neglected_effects import NeglectedEffect, neglected_effects
+from framework.planning.neglected_effects import NeglectedEffect, neglected_effects, neglected_friction
 from framework.planning.request import Request
-from framework.planning.specification import Specification
+from framework.planning.specification import Specification, motor_peaks
 from framework.planning.timing import CrossingTime
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
@@ -77,7 +76,7 @@ class CrossingPlan:
     crossings: tuple[Crossing, ...]
     dynamics: InverseDynamics
     certificate: Certificate
-    seconds: float  # time that planning took
+    seconds: float = 0.0  # time that planning took
     reason: str = ""  # why the law is of its kind
     optimality: Optimality | None = None  # of an optimal law
 
@@ -135,16 +134,12 @@ class CrossingPlan:
     @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        peaks = self._peak_sizes(self.torque)
-        return dict(zip(self.robot.actuator_names, map(float, peaks), strict=True))
+        return dict(zip(self.robot.actuator_names, map(float, self._peaks[0]), strict=True))
 
     @property
     def neglected_friction(self) -> str:
         """Dry friction that the plan does not count with, its size by joint; empty without any."""
-        robot = self.robot
-        if self.request.friction == "driven":
-            return robot.friction_sizes(robot.passive)
-        return robot.friction_sizes(np.concatenate([robot.actuated, robot.passive]))
+        return self.robot.friction_sizes(np.flatnonzero(neglected_friction(self.dynamics)))
 
     @cached_property
     def neglected(self) -> tuple[NeglectedEffect, ...]:
@@ -163,30 +158,28 @@ class CrossingPlan:
             exceeded.setdefault(joint, []).append(excess)
         return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
 
-    def _peak_sizes(self, values: Callable[[Array], Array]) -> Array:
-        """Compute the largest |value| (n_a,) of functions of time, (T,) to (T, n_a), between samples too.
-
-        Each is taken as a series on the panels of the torques, with as many coefficients.
-        """
-        torques = self.dynamics.torques
-        return peak_sizes(values, torques.edges, torques.coefficients.shape[1])
+    @cached_property
+    def _peaks(self) -> tuple[Array, Array]:
+        """The largest torques and speeds (n_a,) of the motors."""
+        return motor_peaks(self.dynamics)
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints of motors with a torque or a speed beyond its limit, in words."""
-        yield from self._excesses_of("torque", self.torque, self.robot.torque_units)
-        yield from self._excesses_of("speed", partial(self.motor_angle, order=1), self.robot.speed_units)
-
-    def _excesses_of(
-        self, quantity: str, values: Callable[[Array], Array], units: Sequence[str]
-    ) -> Iterator[tuple[str, str]]:
-        """Yield joints of motors with values, (T,) to (T, n_a), beyond their limit, in words."""
-        times, motors = self._times, self.robot.description.actuators
-        s_peak = self.law(times[np.abs(values(times)).argmax(axis=0)])
-        for motor, peak, unit, s in zip(motors, self._peak_sizes(values), units, s_peak, strict=True):
-            limit = getattr(motor, f"{quantity}_limit")
-            if limit is not None and peak > limit:
-                size, bound = format_distinct(peak, limit)
-                yield motor.joint, f"{quantity} {size} {unit} of {bound} at s = {s:.4g}"
+        robot, times = self.robot, self._times
+        quantities = zip(
+            ("torque", "speed"),
+            (self.torque(times), self.motor_angle(times, 1)),
+            self._peaks,
+            (robot.torque_units, robot.speed_units),
+            strict=True,
+        )
+        for quantity, values, peaks, units in quantities:
+            s_peak = self.law(times[np.abs(values).argmax(axis=0)])
+            for motor, peak, unit, s in zip(robot.description.actuators, peaks, units, s_peak, strict=True):
+                limit = getattr(motor, f"{quantity}_limit")
+                if limit is not None and peak > limit:
+                    size, bound = format_distinct(peak, limit)
+                    yield motor.joint, f"{quantity} {size} {unit} of {bound} at s = {s:.4g}"
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield joints with a position beyond the limits of the URDF, in words."""
@@ -240,8 +233,7 @@ def certified_plan(
     law: PlannedLaw,
     timing: Sequence[CrossingTime],
     *,
-    seconds: float,
-    reason: str,
+    reason: str = "",
     optimality: Optimality | None = None,
     conditions: Sequence[Condition8] = (),
 ) -> CrossingPlan:
@@ -250,7 +242,7 @@ def certified_plan(
     Args:
         timing: of the crossings that the law was made for. A crossing measured there, but for rounding, is
             given these numbers; any other has its own.
-        seconds, reason, optimality: of the plan.
+        reason, optimality: of the plan.
         conditions: those that the law was made to meet, one for each crossing point; measured if not at hand.
     """
     crossings = []
@@ -270,7 +262,14 @@ def certified_plan(
         )
     certificate = replace(dynamics.certificate, monotone=law.advance(request.smoothness) > 0)
     return CrossingPlan(
-        dynamics.robot, request, law, tuple(crossings), dynamics, certificate, seconds, reason, optimality
+        dynamics.robot,
+        request,
+        law,
+        tuple(crossings),
+        dynamics,
+        certificate,
+        reason=reason,
+        optimality=optimality,
     )
 
 

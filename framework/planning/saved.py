@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -65,7 +65,6 @@ from framework.tolerances import FILE_ROUNDING
 
 FILE = "plan.json"
 VERSION = 3  # of plan.json; before, an optimal law was one Chebyshev series
-MAX_DOCUMENT_SIZE = 1_000_000_000  # bytes
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
 # ------------------------------------------------------------------ the keys that are read
@@ -82,15 +81,14 @@ def _read_series(where: str, given: Any) -> tuple[float, ...]:
 def _read_law(where: str, given: Any) -> Document:
     """Read the keys of a law by its kind."""
     kind = read_table(where, given, _KIND, others=None)["kind"]
-    return read_table(where, given, _LAWS[kind], others=("degree", "domain", "turns"))
+    return read_table(where, given, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
 
 
 _NUMBERS = list_of(number)
 _KIND: Table = {"kind": optional(one_of("kind of law", LAW_KINDS), Law.kind)}
 _LAWS: Mapping[str, Table] = {
-    Law.kind: {**_KIND, "chebyshev": required(_read_series)},
+    Law.kind: {"chebyshev": required(_read_series)},
     OptimalLaw.kind: {
-        **_KIND,
         "smoothness": required(whole),
         "squared_speed": required(_read_series),
         "cells": required(_NUMBERS),
@@ -118,8 +116,6 @@ _READ: Table = {
     ),
     "seconds": required(not_negative),
 }
-_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected")
-_BESIDE_PLAN = ("bend", "fidelity")  # keys that commands add
 
 # ------------------------------------------------------------------ writing
 
@@ -273,7 +269,6 @@ def plan_from_document(
             dynamics,
             law,
             timing=[CrossingTime(**times) for times in stated["crossings"]],
-            seconds=stated["seconds"],
             reason=stated["reason"],
             optimality=optimality,
         )
@@ -283,7 +278,7 @@ def plan_from_document(
         ) from None
     with naming(file, InvalidInput):
         _check_leaves(saved, plan)
-    return plan
+    return replace(plan, seconds=stated["seconds"])
 
 
 def stated_certificate(folder: str | FilePath) -> Certificate:
@@ -301,7 +296,8 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with naming(file, InvalidInput):
-        return read_table("", saved, _READ, others=(*_COMPUTED, *_BESIDE_PLAN))
+        computed = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected")
+        return read_table("", saved, _READ, others=(*computed, "bend", "fidelity"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:
@@ -311,7 +307,7 @@ def read_document(file: FilePath, command: str) -> Document:
         InvalidInput: there is none.
     """
     complaint = f"give a folder of `crossing {command} --out`: {file} cannot be read"
-    content = read_text(file, complaint, largest=MAX_DOCUMENT_SIZE)
+    content = read_text(file, complaint, largest=1_000_000_000)  # bytes
     try:
         saved = json.loads(content)
     except (ValueError, RecursionError) as error:

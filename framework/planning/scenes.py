@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from framework.dynamics.motor_limits import is_limited
-from framework.errors import InvalidInput, choose_from, short
+from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Arc, Line, Path, Polyline, Spline
 from framework.model.description import Scene
@@ -46,16 +46,15 @@ def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = 
     Raises:
         InvalidInput: another kind, or points that do not make such a path.
     """
+    check_choice("path", kind, [Line.kind, Arc.kind, Spline.kind, Polyline.kind])
     if kind == Spline.kind:
         return Spline(points)
     if kind == Polyline.kind:
         return Polyline(points, blend)
-    if kind not in (Line.kind, Arc.kind):
-        raise InvalidInput(choose_from("path", kind, [Line.kind, Arc.kind, Spline.kind, Polyline.kind]))
-    count = 2 if kind == Line.kind else 3
+    path, count = (Line, 2) if kind == Line.kind else (Arc, 3)
     if len(points) != count:
         raise InvalidInput(f"{kind}: needs {count} points, got {len(points)}")
-    return Line(*points) if kind == Line.kind else Arc(*points)
+    return path(*points)
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:

@@ -8,8 +8,10 @@ import numpy as np
 
 from framework.dynamics.motor_friction import motor_friction
 from framework.dynamics.motor_limits import motor_limits
+from framework.dynamics.result import InverseDynamics
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.peaks import peak_sizes
 from framework.planning.request import Request
 
 
@@ -80,3 +82,21 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
         request.smoothness,
         motor_friction(robot, request.friction),
     )
+
+
+def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
+    """Compute the largest motor torques [N m, N] and speeds [rad/s, m/s] (n_a,), also between samples.
+
+    Each is taken as a series on the panels of the torques, with as many coefficients.
+    """
+    edges, size = dynamics.torques.edges, dynamics.torques.coefficients.shape[1]
+    speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, size)
+    return peak_sizes(dynamics.torque, edges, size), speed
+
+
+def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
+    """Return the largest torque or speed over its limit; 0 without limits."""
+    if not (specification.limited or specification.limited_speeds):
+        return 0.0
+    torque, speed = motor_peaks(dynamics)
+    return float(max((torque / specification.torque_limit).max(), (speed / specification.speed_limit).max()))

@@ -17,10 +17,6 @@ from framework.planning.request import Request
 COMFORTABLE_ADVANCE = 0.2
 MAX_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25  # laws drawn in a round of the search, for each open time or speed
-BEST_SHARE = 8  # one in so many laws of a round survives; the next ones are drawn around the survivors
-FIRST_SPREAD = 0.1  # of times over the duration, of logarithms of speeds, around the starts of the search
-NO_GAIN = 1e-4  # of `Law.advance`, between the survivors: the search has arrived
-MIN_SEPARATION = 1e-3  # of the duration, between crossings and from them to the ends, in a search
 
 Measure = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -105,7 +101,7 @@ def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
     """
     duration, (times, speeds) = request.fixed_duration, timings.swapaxes(0, 1)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
-    possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
+    possible = (separation >= 1e-3 * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
     advances, peaks = measure(times[possible], speeds[possible])
     by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)
@@ -136,14 +132,15 @@ def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[
     started = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
     count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
     centres = started[random.integers(len(starts), size=count)]
-    drawn = centres + is_open * FIRST_SPREAD * random.standard_normal(centres.shape)
+    drawn = centres + is_open * 0.1 * random.standard_normal(centres.shape)
     laws, scores, mean = started[:1], _score_laws(starts[:1], request, measure), started[0]
     for _ in range(MAX_ROUNDS):
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, _score_laws(to_timings(drawn), request, measure)])
-        survivors = np.argsort(-scores, kind="stable")[: count // BEST_SHARE]
+        # one of eight survives
+        survivors = np.argsort(-scores, kind="stable")[: count // 8]
         laws, scores = laws[survivors], scores[survivors]
-        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - NO_GAIN:
+        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - 1e-4:
             break
         weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
         steps = np.tensordot(weights, laws - mean, axes=1)  # of the survivors' covariance about the last mean

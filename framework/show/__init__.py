@@ -10,10 +10,9 @@ What is shown
 
 Figures
     style               the look of all figures
-    plots               torques, law and certificate of a plan
-    phase_plane         s' and s" within the limits of the motors
+    plots               torques, law, phase plane and certificate of a plan
     force_polygon       forces along t_s at a crossing: available and needed
-    map, locus_figures  maps over the workspace; the singular locus
+    map, locus_figures  maps over the workspace, and as a page; the singular locus
     design_study, fidelity, robustness  one figure for each study
     drawing, still      a robot, and a scene, as a picture
     moving              pictures and animated GIFs as files
@@ -21,7 +20,6 @@ Figures
 Pages
     scene               a film as a document in JSON
     page, page/         one HTML file with its scripts and styles
-    map_page            a map with the values under the pointer
     jogging, server     a robot moved by hand: the answers to the page, and their server
     report              the report of a plan, with the command that makes the plan again
     jupyter             robots and plans that show themselves in notebooks

@@ -23,7 +23,6 @@ AREAS = {
 }
 COLORING_QUANTITY = "free_area"  # its colour identifies a design in all cells
 PALETTE = "cividis"
-MAX_LABEL_CHARACTERS = 24  # characters of a line beside a row
 
 
 def plot_study(study: DesignStudy) -> Axes:
@@ -40,7 +39,7 @@ def plot_study(study: DesignStudy) -> Axes:
     for row, key in zip(axes, rows, strict=True):
         for ax, values in zip(row, parameters.values(), strict=True):
             marks = _draw(study, key, values, ax, norm)
-        row[0].set_ylabel("\n".join([*wrap(_name(key), MAX_LABEL_CHARACTERS), f"[{_unit(study, key)}]"]))
+        row[0].set_ylabel("\n".join([*wrap(_name(key), 24), f"[{_unit(study, key)}]"]))
     refused = np.array(list(map(bool, study.why)))
     for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
         ax.set_xlabel(name)

@@ -135,7 +135,6 @@ def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
 
 COLUMNS = 5
 CELL = 1.7  # [in] of one robot
-DOTS_PER_INCH = 110
 GALLERY_KINDS = ("png", "svg", "pdf")
 
 
@@ -156,4 +155,4 @@ def gallery_picture(robots: Sequence[ParallelRobot], kind: str) -> bytes:
             draw_robot(robot, ax=cell)
             cell.set_axis_off()
             cell.set_title(display_name(robot.name))
-        return figure_file(drawing, kind, dpi=DOTS_PER_INCH)
+        return figure_file(drawing, kind, dpi=110)

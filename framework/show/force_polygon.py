@@ -31,11 +31,9 @@ from framework.show.style import (
 )
 
 TIME_SAMPLES = 401
-SHOWN_DURATION_SHARE = 0.25  # of the duration, shown on either side of the crossing
 SHOWN_PATH_SHARE = 0.3  # of the path, shown on either side of a singular point
 # colour, dash and mark of a motion at its singular instant, and its verdict
 THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misses the eye")
-ASSUMED_LIMIT_RATIO = 1.5  # over the plan's largest torque, where a motor of the robot file has no limit
 
 
 def plot_eye(
@@ -56,7 +54,8 @@ def plot_eye(
     crossed, robot = plan.crossings[crossing], plan.robot
     torque = plan.torque(np.linspace(0.0, plan.duration, TIME_SAMPLES))
     limit = shown_limit(robot, torque, torque_limit)
-    times = crossed.time + SHOWN_DURATION_SHARE * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
+    # a quarter of the duration on either side of the crossing
+    times = crossed.time + 0.25 * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
     times = times[(times >= 0.0) & (times <= plan.duration)]
     wrench, time = platform_wrench(robot, plan.dynamics.motion(times)), times - crossed.time
     demand = wrench.force_along(crossed.twist)
@@ -162,5 +161,5 @@ def shown_limit(robot: ParallelRobot, torque: Array, torque_limit: ArrayLike | N
             raise InvalidInput(f"torque_limit: must be greater than zero, got {limit.tolist()}")
         return limit
     in_file = [motor.torque_limit for motor in robot.description.actuators]
-    largest = ASSUMED_LIMIT_RATIO * float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0)) or 1.0
+    largest = 1.5 * float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0)) or 1.0
     return np.array([largest if limit is None else limit for limit in in_file])

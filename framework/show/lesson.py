@@ -29,7 +29,6 @@ from framework.singularity.drawn_locus import locus_curves
 NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, until they are resolved
 LAW_NODE_COUNTS = (160, 320, 640, 1280)  # of the best law's squared speed in sigma, likewise
 SERIES_TAIL = 1e-12  # of the largest coefficient, of all series of the page
-LIMIT_RATIO = 1.5  # the motors' limit over the peak torque of the best law
 
 
 def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str = "") -> str:
@@ -93,21 +92,15 @@ def _series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
 def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
     """Compute the functions that the page evaluates, at s (M,), each (M, ...)."""
     robot, samples = crossing.robots["off"], crossing.sample(s)
-    forward, back = (np.stack([_poses(robot, q, onto) for q in samples.q_aside[:, side]]) for side in (0, 1))
+    q, q_aside = samples.pop("q"), samples.pop("q_aside")
+    forward, back = (np.stack([_poses(robot, aside, onto) for aside in q_aside[:, side]]) for side in (0, 1))
     along_axes = (forward - back) / (2.0 * STEP_ASIDE * robot.length)  # (2, M, k)
     axes = _plane(robot, np.eye(2), onto)  # the platform's axes on the paper, orthogonal
-    columns = {
-        "g": samples.g,
-        "t_s": samples.t_s,
+    return samples | {
         "place": _plane(robot, crossing.searched.branch.path(s), onto),
-        "motor_speed": samples.motor_speed,
-        "torque_of_force": samples.torque_of_force,
-        "poses": _poses(robot, samples.q, onto),
+        "poses": _poses(robot, q, onto),
         "pose_rates": np.einsum("ab,amk->mbk", axes, along_axes),
     }
-    for key, forces in samples.forces.items():
-        columns |= {f"torque_{key}": forces.torque, f"power_{key}": forces.power}
-    return columns
 
 
 def _best_law(plan: CrossingPlan) -> Document:
@@ -118,7 +111,7 @@ def _best_law(plan: CrossingPlan) -> Document:
         series = coefficients(law.squared_speed(0.5 * (1.0 + nodes(count)))[:, None])
         if tail(series) < SERIES_TAIL:
             break
-    return {"peak": peak, "limit": LIMIT_RATIO * peak, "squared_speed": _truncate(series[:, 0])}
+    return {"peak": peak, "limit": 1.5 * peak, "squared_speed": _truncate(series[:, 0])}
 
 
 def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:

@@ -27,10 +27,6 @@ from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, u
 
 GIF_FRAMES = 60
 FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
-FRAME_DPI = 100
-PALETTE_COLORS = 64  # of a moving picture: few shades of each colour, for edges
-FILM_WIDTH = 2.8  # [in] of each of several films side by side
-TITLE_LETTERS = 44  # in that width
 
 
 MOVING_KINDS = ("gif", "apng")
@@ -59,7 +55,7 @@ def _still(films: Sequence[Film], kind: str) -> bytes:
     with use_style():
         film, (drawing, left, _) = _drawn_film(films), _axes(films)
         plot_still(film, left, limit=stated_limit(film, films))
-        return figure_file(drawing, kind, dpi=FRAME_DPI)
+        return figure_file(drawing, kind, dpi=100)
 
 
 def _moving(films: Sequence[Film], kind: str) -> bytes:
@@ -78,7 +74,8 @@ def _moving(films: Sequence[Film], kind: str) -> bytes:
 def _animate(pictures: Sequence[Image.Image], durations: list[int], kind: str) -> bytes:
     """Encode pictures, each shown for a duration [ms], as a gif or apng of one palette."""
     some = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures[::8]]))  # all colours
-    palette = some.quantize(PALETTE_COLORS, method=Image.Quantize.FASTOCTREE)
+    # few shades of each colour are enough for edges
+    palette = some.quantize(64, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
     animated: Style = {"save_all": True, "duration": durations, "loop": 0}
@@ -148,7 +145,7 @@ def _stage(films: Sequence[Film]) -> _Stage:
 
 def _stages(films: Sequence[Film]) -> _Stage:
     """Return the robots of several films side by side, the torques of each below; an unproved one ends."""
-    drawing = Figure(figsize=(FILM_WIDTH * len(films), 4.2), layout="constrained")
+    drawing = Figure(figsize=(2.8 * len(films), 4.2), layout="constrained")  # [in]
     robots, below = drawing.subplots(2, len(films), height_ratios=(2.4, 1.0))
     largest = 1.1 * max(stated_limit(film, films).max() for film in films)
     marks: list[_Mark] = []
@@ -181,7 +178,7 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
                 ax.legend_.remove()
             ends = t >= end
             words = "no torque is large enough" if ends else subtitle(film)
-            title = fill(f"{film.name}: {words}", TITLE_LETTERS)
+            title = fill(f"{film.name}: {words}", 44)  # letters in 2.8 inches
             ax.set_title(title, color=ALARM if ends else "black", fontsize=8, y=1.0)
             ax.set_axis_off()
 

@@ -11,17 +11,19 @@ from matplotlib.axes import Axes
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
 from framework.dynamics.wrench import MeasureAlongPath, wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import law_derivatives
 from framework.numerics.arrays import Array
+from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
 from framework.planning.result import CrossingPlan
 from framework.planning.specification import limits_within_margin
 from framework.show.captions import display_name, unit
 from framework.show.film import Film, film_plan
 from framework.show.force_polygon import plot_eye
-from framework.show.phase_plane import plot_phase_plane
 from framework.show.scene import UNPROVED_TORQUE_RATIO
 from framework.show.still import plot_still
 from framework.show.style import (
     ALARM,
+    BAND,
     Style,
     axes_or_new,
     draw_dashed,
@@ -34,8 +36,6 @@ from framework.show.style import (
 from framework.tolerances import SAME_PLACE
 
 CURVE_SAMPLES = 601
-VISIBLE_SHIFT = 5e-3  # of the path: half a marker
-MAX_INSET_SHIFT = 5.0  # of the loads over that of the geometry, to be in one corner
 LOADED: Style = {
     "marker": "D",
     "linestyle": "none",
@@ -44,8 +44,6 @@ LOADED: Style = {
     "markerfacecolor": "white",
     "zorder": 4,
 }
-LINE_BREAK = "\n"
-MAX_LEGEND_CURVES = 4  # curves, among which a legend finds room
 
 
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
@@ -67,27 +65,23 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time, with its limits."""
-    ax = axes_or_new(ax)
-    times = _times(plan)
+    ax, times = axes_or_new(ax), _times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
     return _draw_limits(plan, ax, limits_within_margin(plan.robot, plan.request)[0])
 
 
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the speed of each motor over time, motor side of the gear, with its limits."""
-    ax = axes_or_new(ax)
-    times, robot = _times(plan), plan.robot
-    _draw_motors(ax, robot, times, plan.motor_angle(times, 1))
-    ax.set_ylabel(f"motor speed  [{', '.join(dict.fromkeys(robot.speed_units))}]")
+    ax, times, robot = axes_or_new(ax), _times(plan), plan.robot
+    _draw_motors(ax, robot, times, plan.motor_angle(times, 1), "speed", robot.speed_units)
     return _draw_limits(plan, ax, limits_within_margin(robot, plan.request)[1])
 
 
 def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
     """Draw limits (n_a,) of the motors on either side of zero, crossings and the axis of time."""
     limits = np.unique(limits[np.isfinite(limits)])
-    for limit in limits:
-        for side in (-limit, limit):
-            ax.axhline(side, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))
+    for limit in [*limits, *-limits]:
+        ax.axhline(limit, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))
     _mark_crossings(plan, ax)
     _time_axis(plan, ax, dotted=", dotted: limits" if len(limits) else "")
     return ax
@@ -129,7 +123,7 @@ def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
     visible = [
         loaded.s
         for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)
-        if loaded is not None and abs(loaded.s - crossing.s) > VISIBLE_SHIFT
+        if loaded is not None and abs(loaded.s - crossing.s) > 5e-3  # half a marker
     ]
     if visible:
         ax.plot(visible, np.zeros(len(visible)), **LOADED, label="singular under its loads")
@@ -145,7 +139,8 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
         return
     inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
     shown = [crossing.s, at_rest]
-    if loaded is not None and 0.1 * shift < abs(loaded.s - crossing.s) < MAX_INSET_SHIFT * shift:
+    # both shifts, of the loads and of the geometry, are to be seen in one corner
+    if loaded is not None and 0.1 * shift < abs(loaded.s - crossing.s) < 5.0 * shift:
         shown.append(loaded.s)
     s = np.linspace(min(shown) - shift, max(shown) + shift, 5)
     times = crossing.time + (s - crossing.s) / crossing.speed
@@ -187,6 +182,50 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
         ax.lines[-1].set_label("0 here: condition (8)")
         legend_above(ax)
     return ax
+
+
+def plot_phase_plane(
+    plan: CrossingPlan, axes: Sequence[Axes] | None = None, *, beside: CrossingPlan | None = None
+) -> list[Axes]:
+    """Plot s' and s" over s, on two axes: the plan's law, and the range that its motors' limits leave.
+
+    The range of s" is that at the plan's own s'; it closes to a point at each crossing, condition (8).
+
+    Args:
+        beside: another plan on the same path, whose law is drawn too.
+    """
+    axes = figure(2, height=1.9)[1] if axes is None else list(axes)
+    plans = [plan] if beside is None else [plan, beside]
+    laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, CURVE_SAMPLES)) for each in plans]
+    tops = [1.5 * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
+    _draw_phase_limits(axes, limit_curves(plan), tops, plan.robot.torque_units[0])
+    for k, (each, law) in enumerate(zip(plans, laws, strict=True)):
+        for ax, values in zip(axes, law[1:], strict=True):
+            ax.plot(law[0], values, label=f"{each.law.kind}, {each.duration:.3g} s", **line_style(k))
+    for crossing in plan.crossings:
+        for ax, value in zip(axes, (crossing.speed, crossing.acceleration), strict=True):
+            draw_dashed(ax, crossing.s)
+            draw_dot(ax, crossing.s, value)
+    axes[0].set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel=r"$\dot s$  [1/s]")
+    axes[1].set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel=r"$\ddot s$  [1/s$^2$]")
+    axes[1].set_xlabel("path coordinate  $s$")
+    legend_above(axes[0], 2)
+    return axes
+
+
+def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float], unit: str) -> None:
+    """Draw the ranges of s' and s" within the limits, and the least limit of s' if beyond the axis."""
+    limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
+    highest = np.nan_to_num(curves.highest_speed, posinf=2 * tops[0])
+    axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
+    accelerations = [curves.lowest_acceleration, curves.highest_acceleration]
+    axes[1].fill_between(curves.s, *np.clip(accelerations, -2 * tops[1], 2 * tops[1]), **BAND)
+    least = np.nanmin(curves.highest_speed)
+    if np.isfinite(least) and least > tops[0]:
+        text = rf"$\dot s$ may be {least:.3g} 1/s everywhere"
+        box = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}
+        corner: Style = {"transform": axes[0].transAxes, "ha": "right", "va": "top", "bbox": box}
+        axes[0].text(0.98, 0.95, text, fontsize=7, **corner)
 
 
 def plot_raw_torques(
@@ -237,16 +276,17 @@ def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
 
 def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> None:
     """Draw the torques (T, n_a) of the motors over time, and name the axes and the motors."""
-    _draw_motors(ax, robot, time, torque)
-    ax.set_ylabel(f"motor torque  [{', '.join(dict.fromkeys(robot.torque_units))}]")
+    _draw_motors(ax, robot, time, torque, "torque", robot.torque_units)
 
 
-def _draw_motors(ax: Axes, robot: ParallelRobot, time: Array, values: Array) -> None:
-    """Draw values (T, n_a) of the motors over time, and name the motors."""
+def _draw_motors(
+    ax: Axes, robot: ParallelRobot, time: Array, values: Array, quantity: str, units: Sequence[str]
+) -> None:
+    """Draw values (T, n_a) of the motors over time, and name the axes and the motors."""
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
-    ax.set_xlabel("time  [s]")
-    if robot.n_a <= MAX_LEGEND_CURVES:
+    ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
+    if robot.n_a <= 4:  # curves, among which a legend finds room
         ax.legend()
     else:
         legend_above(ax, 3)
@@ -259,7 +299,8 @@ def _times(plan: CrossingPlan) -> Array:
 def _time_axis(plan: CrossingPlan, ax: Axes, dotted: str = "") -> None:
     """Label the axis of time, with the meaning of dashed lines, and of dotted ones if any."""
     legend = f"(dashed: singular{dotted})" if plan.crossings else f"({dotted[2:]})" * bool(dotted)
-    ax.set_xlabel(f"time  [s]{LINE_BREAK if dotted else '   '}{legend}".rstrip())
+    gap = "\n" if dotted else "   "
+    ax.set_xlabel(f"time  [s]{gap}{legend}".rstrip())
 
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:

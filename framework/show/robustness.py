@@ -13,9 +13,6 @@ from framework.control.study import Study
 from framework.show.captions import display_name
 from framework.show.style import ALARM, GOOD, Style, draw_dashed, figure, line_style
 
-LINEAR_AXIS_RATIO = 3.0  # torques that differ by less than that factor need no logarithms
-DRAWN_LIMIT_RATIO = 2.0  # limits beyond so many times the largest torque are told, not drawn
-
 
 def plot_robustness(
     studies: Sequence[Study], axes: Sequence[Axes] | None = None, *, loop: ControlLoop | None = None
@@ -37,7 +34,7 @@ def plot_robustness(
         ax.set(xscale="log", ylabel="share of the runs", ylim=(0.0, 1.05))
         ax.xaxis.set_minor_formatter(NullFormatter())
     low, high = axes[1].get_xlim()
-    if high < LINEAR_AXIS_RATIO * low:
+    if high < 3.0 * low:  # torques that differ by less than that factor need no logarithms
         axes[1].set_xscale("linear")
         axes[1].xaxis.set_major_locator(MaxNLocator(5))
     else:
@@ -58,7 +55,8 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     errors.set_xlim(low, max(high, 1.5 * loop.tolerance))
     _note(errors, loop.tolerance, "within: passes", GOOD)
     limits = np.unique(np.asarray(loop.limit or ()))
-    drawn = limits[limits < DRAWN_LIMIT_RATIO * torques.get_xlim()[1]]
+    # limits beyond so many times the largest torque are told, not drawn
+    drawn = limits[limits < 2.0 * torques.get_xlim()[1]]
     for limit in drawn:
         draw_dashed(torques, limit, ALARM, 0.8)
     if len(drawn):

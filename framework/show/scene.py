@@ -44,7 +44,6 @@ from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_p
 
 UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
-MAX_DRAWN_DEFLECTION = 0.35  # of the coil's length, or in radians: the largest deflection on the screen
 LOCUS_MARGIN = 0.9  # how far from the path the locus is drawn, in lengths of the robot
 
 Traced = list[tuple[RobotDescription, LocusCurves]]  # the curves traced for a robot
@@ -203,7 +202,8 @@ def _springs(film: Film, size: float) -> Document | None:
         )
     for kind, columns, unit_length in (("slide", slides, COIL_LENGTH * size), ("turn", ~slides, 1.0)):
         largest = np.abs(film.deflection[:, columns]).max(initial=0.0)
-        largest_drawn = MAX_DRAWN_DEFLECTION * unit_length
+        # of the coil's length, or in radians
+        largest_drawn = 0.35 * unit_length
         factors[kind] = _round_down(largest_drawn / largest) if largest > 0 else 1.0
     return {
         "coils": coils,

@@ -14,10 +14,7 @@ from framework.numerics.arrays import Array, IntArray
 
 STICK_COLOR: Color = (0.45, 0.52, 0.60, 1.0)
 JOINT_COLOR: Color = (0.75, 0.76, 0.78, 1.0)
-STICK_RADIUS = 0.012  # radius of a stick, in lengths of the robot
-MIN_STICK_LENGTH = 0.03  # in lengths of the robot
 MAX_SURFACE_POINTS = 3000  # of one shape
-MESH_CELLS = 40  # a mesh is thinned to this many cells along its diagonal
 
 
 def body_shapes(robot: ParallelRobot) -> list[Shape]:
@@ -34,7 +31,8 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     """Return a mesh in which the vertices of each cell of a grid are merged into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    cell = max(np.linalg.norm(high - low) / MESH_CELLS, 1e-12)
+    # 40 cells along the diagonal
+    cell = max(np.linalg.norm(high - low) / 40, 1e-12)
     cells = np.floor((vertices - low) / cell).astype(np.int64)
     _, inverse, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     inverse = inverse.ravel()
@@ -66,7 +64,7 @@ def surface_points(shape: Shape, spacing: float) -> Array:
 def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
     """Return cylinders from joint to joint and spheres at the joints, for bodies without visuals."""
     model = robot.model
-    radius = STICK_RADIUS * robot.length
+    radius = 0.012 * robot.length
     shapes = []
     for node in range(model.njoints):
         if node in dressed:
@@ -79,7 +77,7 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
         ]
         for end in ends:
             length = float(np.linalg.norm(end))
-            if node and length > MIN_STICK_LENGTH * robot.length:
+            if node and length > 0.03 * robot.length:  # no stick for a joint beside another
                 shapes.append(
                     Shape(node, "cylinder", (radius, length), placement_along(0.5 * end, end), STICK_COLOR)
                 )
@@ -101,7 +99,6 @@ def placement_along(place: Array, axis: Array) -> Array:
 
 MOTOR_RADIUS = 0.06  # radius of a motor, over the radius of the picture
 IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
-DRUM_OFFSET = 1.2  # from the foot of a leg that stretches to the middle of its drum, in lengths of the drum
 
 
 def motor_shapes(robot: ParallelRobot, shapes: list[Shape], size: float = 0.0) -> list[Shape]:
@@ -138,7 +135,7 @@ def _drum_on_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
-    return _motor(axis, "cylinder", (radius, length), axis.place + DRUM_OFFSET * length * axis.axis)
+    return _motor(axis, "cylinder", (radius, length), axis.place + 1.2 * length * axis.axis)
 
 
 def _drum(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:

@@ -23,8 +23,6 @@ USUAL_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye: of
 USUAL_NORMAL = np.array([0.2, -1.0, 2.0])  # on whose side the eye is, of a planar robot
 FLAT_VIEW_SLOPE = np.tan(np.radians(10.0))  # planar robots on a page: bodies still show a depth
 AZIMUTHS, ELEVATIONS = np.radians(np.arange(0, 360, 15)), np.radians([10, 20, 30, 40])
-PICTURE_CELLS = 40  # along the robot's largest extent, of the picture that is measured
-LOSS_OPPOSITE = 0.3  # what the direction opposite to the usual one loses
 
 
 class Wanted(NamedTuple):
@@ -108,7 +106,7 @@ def _best_direction(points: Array, nodes: IntArray, normal: Array | None, wanted
     directions, usual = _candidates(normal)
     areas = np.array([_areas(points, nodes, projection(toward)) for toward in directions])
     away = np.arccos(np.clip(directions @ usual, -1.0, 1.0)) / np.pi
-    scores = _seen(areas) * (1.0 - LOSS_OPPOSITE * away)
+    scores = _seen(areas) * (1.0 - 0.3 * away)  # what the direction opposite to the usual one loses
     if wanted is not None and normal is None:
         scores *= _across(wanted.arrow[None], directions)
         scores *= np.sqrt(_across(np.diff(wanted.path, axis=0), directions))
@@ -133,7 +131,8 @@ def _surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Arra
     poses = joint_poses(robot, q[None])[0]
 
     boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
-    spacing = np.ptp(np.concatenate(boxes), axis=0).max() / PICTURE_CELLS
+    # 40 cells along the largest extent
+    spacing = np.ptp(np.concatenate(boxes), axis=0).max() / 40
     points = [carried_points(poses[shape.node], surface_points(shape, spacing)) for shape in shapes]
     nodes = np.repeat([shape.node for shape in shapes], list(map(len, points)))
     return np.concatenate(points) / spacing, nodes

@@ -20,11 +20,7 @@ from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style
 from framework.singularity.drawn_locus import locus_curves
 
 ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
-TURN_RADIUS = 0.2  # radius of the arc that shows the turn of t_s, over the robot's length
 MIN_TURN, MAX_TURN = 0.1, 2.6  # [rad] of half that arc: what turns less is a shift; ends apart
-ARC_POINTS = 41
-FORCE_POLYGONS = 7  # of forces along the path
-HALF_LINE_OF_ACTION = 0.45  # half a line of action, over the robot's length
 
 
 def plot_still(
@@ -93,10 +89,10 @@ def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     angle = min(rate / speed * ARROW_LENGTH * film.robot.length, MAX_TURN)  # while the arrow is travelled
     if angle < MIN_TURN:
         return
-    axis, radius = turn / rate, TURN_RADIUS * film.robot.length
+    axis, radius = turn / rate, 0.2 * film.robot.length
     across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     across /= np.linalg.norm(across)
-    phase = np.linspace(-angle, angle, ARC_POINTS)[:, None]
+    phase = np.linspace(-angle, angle, 41)[:, None]
     arc = np.cos(phase) * across + np.sin(phase) * np.cross(axis, across)
     line = onto(film.platform[k] + radius * arc)
     style: Style = {
@@ -114,7 +110,7 @@ def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
     if lines is None:
         return
-    half = HALF_LINE_OF_ACTION * film.robot.length * lines.direction[0]  # (n_a, 3)
+    half = 0.45 * film.robot.length * lines.direction[0]  # (n_a, 3)
     middle = film.platform[k] + lines.point[0]
     ends = onto(np.stack([middle - half, middle + half], axis=1))  # (n_a, 2, 2)
     style: Style = {"color": GIVEN, "linewidth": 0.8, "linestyle": (0, (1, 1.5)), "zorder": 3.2}
@@ -150,7 +146,7 @@ def _polygons(film: Film, ax: Axes, line: Array, limit: Array, frames: Sequence[
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     if frames is None:
-        spread = np.linspace(0, len(film.time) - 1, FORCE_POLYGONS).astype(int)
+        spread = np.linspace(0, len(film.time) - 1, 7).astype(int)  # of forces along the path
         frames = [int(k) for k in np.unique(np.append(spread, film.telling_frame))]
     for k in frames:
         corners = line[k] + scale * hull(vertices[k])

@@ -36,14 +36,32 @@ GOOD_GROUND, ALARM_GROUND, WARNING_GROUND = "#eef3f3", "#fcf1f2", "#f5f0e8"
 IDLE, BUSY = "#d4d7db", "#00525e"  # a motor without torque, and at its largest
 UNREAL = "#b4bcc5"  # what is drawn for comparison only
 UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"  # poses of a map without a value
-PAGE_COLORS = (  # as the pages call them
-    {f"series-{k}": color for k, color in enumerate(COLORS)}
-    | {"locus": LOCUS, "twist": TWIST, "wrench": WRENCH, "world": WORLD, "trace": PATH, "path": AHEAD}
-    | {"given": GIVEN, "alarm": ALARM, "warning": WARNING, "good": GOOD, "idle": IDLE, "busy": BUSY}
-    | {"unreal": UNREAL, "ink": INK, "soft": SOFT, "line": LINE, "grid": GRID, "axis": AXIS}
-    | {"paper": PAPER, "ground": GROUND, "good-ground": GOOD_GROUND, "alarm-ground": ALARM_GROUND}
-    | {"warning-ground": WARNING_GROUND}
-)
+PAGE_COLORS = {  # as the pages call them
+    **{f"series-{k}": color for k, color in enumerate(COLORS)},
+    "locus": LOCUS,
+    "twist": TWIST,
+    "wrench": WRENCH,
+    "world": WORLD,
+    "trace": PATH,
+    "path": AHEAD,
+    "given": GIVEN,
+    "alarm": ALARM,
+    "warning": WARNING,
+    "good": GOOD,
+    "idle": IDLE,
+    "busy": BUSY,
+    "unreal": UNREAL,
+    "ink": INK,
+    "soft": SOFT,
+    "line": LINE,
+    "grid": GRID,
+    "axis": AXIS,
+    "paper": PAPER,
+    "ground": GROUND,
+    "good-ground": GOOD_GROUND,
+    "alarm-ground": ALARM_GROUND,
+    "warning-ground": WARNING_GROUND,
+}
 COLUMN_WIDTH = 3.5  # [in] width of a journal column
 DPI = 200
 

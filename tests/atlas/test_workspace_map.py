@@ -24,8 +24,7 @@ from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
 from framework.numerics.kept import KeptChunks
-from framework.show.map import NOT_TRACED, plot_map
-from framework.show.map_page import map_page
+from framework.show.map import NOT_TRACED, map_page, plot_map
 from framework.singularity.traced_locus import TracedLocus
 from tests.oracles import five_bar_pose
 from tests.urdf_edits import parametric_five_bar

@@ -8,7 +8,7 @@ import robots
 from framework import plan_scene
 from framework.planning.scenes import scene, scene_path
 from framework.show.lesson import lesson_page
-from framework.show.map_page import map_page
+from framework.show.map import map_page
 from framework.show.page import film_page, hand_page
 from framework.show.report import report_page
 from tests.browser.pages import filmed

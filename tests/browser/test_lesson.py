@@ -46,11 +46,11 @@ def test_what_the_motors_can_give_and_where_the_robot_is_are_the_frameworks(open
         "shares => shares.map((s) => [crossing.lesson.reach(s, 1), ...crossing.lesson.along('place', s)])",
         shares.tolist(),
     )
-    given = np.abs(np.einsum("mkn,mn->mk", samples.motor_speed, samples.t_s)).sum(axis=1)
+    given = np.abs(np.einsum("mkn,mn->mk", samples["motor_speed"], samples["t_s"])).sum(axis=1)
     np.testing.assert_allclose(told, np.column_stack([given, path(shares)]), rtol=1e-9)
     # the pose of the platform's body, (x, y, cosine, sine): its place is the path's
     bodies = tab.evaluate("shares => shares.map((s) => crossing.lesson.along('poses', s))", shares.tolist())
-    poses = joint_poses(robot, samples.q)[:, 1:]
+    poses = joint_poses(robot, samples["q"])[:, 1:]
     np.testing.assert_allclose(np.reshape(bodies, (5, -1, 4))[:, :, :2], poses[:, :, :2], atol=1e-9)
     best = tab.evaluate("crossing.lesson.data.best")
     for gravity, plan in crossing.plans.items():

@@ -12,7 +12,7 @@ import robots
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
-from framework.show.map_page import map_page
+from framework.show.map import map_page
 
 pytestmark = pytest.mark.browser
 

@@ -20,10 +20,10 @@ from framework import (
     plan_scene,
 )
 from framework.cli import main
-from framework.cli.fidelity import fidelity_text
+from framework.cli.fidelity import fidelity_lines
 from framework.fidelity.chosen_level import options_of_level
+from framework.fidelity.fidelity_indicators import model_of
 from framework.fidelity.fidelity_study import _plan_motion
-from framework.fidelity.level_motions import model_of
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
 from framework.model.robot_file_writer import write_robot_file
@@ -207,7 +207,7 @@ def test_a_level_that_is_enough_while_one_above_it_is_not_is_called_so():
     assert "flexible_links" in between.by_luck
     assert all(errors[name] > between.tolerance for name in between.by_luck)
     assert re.search(
-        r"by luck +rigid leaves out errors that cancel: .*flexible_links", fidelity_text(between)
+        r"by luck +rigid leaves out errors that cancel: .*flexible_links", "\n".join(fidelity_lines(between))
     )
     above_both = 2.0 * max(errors["rigid"], errors["flexible_links"])
     assert replace(study, tolerance=above_both).by_luck == ()
@@ -293,8 +293,8 @@ def test_levels_of_an_upright_robot_make_one_motion_and_its_motors_have_controll
     assert study.levels[-1].platform < 1e-3 * study.tolerance
     assert level(study, "payload").torque > study.tolerance
     assert level(study, "payload").reason.startswith("10 % off its path, and lost")
-    assert "e times in" in fidelity_text(study)
-    assert "so the motors have controllers" in fidelity_text(study)
+    assert "e times in" in "\n".join(fidelity_lines(study))
+    assert "so the motors have controllers" in "\n".join(fidelity_lines(study))
 
 
 def test_where_springs_are_too_soft_the_motion_is_that_of_the_rigid_plan():

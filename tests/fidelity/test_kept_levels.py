@@ -6,7 +6,7 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.fidelity.level_motions import level_motions, model_of
+from framework.fidelity.fidelity_indicators import level_motions, model_of
 from framework.fidelity.model_comparison import Comparison, ReferenceMotion
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
@@ -31,7 +31,7 @@ def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
     top = model_of(robots.load(name).description, LEVELS[-1])
     plan = plan_scene(top, scene)
     place = LEVELS.index(LEVELS_BY_NAME[kept.level])
-    motions = dict(level_motions(top.description, plan.dynamics, LEVELS[-1], plan.seconds))
+    motions = level_motions(top.description, plan.dynamics, LEVELS[-1], plan.seconds)
     names = [level.name for level in LEVELS[max(place - 1, 0) : place + 1]]
     reference = ReferenceMotion.of(plan, top, kept.tolerance)
     *below, enough = reference.compare_levels([(name, motions[name]) for name in names])

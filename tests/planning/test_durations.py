@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import Line, NoLaw, ParallelRobot, plan_crossing
-from framework.planning.durations import optimal_durations
+from framework.planning.feasibility import optimal_durations
 from framework.planning.request import Request
 from framework.singularity.points_on_path import search_path
 

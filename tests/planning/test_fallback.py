@@ -98,12 +98,12 @@ def test_a_polynomial_whose_peak_is_lower_is_kept_and_says_what_the_other_costs(
     ],
 )
 def test_a_polynomial_is_kept_where_the_other_law_is_not_found(error, monkeypatch):
-    from framework.planning import plan as planning
+    from framework.planning.optimal import optimal_motion
 
     def refused(*_):
         raise error
 
-    monkeypatch.setattr(planning, "optimal_motion", refused)
+    monkeypatch.setattr(optimal_motion, "optimal_motion", refused)
     plan = plan_crossing(robots.load("five_bar"), Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4]), duration=1.5)
     assert plan.law.kind == "polynomial"
     assert plan.reason.endswith("; the optimal law is not found: no")
@@ -111,8 +111,8 @@ def test_a_polynomial_is_kept_where_the_other_law_is_not_found(error, monkeypatc
 
 @pytest.mark.parametrize("height", [TOP + 1e-3, TOP + 3e-2])
 def test_away_from_the_locus_no_other_law_is_tried(height, monkeypatch):
-    from framework.planning import plan as planning
+    from framework.planning.optimal import optimal_motion
 
-    monkeypatch.setattr(planning, "optimal_motion", None)
+    monkeypatch.setattr(optimal_motion, "optimal_motion", None)
     plan = plan_crossing(robots.load("five_bar"), Line([0.1, height], [-0.02, height]), duration=1.5)
     assert (plan.law.kind, plan.reason) == ("polynomial", "the polynomial advances")

@@ -40,7 +40,7 @@ def test_of_a_payload_on_massless_legs_it_is_newtons_law_along_t_s(path):
     np.testing.assert_allclose(found.weight_share, abs(t_s[1]) / np.linalg.norm(t_s), rtol=1e-9)
     share = abs(t_s @ slope) / np.linalg.norm(t_s) / np.linalg.norm(slope)
     np.testing.assert_allclose(found.tangent_share, share, rtol=1e-9)
-    np.testing.assert_allclose(0.5 * abs(found.constant) * found.pace**2, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(0.5 * abs(found.acceleration[0]) * found.pace**2, 1.0, rtol=1e-12)
 
 
 def test_lying_flat_nothing_is_asked_but_s2_zero():
@@ -70,7 +70,7 @@ def test_a_path_orthogonal_to_t_s_leaves_a_steady_speed_or_nothing():
     assert "only s' = 2 does; turn the path towards t_s" in level.sentence
     hopeless = replace(level, condition=condition._replace(beta=0.0))
     assert "no law meets it; turn the path towards t_s" in hopeless.sentence
-    assert hopeless.to_dict()["acceleration"] is None
+    assert hopeless.acceleration is None
 
 
 def test_a_bent_path_is_told_to_be_smoother():

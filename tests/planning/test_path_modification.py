@@ -8,7 +8,8 @@ import pytest
 import robots
 from framework import Line, NoLaw, Spline, load_plan, locate_singularities, plan_crossing, simulate
 from framework.cli import main
-from framework.planning.path_modification import MAX_BEND_SHARE, plan_with_modified_path
+from framework.planning.path_modification import MAX_BEND_SHARE, plan_request_with_modified_path
+from framework.planning.request import Request
 from framework.planning.saved import save_plan
 from tests.oracles.planar import without_rotors
 from tests.planning.test_orthogonal_path import PLACE, bent
@@ -24,7 +25,7 @@ def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_al
     asked = {"duration": 1.5, "law": "optimal", "torque_limit": LIMIT}
     with pytest.raises(NoLaw, match="no speed meets"):
         plan_crossing(robot, path, **asked)
-    found = plan_with_modified_path(robot, path, **asked)
+    found = plan_request_with_modified_path(robot, Request.of(robot, path, **asked))
     plan = found.plan
     assert simulate(robot, plan).tracking_error < 1e-8
     assert max(plan.peak_torque.values()) <= LIMIT
@@ -45,7 +46,7 @@ def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_al
     assert shares[0] == pytest.approx(found.share, rel=5e-2)  # of the curve, and of the spline
     assert found.choices[0].peak_torque == plan.peak_torque
     assert max(found.choices[-1].peak_torque.values()) < max(plan.peak_torque.values())
-    taken = plan_with_modified_path(robot, path, bend=shares[2], **asked)
+    taken = plan_request_with_modified_path(robot, Request.of(robot, path, **asked), bend=shares[2])
     assert taken.share == pytest.approx(shares[2], rel=5e-2)
     assert max(taken.plan.peak_torque.values()) <= max(found.choices[2].peak_torque.values()) * (1 + 1e-6)
     # half of the bend is not enough
@@ -59,7 +60,7 @@ def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_al
 
 def test_a_path_that_needs_no_bend_is_left_alone():
     robot, path = without_rotors(), Line(PLACE + STEEP, PLACE - STEEP)
-    found = plan_with_modified_path(robot, path, duration=1.5)
+    found = plan_request_with_modified_path(robot, Request.of(robot, path, duration=1.5))
     assert found.plan.path is path
     assert (found.moved, found.turned, found.share) == (0.0, 0.0, 0.0)
 
@@ -68,7 +69,9 @@ def test_a_bend_keeps_the_ends_and_so_cannot_mend_a_stop_on_the_locus():
     robot = without_rotors()
     (point,) = locate_singularities(robot, Line(PLACE + STEEP, PLACE - STEEP))
     with pytest.raises(NoLaw, match="stop on the locus"):
-        plan_with_modified_path(robot, Line(PLACE + STEEP, point.platform), duration=1.5)
+        plan_request_with_modified_path(
+            robot, Request.of(robot, Line(PLACE + STEEP, point.platform), duration=1.5)
+        )
 
 
 def test_the_command_says_how_far_the_path_was_bent(capsys):

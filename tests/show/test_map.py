@@ -15,8 +15,7 @@ import robots
 from framework.atlas.window import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.planning.scenes import scene, scene_path
-from framework.show.map import plot_map, save_map_figures
-from framework.show.map_page import map_page
+from framework.show.map import map_page, plot_map, save_map_figures
 
 
 @cache

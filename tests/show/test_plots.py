@@ -14,7 +14,7 @@ from framework import InvalidInput, ParallelRobot, plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.show import plots
 from framework.show.force_polygon import plot_eye
-from framework.show.phase_plane import plot_phase_plane
+from framework.show.plots import plot_phase_plane
 from framework.show.style import figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]

@@ -19,8 +19,6 @@ from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
-from framework.numerics.arrays import Array
-from framework.numerics.peaks import peak_sizes
 from framework.numerics.time_limit import SearchEnded
 from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
@@ -35,7 +33,7 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.phase_plane import DeflectionsOnPath
 from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
-from framework.planning.specification import Specification
+from framework.planning.specification import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH
 
 MAX_PASSES = 8  # of optimising and resolving in turn
@@ -230,7 +228,7 @@ def _cost(task: Task, motion: OptimalMotion) -> float:
     if goal == "time":
         return motion.dynamics.duration
     if goal == "peak_torque":
-        return float((_peaks(motion.dynamics)[0] / reference).max())
+        return float((motor_peaks(motion.dynamics)[0] / reference).max())
     t = np.linspace(0.0, motion.dynamics.duration, ENERGY_SAMPLES)
     return float(np.trapezoid(((motion.dynamics.torque(t) / reference) ** 2).sum(axis=1), t))
 
@@ -245,19 +243,3 @@ def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) ->
         friction=task.request.friction,
         known=known,
     )
-
-
-def _peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
-    """Compute the largest motor torques [N m] and speeds [rad/s] (n_a,)."""
-    _, size, _ = dynamics.torques.coefficients.shape
-    edges = dynamics.torques.edges
-    speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, size)
-    return peak_sizes(dynamics.torque, edges, size), speed
-
-
-def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
-    """Return the largest torque or speed over its limit; 0 without limits."""
-    if not (specification.limited or specification.limited_speeds):
-        return 0.0
-    torque, speed = _peaks(dynamics)
-    return float(max((torque / specification.torque_limit).max(), (speed / specification.speed_limit).max()))

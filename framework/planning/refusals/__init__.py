@@ -1,11 +1,115 @@
 """Every reason to say no to a plan, in the order in which they are asked.
 
-Open `reasons` first: it is the table of all of them, each with its question, its error and the function that
-decides it, here or in the packages below. What was given and cannot be right is refused before
-(`planning.options`, `planning.request`: InvalidInput).
+Each has its error, its sentence, and below them the functions that decide, here or in the packages below.
+`framework.` is left out. What was given and cannot be right is refused before (`planning.options`,
+`planning.request`: InvalidInput). Open `refusal_proofs` for the numbers on which a refusal rests;
+`turning_back` refuses laws that run backwards or leave the path; `planning.plan` adds what to ask for
+instead.
 
-    reasons              the table
-    turning_back         laws that run backwards or leave the path
-    explanation          what a refusal says beside its reason, what to ask for instead, limits to be kept
-    refusal_proofs       the numbers on which a refusal rests
+On the path, springs at rest:
+
+    NotAssembled: the loops do not close at the reference, or far from it
+        kinematics.assembly.close_reference
+    OutOfReach: the path leaves the workspace
+        kinematics.continuation.tracking.track_path
+    Type1Singularity: a leg is stretched or folded on the path
+        kinematics.continuation.tracking.track_path
+        singularity.points_on_path.search_path
+    SingularPath: the path runs along the singular locus
+        singularity.piecewise_measure.panels
+    NotConverged: g is not resolved, or needs dropped loop equations
+        singularity.piecewise_measure.panels
+        singularity.points_on_path.search_path
+
+At a singular point:
+
+    UncontrolledMotions: motions escape that cannot be told apart
+        singularity.points_on_path.search_path
+        kinematics.continuation.tracking.escape_error
+    NoLaw: a singular point is not of Type 2
+        dynamics.singularity_crossings.check_kind
+    UncontrolledMotions: several motions escape, not all across the locus
+        dynamics.singularity_crossings.check_kind
+        kinematics.continuation.tracking.escape_error
+    NoLaw: the path starts or ends on the locus
+        planning.crossing_points.check_crossable
+
+The polynomial law:
+
+    NoLaw: a touch, or several motions: more than one condition
+        planning.crossing_points.check_one_condition_each
+    NoLaw: the path is orthogonal to t_s: s" has no effect on t_s . W_p
+        planning.condition.condition_at
+    NoLaw: too many crossings, or no times and speeds at which a law advances
+        planning.timing.choose_timing
+    NoLaw: its conditions repeat or contradict each other
+        planning.polynomial.plan_polynomial
+    NoLaw: the law runs back or leaves the path
+        planning.refusals.turning_back.check_advance
+
+The optimal law:
+
+    NoLaw: springs make two crossings of a touch, or none
+        planning.optimal.optimal_task.check_unfolded
+    NoLaw: no speed meets what is left of condition (8)
+        planning.optimal.optimal_task.check_speeds
+    UncontrolledMotions: no law meets the conditions of several motions
+        planning.optimal.optimal_task.check_speeds
+        kinematics.continuation.tracking.escape_error
+    NoLaw: a motor cannot hold an end of the path, or limits are too low
+        planning.optimal.limit_refusals.refuse_law
+    NotConverged: no law is found, for no reason of its limits
+        planning.optimal.limit_refusals.refuse_law
+    NotConverged: law and damping do not settle
+        planning.optimal.undeformed_law.find_law
+    NoLaw: springs and damping at once are not supported
+        planning.optimal.optimal_motion.optimal_motion
+    NotConverged: law and springs do not settle together
+        planning.optimal.optimal_motion.optimal_motion
+    NotConverged: springs do not start or stop at rest
+        planning.optimal.rest_of_springs.check_rest
+
+The motion, under either law or one of the user's own:
+
+    NoLaw: the motion stops on the locus
+        dynamics.singularity_crossings.rigid_crossings
+    UnboundedTorque: condition (8) is not met: t_s . W_p is not zero at a crossing
+        dynamics.singularity_crossings.check_bounded
+    NoLaw: the deflected robot has no singular point near the crossing
+        planning.condition.crossing_point
+    NotConverged: deflected, the path is orthogonal to t_s: s" has no effect
+        planning.condition.condition_at
+    NotAssembled: loops do not close on the way, or rates do not exist
+        kinematics.inverse_kinematics.close_loops
+        kinematics.motion_rates.motion_at
+    NotConverged: no deflections cause the forces that hold them
+        dynamics.elasticity.solve_deflections
+        dynamics.refusals.unsettled_error
+    NotConverged: no law near this one has deflections in balance
+        dynamics.restoration.solve_balance
+        planning.optimal.elastic_balance.find_law_in_balance
+    SpringsTooSoft: even springs much stiffer would give beyond all sense
+        dynamics.restoration.solve_balance
+    NotConverged: springs tear the loops open
+        dynamics.inverse_dynamics.resolve
+    NotConverged: torques, deflections or a near miss are not resolved
+        dynamics.refusals.unresolved_error
+    NoLaw: the deflected robot meets a singularity of its own
+        dynamics.singularity_crossings.check_crossings
+    NotAssembled: a loop equation tears that was redundant at the reference
+        dynamics.residuals.measure_residuals
+    LoadedJoint: a joint is loaded that nothing holds
+        dynamics.residuals.check_idle_joints
+
+The plan:
+
+    NoLaw: the polynomial that was asked for exceeds the limits of the file
+        planning.plan.plan_request
+    NoLaw: neither law is found; says what either lacks
+        planning.plan.plan_request
+        planning.plan.with_explanation
+    NotConverged: neither law is resolved; says what either lacks
+        planning.plan.plan_request
+    LimitsExceeded: limits are left that were to be kept
+        planning.plan.check_limits
 """

@@ -10,8 +10,6 @@ from framework.errors import NoLaw
 from framework.laws.law import MotionLaw, law_derivatives
 from framework.tolerances import AT_REST, OVERSHOOT
 
-LAW_SAMPLES = 2001  # equidistant instants at which a law is looked at
-
 
 def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     """Refuse a law that runs backwards, leaves the path, or meets a singular point s (k,) twice.
@@ -32,7 +30,7 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
 
 def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str | None:
     """Return the fault of a law on a path with singular points (k,), in words; None without any."""
-    times = np.linspace(0.0, law.duration, LAW_SAMPLES)
+    times = np.linspace(0.0, law.duration, 2001)
     s, ds = law_derivatives(law, times, 2)
     for end, beyond in ((0.0, -s), (1.0, s - 1.0)):
         worst = np.argmax(beyond)
