@@ -132,13 +132,13 @@ def versions() -> dict[str, str]:
 
 
 def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
-    """Return the setup of the study that `crossing robustness --out` wrote, and its whole document.
+    """Read the set-up of a study that `crossing robustness --out` wrote; return also the whole document.
 
     Args:
-        robot_file: the robot's, where it is no longer where the study says.
+        robot_file: the robot's file, if not where the document says.
 
     Raises:
-        InvalidInput: there is no robustness.json, it is not one of ours, or its robot has changed since.
+        InvalidInput: there is no robustness.json, it is another document, or its robot has changed since.
     """
     file = Path(folder) / FILE
     saved = read_document(file, "robustness")

@@ -34,7 +34,7 @@ class Measurements(ReadOnlyArrays):
     driven: int  # number of motors
     columns: IntArray  # (measured joints,) entries of the velocity vector
     axes: IntArray  # of the platform's coordinates
-    others: IntArray  # of 0..2: positions of the frame's origin that are no coordinates of the platform
+    others: IntArray  # of 0..2: measured positions of the frame's origin that are no platform coordinates
 
     def rows(self, instants: BoolArray) -> Measurements:
         """Return the measurements at the instants of a mask (T,)."""

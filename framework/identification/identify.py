@@ -230,7 +230,7 @@ def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: Measu
     variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))  # ascending
     least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]
     deviation = np.sqrt(np.maximum(variance, least_variance))  # (T, n)
-    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n)
+    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # diag(variance)^(-1/2) V' (T, n, n)
     wrench = np.matvec(regressor.motors, measured.torque) - regressor.known  # (T, n)
     return Rows(weights @ regressor.matrix, np.matvec(weights, wrench))
 

@@ -87,7 +87,7 @@ def _measure(random: np.random.Generator, values: Array, noise: Array | float, s
 
 
 def sensors_of(properties: dict[str, float]) -> Sensors:
-    """Return sensors with these properties by name, and defaults for the others.
+    """Return sensors with properties by name, the others by default.
 
     Raises:
         InvalidInput: an unknown name, or a value out of range.

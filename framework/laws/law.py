@@ -28,7 +28,7 @@ SEARCH_SAMPLES = 16  # per coefficient of s', where a search among many laws loo
 
 
 def check_duration(duration: float) -> None:
-    """Raise InvalidInput unless the duration is a positive number of seconds that a law can be made for."""
+    """Raise InvalidInput unless a duration is a number in [MIN_DURATION, MAX_DURATION] s."""
     if not (is_number(duration) and duration > 0):
         raise InvalidInput(f"duration: must be a positive number of seconds, got {duration!r}")
     if not MIN_DURATION <= duration <= MAX_DURATION:

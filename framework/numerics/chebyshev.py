@@ -163,7 +163,7 @@ class TimeFunction(ReadOnlyArrays):
         if len(self.edges) == 2:
             values = self._evaluate_panel(0, flat, order)
         else:
-            panel = np.searchsorted(self.edges[1:-1], flat, side="right")
+            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # of each instant
             values = np.empty((flat.size, self.coefficients.shape[2]))
             for p in np.unique(panel) if values.size else ():
                 inside = panel == p

@@ -30,7 +30,7 @@ class Examined(Generic[Stack, K]):
 
     proved: K  # with whatever the proof says of them
     undecided: Stack  # too small to be cut
-    ahead: Stack  # narrowed or cut, to be tested again
+    pending: Stack  # narrowed or cut, to be tested again
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Partition(Generic[Stack, K]):
 
     proved: list[K]
     undecided: Stack
-    ahead: Stack  # not tested, for want of work allowed or because they are no nearer than `limit`
+    pending: Stack  # not tested, for want of work allowed or because they are no nearer than `limit`
     limit: float  # all pieces nearer than this are decided
     examined: int  # pieces tested
 
@@ -58,31 +58,33 @@ def branch_and_bound(
     Args:
         batch: pieces tested at a time.
         max_examined: pieces tested at most, up to a batch.
-        distance: (S,) of the pieces. The nearest are tested first, and none that is no nearer than `limit` or
-            than one that is undecided; without it all are tested.
+        distance: (S,) of the pieces. The nearest are tested first. Pieces are not tested if they are no
+        nearer
+            than `limit`, or than an undecided piece. Without distances all are tested.
     """
-    ahead = region
+    pending = region
     proved = list[K]()
     undecided = list[Stack]()
     examined = 0
 
     def least_distance(pieces: Stack) -> float:
+        """Return the distance of the nearest piece; infinite without distances or pieces."""
         return np.inf if distance is None else float(distance(pieces).min(initial=np.inf))
 
-    while len(ahead[0]) and examined < max_examined:
+    while len(pending[0]) and examined < max_examined:
         if distance is not None:
-            ahead = select(ahead, np.argsort(distance(ahead), kind="stable"))
-        result = test(select(ahead, slice(batch)))
-        examined += min(batch, len(ahead[0]))
-        ahead = join([result.ahead, select(ahead, slice(batch, None))])
+            pending = select(pending, np.argsort(distance(pending), kind="stable"))
+        result = test(select(pending, slice(batch)))
+        examined += min(batch, len(pending[0]))
+        pending = join([result.pending, select(pending, slice(batch, None))])
         proved.append(result.proved)
         undecided.append(result.undecided)
         limit = min(limit, least_distance(result.undecided))
         if distance is not None:
-            ahead = select(ahead, distance(ahead) < limit)
-    limit = min(limit, least_distance(ahead))
-    nothing = select(region, slice(0))
-    return Partition(proved, join([nothing, *undecided]), ahead, limit, examined)
+            pending = select(pending, distance(pending) < limit)
+    limit = min(limit, least_distance(pending))
+    no_piece = select(region, slice(0))
+    return Partition(proved, join([no_piece, *undecided]), pending, limit, examined)
 
 
 class Boxes(NamedTuple):
@@ -93,7 +95,7 @@ class Boxes(NamedTuple):
 
     @property
     def size(self) -> int:
-        """S."""
+        """The number S of boxes."""
         return len(self.middle)
 
     def clip(self, lower: Array, upper: Array) -> Boxes:

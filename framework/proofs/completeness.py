@@ -88,4 +88,4 @@ def has_no_others(
         max_examined=max_boxes,
         distance=lambda boxes: np.zeros(boxes.size),
     )
-    return not (end.undecided.size or end.ahead.size)
+    return not (end.undecided.size or end.pending.size)

@@ -193,7 +193,7 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
 
 
 def _turn_again(chain: Chain, turning: Array, first: Array) -> Array:
-    """Compute w_i x first_j (S, L, L, 3) for all pairs of an inner joint i and an outer joint j.
+    """Compute w_i x first_j (S, L, L, 3) for an inner joint i and an outer joint j.
 
     The second derivative along two joints: the inner one turns the derivative along the outer one.
     """
@@ -204,8 +204,8 @@ def _turn_again(chain: Chain, turning: Array, first: Array) -> Array:
 def _vector_of(term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack) -> _ChainVector:
     """Return the vector of a term, with its derivatives.
 
-    Of a direction an axis of the second frame; of a turn the axial vector of the part of R(q) R(middle)'
-    that is not symmetric, 0 at the middle; else the point p.
+    The vector of a direction is an axis of the second frame; that of a turn is the axial vector of the
+    antisymmetric part of R(q) R(middle)', 0 at the middle; of all others it is the point p.
     """
     turning = derivatives.turning
     if term.kind == "direction":
@@ -213,8 +213,8 @@ def _vector_of(term: Term, chain: Chain, derivatives: _ChainDerivatives, frames:
         first = cross(turning, axis[:, None])
         return _ChainVector(axis, first, _turn_again(chain, turning, first))
     if term.kind == "turn":
-        nothing = np.zeros_like(derivatives.point.value)
-        return _ChainVector(nothing, turning, 0.5 * _turn_again(chain, turning, turning))
+        zero = np.zeros_like(derivatives.point.value)
+        return _ChainVector(zero, turning, 0.5 * _turn_again(chain, turning, turning))
     return derivatives.point
 
 

@@ -85,8 +85,8 @@ def _group(robot: ParallelRobot) -> Displacements | None:
         return None
     if planar_normal(robot) is not None:
         axis = planar_axis(robot)
-        translating = len(robot.platform.sliding)
-        if axis is None or axis in robot.platform.along or translating != 2:
+        moves_in_plane = axis not in robot.platform.along and len(robot.platform.sliding) == 2
+        if axis is None or not moves_in_plane:
             return None
         if robot.n == 2:
             return translations(tuple(sorted(int(k) for k in robot.platform.along)))

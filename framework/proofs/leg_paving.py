@@ -220,7 +220,7 @@ class LegEquations:
         )
 
     def slides(self, q: Array) -> Array:
-        """Compute how far the slides are out in q (..., nq), (..., nv) [m]; 0 for hinges."""
+        """Compute the lengths (..., nv) [m] by which slides are out in q (..., nq); 0 for hinges."""
         return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
 
     def farthest_slide(self) -> float | None:
@@ -239,10 +239,11 @@ class LegEquations:
         ends = robot.rows.reach[self.loops].sum() + (0.0 if self.x is None else np.abs(self.x).sum())
         bounds = []
         for k, chain in enumerate(self.chains):
+            # rows of the translations of this chain
             translations = np.flatnonzero(~robot.rows.rotation[self.loops] & (self.chain_of == k))
             if k == len(self.chains) - 1 and self.x is not None:
                 translations = len(self.loops) + np.arange(len(robot.platform.sliding))
-            change = np.sum(slopes[:, translations, slide] ** 2, axis=1)
+            change = np.sum(slopes[:, translations, slide] ** 2, axis=1)  # squared, per unit of the slide
             if np.all(change > 1 - SLIDE_SLOPE_ROUNDING):
                 bounds.append((chain.length @ np.insert(other_slides, 0, 1.0) + ends) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None

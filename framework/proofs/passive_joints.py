@@ -59,8 +59,8 @@ def joints_at(
 def _turn_offsets(rotations: Array, targets: Array) -> Array:
     """Compute the offsets (T, 3) of rotations (T, 3, 3) from their targets.
 
-    They are the axial vector of (G - G') / 2 with G = R R_target', a sine. A half turn has no sine either: it
-    is told from none by the trace.
+    They are the axial vector of (G - G') / 2 with G = R R_target', of the size of the sine of the turn. That
+    of a half turn is zero too; there the trace of G is negative, and 1 is added.
     """
     G = rotations @ targets.swapaxes(1, 2)
     offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
@@ -107,7 +107,11 @@ def close_all_loops(
 
 
 def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
-    """Draw configurations (count, nq): q (1, nq), and others with joints (the passive ones) anywhere."""
+    """Draw configurations (count, nq): q (1, nq) itself, then q with random values of some joints.
+
+    Args:
+        columns: of the random joints; the passive ones by default.
+    """
     columns = robot.passive if columns is None else columns
     spread = np.where(robot.sliding[columns], robot.length, np.pi)
     others = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
@@ -115,7 +119,7 @@ def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray 
 
 
 def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference, hinges in `columns` below half a turn."""
+    """Compute offsets (..., nv) of q (..., nq) from the reference; no whole turns of hinges in `columns`."""
     offset = difference(robot, robot.reference.q, q)
     hinges = columns[~robot.sliding[columns]]
     offset[..., hinges] = wrap_angles(offset[..., hinges])
@@ -123,7 +127,7 @@ def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
 
 
 def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
-    """Return the same configurations (..., nq), passive hinges less than half a turn from the reference."""
+    """Return configurations (..., nq) without whole turns of the passive hinges from the reference."""
     return integrate(robot, robot.reference.q, shortest_offset(robot, q, robot.passive))
 
 

@@ -199,7 +199,7 @@ def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Arr
 
 
 def farthest_displacement(group: Displacements, coefficients: Array, slack: Array) -> float | None:
-    """Bound |p| by the first condition; None where it has no |p|^2.
+    """Bound |p| by the first condition; None without a term |p|^2.
 
     |p|^2 <= b |p| + c with the coefficients b of p and R'p, and c of 1 and R, whose entries are at most 1: so
     |p| <= b / 2 + (b^2 / 4 + c)^(1/2).

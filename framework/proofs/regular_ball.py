@@ -165,8 +165,8 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
         undecided = select(cubes, ~proved & is_smallest)
-        ahead = select(cubes, ~proved & ~is_smallest).parts()
-        return Examined(select(cubes, proved), undecided, ahead)
+        pending = select(cubes, ~proved & ~is_smallest).parts()
+        return Examined(select(cubes, proved), undecided, pending)
 
     end = branch_and_bound(
         examine, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within

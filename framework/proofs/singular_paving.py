@@ -175,7 +175,7 @@ def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
     partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
     arcs = join(partition.proved)
-    left = join([partition.undecided, partition.ahead])
+    left = join([partition.undecided, partition.pending])
     derivatives = bounds.evaluate(bounds.configurations(left.middle))
     return PavedSet(
         name=test.block.name,

@@ -395,7 +395,7 @@ def _bound_sum(functions: Bernstein, x: Array) -> tuple[Array, Array]:
 
 @dataclass
 class _Draft:
-    """The parts of a cone program while they are collected.
+    """The collected parts of a cone program.
 
     factor: by unknowns, rows (k SIZE, ...) of the coefficients of (factor - minorant) times the width.
     """

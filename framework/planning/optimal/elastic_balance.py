@@ -46,7 +46,7 @@ def find_law_in_balance(
     values = conditions.matrix @ law.coefficients
 
     def shift_conditions(shifts: Array) -> OnParameter:
-        """Return the law nearest to `law` with the values of its first k conditions shifted by (k,)."""
+        """Return the law nearest to `law` whose first k conditions have values shifted by `shifts` (k,)."""
         targets = values + np.pad(shifts, (0, len(values) - len(shifts)))
         try:
             equalities = Affine(conditions.matrix, -targets)
@@ -56,6 +56,7 @@ def find_law_in_balance(
             raise _no_law_near(task) from None
         return OnParameter(shifted, task.branch.knots)
 
+    # the size of the terms of each condition (8), of which the steps for differences are a share
     terms = np.linalg.norm(conditions.matrix.toarray() * law.coefficients, axis=1)[: len(points)]
     balance = solve_balance(
         task.branch,

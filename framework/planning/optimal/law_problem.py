@@ -172,7 +172,8 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     """Return the conditions of a problem as rows (k, n) on coefficients, with u = z'/2 and u' = z"/2.
 
-    z is a function of xi: dz/dsigma = xi' dz/dxi, d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi.
+    constant + per_z z + per_u u + per_du u' = 0. z is a function of xi: dz/dsigma = xi' dz/dxi, d2z/dsigma2 =
+    xi'^2 d2z/dxi2 + xi" dz/dxi.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))  # in xi

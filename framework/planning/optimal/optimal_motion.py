@@ -53,7 +53,7 @@ class OptimalMotion(NamedTuple):
 
 
 def optimal_motion(task: Task) -> OptimalMotion:
-    """Find the best law, and certify it with all limits kept.
+    """Find the best law within all limits, and certify the motion.
 
     Raises:
         NoLaw: none was found within the limits; says what stands against it.
@@ -113,9 +113,13 @@ class _ElasticSearch:
 
     next_task: the task with the limits and the smoothness of the next law.
     points: the crossing points with the deflections of the last motion.
-    stage: of `ELASTIC_SHARES`, the smoothness of the next law.
-    last_law: the law found last with these deflections.
+    stage: index into `ELASTIC_SHARES` for the next law.
+    high_degree: of z from stage 2 on; None for splines.
+    last_law: the last law with the present `deflections`.
+    deflections: of the last motion, along the path; None before the first.
+    known: deflections that were in balance last, from which the next balance begins.
     best_motion: the best certified motion within the limits.
+    first_failure: raised if no stage succeeds.
     """
 
     task: Task

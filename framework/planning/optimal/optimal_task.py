@@ -34,12 +34,12 @@ class Task(NamedTuple):
 
     @property
     def speeds(self) -> Sequence[float] | None:
-        """s' at each target [1/s], if the request has them."""
+        """Requested s' at each target [1/s], if any."""
         return self.request.speeds
 
     @property
     def branch(self) -> Branch:
-        """The path as it was followed."""
+        """The poses along the path."""
         return self.to_cross.branch
 
     @property
@@ -168,8 +168,8 @@ def check_unfolded(task: Task) -> None:
         return
     for target in task.targets:
         if isinstance(target, SingularPoint) and (target.contact == "tangential" or target.corank > 1):
-            what = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions go at once"
+            event = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions go at once"
             raise NoLaw(
-                f"{task.branch.robot.name}: at s = {target.s:.6g} the path {what}; the deflections make two "
+                f"{task.branch.robot.name}: at s = {target.s:.6g} the path {event}; the deflections make two "
                 f"crossings of that or none: move the path off the locus or across it, or use geometry rigid"
             )

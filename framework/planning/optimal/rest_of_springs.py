@@ -17,21 +17,24 @@ NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest: rounding may b
 
 
 def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:
-    """Check that springs start and stop at rest under a law with so many derivatives zero at its ends.
+    """Check that springs start and stop at rest, as the law does.
+
+    Args:
+        smoothness: number of derivatives of the law that vanish at both ends.
 
     Raises:
-        NotConverged: the rate or acceleration of one at an end is more than MAX_END_RATE of its largest.
+        NotConverged: the rate or acceleration of a spring at an end is more than MAX_END_RATE of its largest.
     """
     robot = dynamics.robot
     t = np.linspace(0.0, dynamics.duration, END_SAMPLES)
-    for order, what in ((1, "rate"), (2, "acceleration")):
-        values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]
+    for order, quantity in ((1, "rate"), (2, "acceleration")):
+        values = np.abs(dynamics.deflection(t, order)) / robot.column_scale[robot.elastic]  # (T, n_e)
         largest = values.max(axis=0)
         counted = largest > NEGLIGIBLE_RATE * largest.max()
         at_ends = (values[[0, -1]][:, counted] / largest[counted]).max(initial=0.0)
         if at_ends > MAX_END_RATE:
             raise NotConverged(
-                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {what} (at most "
-                f"{MAX_END_RATE:g}), though {smoothness} derivatives of the law vanish there",
+                f"{robot.name}: springs start or stop with {at_ends:.2g} of their largest {quantity} (at "
+                f"most {MAX_END_RATE:g}), though {smoothness} derivatives of the law vanish there",
                 residual=float(at_ends),
             )
