@@ -13,6 +13,8 @@ import yaml
 
 import robots
 
+# Robots are frozen: all tests of a process share one of each. What changes a model in place loads its own.
+robots.load = cache(robots.load)
 FIVE_BAR = robots.CATALOGUE["five_bar"].file
 REMOVED = object()  # the value of a key that is to go
 

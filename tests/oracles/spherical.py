@@ -97,10 +97,14 @@ class Spherical:
         """Zero at Type 2: w_i x v_i in one plane."""
         return float(np.linalg.det(self.matrices(x)[0].real))
 
+    def ratio(self, x):
+        """Rates of the motors over the angular velocity (3, 3)."""
+        A, B = self.matrices(np.asarray(x, float))
+        return np.linalg.solve(B, A).real
+
     def rates(self, x):
         """d(motor angles)/dx (3, 3)."""
-        A, B = self.matrices(np.asarray(x, float))
-        return (np.linalg.solve(B, A) @ spin_matrix(x)).real
+        return self.ratio(x) @ spin_matrix(x).real
 
     def kinetic_energy(self, x, dx):
         omega = spin(x, dx)

@@ -17,7 +17,7 @@ from framework.model.description import FLEXIBILITIES, Scene
 from framework.planning.scenes import scene_path
 
 CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
-RIGID = {name: entry.load() for name, entry in robots.CATALOGUE.items()}
+RIGID = {name: robots.load(name) for name in robots.CATALOGUE}
 ELASTIC = [case for case in CASES if RIGID[case[0]].description.active_springs(case[1])]
 SCENES = [(name, scene) for name, robot in RIGID.items() for scene in robot.description.scenes]
 
