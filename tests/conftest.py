@@ -32,6 +32,16 @@ def put(content: Any, key: str, value: Any) -> None:
         content[last] = value
 
 
+@pytest.fixture
+def quick_figures(monkeypatch):
+    """Figures take seconds: tests/show draws them once, here a note stands for them."""
+
+    def note(plan, folder) -> None:
+        (folder / "figures.txt").write_text(f"{plan.robot.name}, {plan.robot.flexibility}")
+
+    monkeypatch.setattr("framework.show.plots.save_figures", note)
+
+
 @cache
 def _five_bar() -> Any:
     return yaml.safe_load(FIVE_BAR.read_text(encoding="utf-8"))

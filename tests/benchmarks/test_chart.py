@@ -77,7 +77,7 @@ def test_every_row_has_a_key_that_finds_its_method_again(name):
     assert all(text.count(f"`{row.key}`") == 1 for row in rows)
 
 
-CURVES = [name for name in stages.NAMES if stages.stage(name).map_axes is None]
+CURVES = [name for name in stages.NAMES if not stages.stage(name).is_map]
 MAPS = [name for name in stages.NAMES if name not in CURVES]
 
 
