@@ -8,7 +8,7 @@ import mpmath as mp
 import numpy as np
 
 
-def virtual_work(bodies: Callable, gear: mp.mpf, x, dx, ddx) -> tuple[np.ndarray, np.ndarray]:
+def work_and_jacobian(bodies: Callable, gear: mp.mpf, x, dx, ddx) -> tuple[np.ndarray, np.ndarray]:
     """Return (3,) that J' tau on the motor side must equal, and J = d(motor angles)/dx (3, 3).
 
     D'Alembert: `bodies(x)` has inertia and coordinate of every moving part, so that the kinetic energy is the

@@ -21,7 +21,7 @@ from framework import (
     velocity_matrices,
 )
 from framework.planning.scenes import scene_path
-from tests.oracles.planar_work import virtual_work
+from tests.oracles.planar_work import work_and_jacobian
 
 with mp.workdps(50):
     UNIT = mp.mpf("0.05")
@@ -116,10 +116,10 @@ def assert_virtual_work(plan):
     """The torques do the work of all masses, at the crossing as elsewhere."""
     (crossing,) = plan.crossings
     for t in [0.0, 0.3, 0.6, crossing.time - 1e-3, crossing.time, crossing.time + 1e-3, 1.2, 1.4]:
-        work, J = virtual_work(bodies, GEAR, *(plan.platform(t, order) for order in range(3)))
+        work, J = work_and_jacobian(bodies, GEAR, *(plan.platform(t, order) for order in range(3)))
         np.testing.assert_allclose(J.T @ plan.torque(t), work, atol=1e-10)  # of 10 N, N m
     # and at the crossing this work vanishes along the motion that the motors do not hold
-    work, _ = virtual_work(bodies, GEAR, *(plan.platform(crossing.time, order) for order in range(3)))
+    work, _ = work_and_jacobian(bodies, GEAR, *(plan.platform(crossing.time, order) for order in range(3)))
     assert abs(work @ crossing.twist) < 1e-10
 
 

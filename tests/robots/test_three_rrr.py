@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 import robots
 from framework import assemble, locate_singularities, plan_scene, velocity_matrices
 from framework.planning.scenes import scene_path
-from tests.oracles.planar_work import virtual_work
+from tests.oracles.planar_work import work_and_jacobian
 
 MOTORS = [(0, 0), (mp.mpf("1.2"), 0), (mp.mpf("0.6"), mp.mpf("1.0392304845413265"))]  # A_i
 CORNERS = [("-0.0928", "-0.0535"), ("0.0928", "-0.0535"), ("0", "0.107")]  # C_i in the platform
@@ -136,10 +136,10 @@ def test_a_path_without_turning_meets_no_singularity(robot):
 def test_torques_do_the_virtual_work_of_all_masses(plan):
     (crossing,) = plan.crossings
     for t in [0.0, 0.2, 0.5, 0.8, crossing.time - 1e-3, crossing.time, crossing.time + 1e-3, 1.3]:
-        work, J = virtual_work(bodies, GEAR, *(plan.platform(t, order) for order in range(3)))
+        work, J = work_and_jacobian(bodies, GEAR, *(plan.platform(t, order) for order in range(3)))
         np.testing.assert_allclose(J.T @ plan.torque(t), work, atol=1e-11)  # of 1 to 10 N, N m
     # and at the crossing this work vanishes along the motion that the motors do not hold
-    work, _ = virtual_work(bodies, GEAR, *(plan.platform(crossing.time, order) for order in range(3)))
+    work, _ = work_and_jacobian(bodies, GEAR, *(plan.platform(crossing.time, order) for order in range(3)))
     assert abs(work @ crossing.twist) < 1e-10
     assert plan.certificate.tail < 1e-9
     assert plan.certificate.monotone
