@@ -20,7 +20,9 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.laws.path import time_derivatives
 from framework.numerics.chebyshev import TimeGrid
+from tests.oracles import lagrange
 from tests.oracles.closed_form import Crossing, Kinematics
+from tests.oracles.spherical import cross, rodrigues, spin
 
 H = 1e-30
 DENSITY = 76e3 / 9.81  # [kg/m^3]
@@ -37,23 +39,6 @@ PLATFORM = ring(1.0, [-50.0, 50.0, 70.0, 170.0, 190.0, 290.0])
 
 
 # ------------------------------------------------------------------ closed forms
-
-
-def cross(a, b):
-    return np.stack([a[..., i - 2] * b[..., i - 1] - a[..., i - 1] * b[..., i - 2] for i in range(3)], -1)
-
-
-def rodrigues(r):
-    """Rotation matrix of a rotation vector, also a complex one."""
-    t = np.sqrt(r @ r + 0j)
-    skew = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
-    return np.eye(3) + np.sin(t) / t * skew + 2 * (np.sin(t / 2) / t) ** 2 * (skew @ skew)
-
-
-def spin(r, dr):
-    """Angular velocity of a rotation vector and its rate."""
-    t = np.sqrt(r @ r + 0j)
-    return dr + (1 - np.cos(t)) / t**2 * cross(r, dr) + (t - np.sin(t)) / t**3 * cross(r, cross(r, dr))
 
 
 def legs(x):
@@ -136,15 +121,9 @@ def gradient(function, x):
     return np.array([function(x + 1j * H * unit).imag / H for unit in np.eye(6)])
 
 
-def momentum(x, dx):
-    """dT/d(dx), exact because T is quadratic in the rates."""
-    return np.array([(kinetic_energy(x, dx + e) - kinetic_energy(x, dx - e)) / 2 for e in np.eye(6)])
-
-
 def platform_force(x, dx, ddx):
     """Lagrange: what the legs must do on the coordinates x, (6,)."""
-    rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
-    return rate - gradient(lambda y: kinetic_energy(y, dx), x) + gradient(potential_energy, x)
+    return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
 def length_rates(x):
