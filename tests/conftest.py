@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,27 @@ import pytest
 import yaml
 
 import robots
+from framework import ParallelRobot, load_robot
 
+
+@cache
+def _loaded(*arguments: Any, **options: Any) -> tuple[ParallelRobot, Any]:
+    robot = load_robot(*arguments, **options)
+    return robot, robot.model.copy()
+
+
+@wraps(load_robot)
+def _load_shared(*arguments: Any, **options: Any) -> ParallelRobot:
+    """Robots are frozen: all tests of a process share one of each.
+
+    What changes a model in place loads its own: `robots.CATALOGUE[name].load()`.
+    """
+    robot, untouched = _loaded(*arguments, **options)
+    assert robot.model == untouched, f"a test before has changed the model of {robot.name} in place"
+    return robot
+
+
+robots.load = _load_shared
 FIVE_BAR = robots.CATALOGUE["five_bar"].file
 REMOVED = object()  # the value of a key that is to go
 
@@ -28,6 +48,16 @@ def put(content: Any, key: str, value: Any) -> None:
         content.append(value)
     else:
         content[last] = value
+
+
+@pytest.fixture
+def quick_figures(monkeypatch):
+    """Figures take seconds: tests/show draws them once, here a note stands for them."""
+
+    def note(plan, folder) -> None:
+        (folder / "figures.txt").write_text(f"{plan.robot.name}, {plan.robot.flexibility}")
+
+    monkeypatch.setattr("framework.show.plots.save_figures", note)
 
 
 @cache

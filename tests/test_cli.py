@@ -272,16 +272,6 @@ def test_negative_numbers_may_be_written_with_an_exponent(document):
     assert plain == exponent
 
 
-@pytest.fixture
-def quick_figures(monkeypatch):
-    """Figures take seconds: tests/show draws them once, here a note stands for them."""
-
-    def note(plan, folder) -> None:
-        (folder / "figures.txt").write_text(f"{plan.robot.name}, {plan.robot.flexibility}")
-
-    monkeypatch.setattr("framework.show.plots.save_figures", note)
-
-
 @pytest.mark.usefixtures("quick_figures")
 def test_out_writes_the_plan_and_its_figures(document, tmp_path):
     out = tmp_path / "new" / "folder"
@@ -586,6 +576,7 @@ def test_a_malformed_robot_file_or_urdf_is_misuse(refusal, write_robot):
     assert "mass" in refusal(2, "check", write_robot(urdf=(('<mass value="10"/>', ""),)))
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
     folder = tmp_path / "quick"
     limits = ("--optimize", "time", "--torque-limit", 0.165, "--margin", "10%")
@@ -715,6 +706,7 @@ def test_what_is_about_an_earlier_plan_goes_with_it(tmp_path, capsys):
     assert not left & {"report.html", "torques.pdf", "eye.png"}
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_what_nobody_planned_stays(tmp_path):
     (tmp_path / "report.html").write_text("mine")
     main(["plan", "five_bar", "--scene", "A", "--out", str(tmp_path)])

@@ -19,7 +19,9 @@ def document(capsys, *arguments: str) -> dict:
 def folder(tmp_path_factory) -> str:
     place = str(tmp_path_factory.mktemp("plan"))
     words = ["plan", "five_bar", "--scene", "C", "--flexibility", "flexible_links"]
-    assert main([*words, "--out", place]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("framework.show.plots.save_figures", lambda *_: None)  # which take seconds
+        assert main([*words, "--out", place]) == 0
     return place
 
 

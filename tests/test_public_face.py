@@ -177,7 +177,7 @@ MISUSE: dict[str, tuple[Callable[[], object], str]] = {
     "order 1.5": (lambda: PATH(0.5, 1.5), "order: .*got 1.5"),  # type: ignore[arg-type]
     "flexibility without its name": (lambda: robots.load("five_bar", "flexible"), "flexibility='flexible'"),
     "a robot that nobody knows": (lambda: robots.load("five_bars"), "did you mean 'five_bar'"),
-    "a robot that is a list": (lambda: robots.load(["five_bar"]), "unknown robot"),  # type: ignore[arg-type]
+    "a robot that is a list": (lambda: framework.load_robot(["five_bar"]), "unknown robot"),  # type: ignore[arg-type]
 }
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, NoAnswer, ParallelRobot, assemble
+from framework import InvalidInput, OutOfReach, ParallelRobot, assemble
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
 from framework.atlas.survey import survey_window
@@ -128,18 +128,15 @@ def test_a_pose_that_is_followed_from_the_reference_is_in_the_window_of_a_map(na
     found = survey_window(robot)
     axes, random = list(found.axes), np.random.default_rng(1)
     for _ in range(10):
-        direction, ends = np.zeros(robot.n), [0.0, 2.0 * robot.length]
+        direction = np.zeros(robot.n)
         direction[axes] = random.standard_normal(2)
         direction /= np.linalg.norm(direction)
-        for _ in range(9):
-            middle = float(np.mean(ends))
-            try:
-                end = robot.reference.x + middle * direction
-                ends[0] = assemble(robot, end).x[axes] @ direction[axes] - robot.reference.x @ direction
-            except NoAnswer:
-                ends[1] = middle
-        last = (robot.reference.x + ends[0] * direction)[axes]
+        with pytest.raises(OutOfReach) as caught:
+            assemble(robot, robot.reference.x + 2.0 * robot.length * direction)
+        last = caught.value.platform[axes]
         assert ((found.lower < last) & (last < found.upper)).all()
+        nearly = robot.reference.x + 0.99 * (caught.value.platform - robot.reference.x)
+        np.testing.assert_allclose(assemble(robot, nearly).x, nearly, atol=1e-9)  # so far it is reached
 
 
 def test_a_map_says_at_which_edges_of_its_window_more_may_be_reached():

@@ -1,15 +1,12 @@
-"""Six rows of the chart again, without the framework: `python -m tests.benchmarks.rows_again [DIR]`.
+"""Six rows of the chart again, without the framework.
 
 The reference is mpmath's: the 5R by virtual work, g = D P^-T m a with P the rods and D = p . (crank turned by
 a right angle), the cranks' accelerations by mpmath's own differentiation in fifty digits. The methods are
-written anew with numpy, scipy and pinocchio on the URDF alone. With the folder of a chart it prints the
-chart's errors beside its own.
+written anew with numpy, scipy and pinocchio on the URDF alone.
 """
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -222,18 +219,3 @@ def rows() -> dict[str, Callable[[], float]]:
         "closing:newton:3": lambda: newton_error(tree, 3),
         "singular:determinant:1e-08": lambda: determinant_error(tree, 1e-8),
     }
-
-
-def main() -> None:
-    charted: dict[str, float] = {}
-    for folder in sys.argv[1:]:
-        for name in ("torque", "closing", "singular"):
-            stage = json.loads((Path(folder) / f"{name}.json").read_text())
-            charted |= {row["row"]: row["error"] for row in stage["rows"]}
-    for key, row in rows().items():
-        words = f", in the chart {charted[key]:.3e}" if key in charted else ""
-        print(f"{key:28} error {row():.3e}{words}", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -11,6 +11,9 @@ import pytest
 import robots
 from framework import pave_singularities
 from framework.atlas.nearest import nearest_singular_pose
+from framework.proofs.real_displacements import real_solutions
+from framework.proofs.study_quadric import spatial
+from tests.proofs.test_real_displacements import BASE, LENGTHS, PLATFORM, conditions
 
 pytestmark = pytest.mark.benchmark
 
@@ -34,3 +37,12 @@ def test_the_two_bounds_of_a_margin(name, capsys):
     spent = time.process_time() - start
     with capsys.disabled():
         print(f"\n  {name}: {found.status}; {spent:.1f} s of the processor")
+
+
+def test_the_forty_real_poses_of_dietmaiers_platform(capsys):
+    rods = conditions(BASE, PLATFORM, LENGTHS)
+    start = time.process_time()
+    found = real_solutions(spatial(), rods)
+    spent = time.process_time() - start
+    with capsys.disabled():
+        print(f"\n  {len(found.R)} poses, {found.status}; {spent:.2f} s of the processor")

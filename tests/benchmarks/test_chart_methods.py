@@ -13,6 +13,11 @@ from tests.benchmarks.chart.reading import WRONG
 from tests.benchmarks.chart.squeezer import descriptor, energy
 
 
+def cell(panel: str, method: str, *setting: float) -> Row:
+    """A cell of the map of failure."""
+    return row("failure", f"{panel}-{method}", *setting)
+
+
 def row(stage: str, method: str, *setting: float) -> Row:
     one = stages.stage(stage)
     return measured(one, one.method(method), tuple(map(float, setting)), repeats=1)
@@ -233,34 +238,34 @@ def test_the_planner_finds_the_deformed_robots_motion():
 
 
 def test_no_step_mends_what_the_imposed_point_has_spoilt():
-    errors = [row("imposed", "table", 1e-4, 1.5 / 2**k).error for k in (4, 8)]
+    errors = [cell("imposed", "table", 1e-4, 1.5 / 2**k).error for k in (4, 8)]
     assert min(errors) > 1.0  # more than the torque itself
-    assert row("imposed", "table", 1e-12, 1.5 / 2**8).error < 1e-5
+    assert cell("imposed", "table", 1e-12, 1.5 / 2**8).error < 1e-5
 
 
 @pytest.mark.parametrize("method", ["proved", "doubled"])
 def test_what_is_imposed_beside_the_point_is_refused_by_who_checks_it(method):
     for offset in (1e-2, 1e-6):
-        assert not np.isfinite(row("imposed", method, offset, 1e-10).error)
-    assert row("imposed", method, 1e-12, 1e-10).error < 1e-5
+        assert not np.isfinite(cell("imposed", method, offset, 1e-10).error)
+    assert cell("imposed", method, 1e-12, 1e-10).error < 1e-5
 
 
 def test_all_methods_agree_with_the_reference_on_the_loaded_condition():
     for method, allowed in (("proved", 1e-12), ("root", 1e-7), ("repeated", 1e-12), ("differences", 1e-4)):
-        assert row("misfit", method, 1.0, 0.0).error < allowed, method
+        assert cell("misfit", method, 1.0, 0.0).error < allowed, method
 
 
 def test_beside_the_loaded_condition_only_ours_says_no():
-    assert not np.isfinite(row("misfit", "proved", 1.0, 1e-4).error)
+    assert not np.isfinite(cell("misfit", "proved", 1.0, 1e-4).error)
     for method in ("root", "repeated", "differences"):
-        assert row("misfit", method, 1.0, 1e-4).error >= WRONG, method
+        assert cell("misfit", method, 1.0, 1e-4).error >= WRONG, method
 
 
 def test_variants_are_the_paper_robot_in_other_units():
     """The reference by similarity against the planner, which shares nothing with it."""
-    for name, cell in (("sizes", (1e-4, 1e2)), ("masses", (1e-3, 1e-6))):
+    for panel, setting in (("sizes", (1e-4, 1e2)), ("masses", (1e-3, 1e-6))):
         for method in ("planned", "pinocchio"):
-            assert row(name, method, *cell).error < 1e-9, (name, method)
+            assert cell(panel, method, *setting).error < 1e-9, (panel, method)
 
 
 # ------------------------------------------------------------------ rows made again by other code

@@ -131,7 +131,7 @@ def test_a_run_alone_is_the_run_among_others(controller, sensors):
 
 
 def test_a_run_whose_equations_are_singular_leaves_the_others_alone():
-    robot = robots.load("five_bar")
+    robot = robots.CATALOGUE["five_bar"].load()
     weightless = replace(robot, stiffness=robot.stiffness)
     stepper = Stepper.of([robot, weightless, robot], like=robot)
     start = stepper.start(np.repeat(robot.q_near[None], 3, axis=0))

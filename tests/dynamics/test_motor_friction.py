@@ -155,6 +155,7 @@ def test_limit_curves_and_bound_count_friction_and_damping(quickest):
     assert 0.98 * quickest.duration < bound < quickest.duration
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_the_option_is_typed_and_saved(tmp_path, capsys):
     file = str(write_robot_file(rubbing(passive=0.2).description, tmp_path))
     for typed, named in (([], "left_elbow 0.2 N m"), (["--friction", "none"], "left_motor 1.5 N m")):

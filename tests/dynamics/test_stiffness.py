@@ -99,7 +99,7 @@ def simulated_acceleration(robot, q):
     ],
 )
 def test_every_mode_of_a_robot_with_masses_swings_in_the_simulator(name, flexibility, loaded):
-    robot = robots.load(name, flexibility=flexibility)
+    robot = robots.CATALOGUE[name].load(flexibility=flexibility)
     if not loaded:
         robot.model.gravity.linear = np.zeros(3)
     found = platform_stiffness(robot, robot.reference, loaded=loaded)

@@ -32,6 +32,7 @@ def capacity():
     return largest_load(robot, path, torque_limit=LIMIT, wrenches=PUSH)
 
 
+@cache
 def pushed(multiple):
     """The quickest plan under a multiple of the push."""
     robot, path = five_bar()

@@ -88,7 +88,7 @@ def test_samples_that_cannot_be(plan, samples):
         joint_trajectory(plan, samples=samples)
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("quick_figures")
 def test_yaml_and_json_say_the_same_from_a_scene_and_from_a_folder(tmp_path):
     said = ["--to", "ros2_control", "--samples", "5", "--out"]
     assert main(["plan", "five_bar", "--scene", "A", "--out", str(tmp_path / "plan")]) == 0

@@ -89,7 +89,7 @@ def copies():
 
 @pytest.mark.parametrize("name", ["five_bar", "gough_stewart", "standing_quadruped"])
 def test_where_the_memory_cannot_be_read_the_accessors_take_over(copies, name):
-    robot = robots.load(name, flexibility="flexible_links")
+    robot = robots.CATALOGUE[name].load(flexibility="flexible_links")
     q, v = states(robot, 4)
     slow = frames_at(robot, q)
     slow_motions = frame_motions(robot, slow, q, v)

@@ -66,7 +66,7 @@ def test_a_package_without_metadata_is_found_under_the_prefix(nothing_installed)
 
 def test_a_missing_package_is_named_with_what_to_do(nothing_installed):
     with pytest.raises(MissingPackage, match="pip install example-robot-data") as caught:
-        robots.load("standing_quadruped")
+        robots.CATALOGUE["standing_quadruped"].load()
     assert caught.value.package == "example-robot-data"
     assert "standing_quadruped.yaml: urdf: " in str(caught.value)
 

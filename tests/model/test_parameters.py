@@ -81,6 +81,7 @@ def test_a_parameter_that_is_given_is_a_finite_number():
             with_parameters("parameters: {k: 1}", {"k": value})
 
 
+@pytest.mark.usefixtures("quick_figures")
 def test_parameters_are_set_in_python_and_on_the_command_line_and_kept_with_a_plan(tmp_path, capsys):
     """The singular point is that of the rods of 0.255 m."""
     file, folder = str(parametric_five_bar(tmp_path)), tmp_path / "plan"

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import robots
-from framework import InvalidInput, ParallelRobot, RobotFileError
+from framework import InvalidInput, ParallelRobot, RobotFileError, load_robot
 from framework.model import read_robot_file
 from framework.model.description import AXES, Actuator, Closure, Platform, Scene, Spring
 from framework.numerics.fields import distinct
@@ -383,7 +383,7 @@ def test_a_file_that_is_no_urdf_is_refused(write_robot, content, words):
 @pytest.mark.parametrize("name", ["flexible_link", "", None, ["rigid"]])
 def test_an_unknown_flexibility_lists_the_known_ones(name):
     with pytest.raises(InvalidInput, match=r"flexibility.*flexible_joints, flexible_links, rigid"):
-        robots.load("five_bar", flexibility=name)
+        load_robot("five_bar", flexibility=name)
 
 
 def test_an_unknown_robot_lists_the_catalogue():

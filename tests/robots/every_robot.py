@@ -7,6 +7,7 @@ more in every test of `test_every_robot_*.py`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from framework.model.description import FLEXIBILITIES, Scene
 from framework.planning.scenes import scene_path
 
 CASES = [(name, flexibility) for name in robots.CATALOGUE for flexibility in FLEXIBILITIES]
-RIGID = {name: entry.load() for name, entry in robots.CATALOGUE.items()}
+RIGID = {name: robots.load(name) for name in robots.CATALOGUE}
 ELASTIC = [case for case in CASES if RIGID[case[0]].description.active_springs(case[1])]
 SCENES = [(name, scene) for name, robot in RIGID.items() for scene in robot.description.scenes]
 
@@ -45,6 +46,7 @@ def first_path(robot: ParallelRobot):
     return scene_path(next(iter(robot.description.scenes.values())))
 
 
+@lru_cache(maxsize=256)
 def planned(robot: ParallelRobot, **options) -> CrossingPlan:
     """The first scene of the robot that has a plan."""
     for name in robot.description.scenes:
@@ -55,6 +57,7 @@ def planned(robot: ParallelRobot, **options) -> CrossingPlan:
     raise AssertionError(f"{robot.name} has no scene that can be planned")
 
 
+@lru_cache(maxsize=256)
 def crossing(robot: ParallelRobot, **options) -> CrossingPlan:
     """The first plan of the robot that crosses a singularity, or else its first plan."""
     plans = []

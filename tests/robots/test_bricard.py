@@ -158,13 +158,6 @@ def test_planned_torques_bring_the_ring_along_the_path(scene):
     assert plan.certificate.tail < 1e-12
 
 
-@pytest.mark.parametrize("flexibility", FLEXIBILITIES)
-def test_a_law_without_condition_8_is_refused(flexibility):
-    robot = robots.load("bricard", flexibility=flexibility)
-    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = "):
-        plan_scene(robot, "dead_point", times=[])
-
-
 def test_a_law_that_forgets_gravity_is_refused():
     robot = robots.load("bricard")
     with pytest.raises(UnboundedTorque) as caught:

@@ -8,22 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 import robots
 from framework import (
-    Condition,
-    Law,
-    UnboundedTorque,
     assemble,
-    inverse_dynamics,
-    locate_singularities,
-    plan_scene,
-    velocity_matrices,
 )
 from framework.kinematics.frames import frames_at
 from framework.planning.scenes import scene_path
 from tests.oracles import lagrange
+from tests.oracles.closed_form import Crossing, Kinematics
 
 ARM, ROD, WIDTH = 0.524, 1.244, 0.131  # [m]
 REACH = 0.164 - 0.044  # motor axes, as seen from the centre of the platform [m]
@@ -123,34 +116,34 @@ def normals(x):
 # ------------------------------------------------------------------ the robot
 
 
+PLACES = [0, 0, -1.2] + 0.15 * np.random.default_rng(3).uniform(-1, 1, (12, 3))
+KINEMATICS = Kinematics(PLACES, lambda x: motor_angles(x).real, velocity_ratio, 1e-12, 1e-10)
+CROSSING = Crossing(
+    scene="cross",
+    unprepared="cross-unprepared",
+    clear="pick",
+    lines=lambda x: forearms(x, motor_angles(x).real),
+    bracket=(0.3, 0.7),
+    rates=velocity_ratio,
+    force=platform_force,
+    gear=GEAR,
+    share=0.5,
+    twist_within=1e-10,
+    force_within=lambda force: 1e-10 * max(np.abs(force).max(), 10.0),
+)
+
+
 @pytest.fixture(scope="module")
 def robot():
     return robots.load("delta")
 
 
-@pytest.fixture(scope="module")
-def plan(robot):
-    return plan_scene(robot, "cross")
-
-
-def places(count):
-    spread = np.array([0.15, 0.15, 0.15])
-    return [0, 0, -1.2] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 3))
-
-
-def test_motor_angles_have_their_closed_form_and_the_platform_stays_level(robot):
-    for x in places(12):
+def test_the_platform_stays_level(robot):
+    for x in PLACES:
         q = assemble(robot, x).q
-        np.testing.assert_allclose(q[robot.actuated], motor_angles(x).real, rtol=0, atol=1e-12)
         at = frames_at(robot, q[None])
         np.testing.assert_allclose(at.position[0, 0], x, atol=1e-13)
         np.testing.assert_allclose(at.rotation[0, 0], np.eye(3), atol=1e-12)
-
-
-def test_A_and_B_are_those_of_the_three_forearms(robot):
-    for x in places(6):
-        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
-        np.testing.assert_allclose(np.linalg.solve(B, A), velocity_ratio(x), atol=1e-10)
 
 
 def test_elbows_outward_meet_no_singularity_in_the_workspace():
@@ -167,50 +160,8 @@ def test_elbows_outward_meet_no_singularity_in_the_workspace():
     assert nearest < -0.2  # one sign everywhere
 
 
-# ------------------------------------------------------------------ the crossing
-
-
-def exact_singular_s(path):
-    return brentq(lambda s: forearm_volume(path(s)), 0.3, 0.7, xtol=1e-15, rtol=1e-15)
-
-
-def test_singular_point_and_twist_are_those_of_the_forearms(robot, plan):
-    (point,) = locate_singularities(robot, plan.path)
-    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
-    assert point.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
-    n = forearms(point.platform, motor_angles(point.platform).real)
-    normal = np.linalg.svd(n)[2][-1]  # across the plane of the forearms
-    np.testing.assert_allclose(point.twist, normal * np.sign(normal @ point.twist), atol=1e-10)
-    # the parallelograms hold the platform level all the way, so it is no constraint singularity
-    held = [abs(np.linalg.det(normals(plan.path(s)))) for s in np.linspace(0, 1, 41)]
+def test_the_parallelograms_hold_the_platform_level_all_the_way(robot):
+    """So its crossing is no constraint singularity."""
+    path = scene_path(robot.description.scenes["cross"])
+    held = [abs(np.linalg.det(normals(path(s)))) for s in np.linspace(0, 1, 41)]
     assert min(held) > 0.3
-    assert not list(locate_singularities(robot, scene_path(robot.description.scenes["pick"])))
-
-
-def test_torques_satisfy_lagrange_at_all_instants(plan):
-    (crossing,) = plan.crossings
-    for t in np.append(np.linspace(0.0, plan.duration, 17), crossing.time):
-        x = plan.platform(t)
-        force = platform_force(x, plan.platform(t, 1), plan.platform(t, 2))
-        pushed = velocity_ratio(x).T @ (GEAR * plan.torque(t))
-        np.testing.assert_allclose(pushed, force, rtol=0, atol=1e-10 * max(np.abs(force).max(), 10.0))
-
-
-def test_condition_8_is_the_virtual_power_across_the_forearms(plan):
-    (crossing,) = plan.crossings
-    t = crossing.time
-    force = platform_force(*(plan.platform(t, k) for k in range(3)))
-    assert abs(force @ crossing.twist) < 1e-10 * np.linalg.norm(force)
-
-
-def test_a_law_without_condition_8_gets_no_torques(robot, plan):
-    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
-        plan_scene(robot, "cross-unprepared")
-    assert caught.value.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
-    # through the right point at the right time, but with half of its acceleration
-    (crossing,) = plan.crossings
-    t = crossing.time
-    half = 0.5 * crossing.acceleration
-    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, half)]
-    with pytest.raises(UnboundedTorque):
-        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

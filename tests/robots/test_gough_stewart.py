@@ -8,27 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 import robots
 from framework import (
-    Condition,
-    Law,
     Line,
-    UnboundedTorque,
     assemble,
     forward_kinematics,
-    inverse_dynamics,
-    locate_singularities,
-    plan_scene,
     track_path,
-    velocity_matrices,
 )
 from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.laws.path import time_derivatives
 from framework.numerics.chebyshev import TimeGrid
-from framework.planning.scenes import scene_path
+from tests.oracles import lagrange
+from tests.oracles.closed_form import Crossing, Kinematics
+from tests.oracles.spherical import cross, rodrigues, spin
 
 H = 1e-30
 DENSITY = 76e3 / 9.81  # [kg/m^3]
@@ -45,23 +39,6 @@ PLATFORM = ring(1.0, [-50.0, 50.0, 70.0, 170.0, 190.0, 290.0])
 
 
 # ------------------------------------------------------------------ closed forms
-
-
-def cross(a, b):
-    return np.stack([a[..., i - 2] * b[..., i - 1] - a[..., i - 1] * b[..., i - 2] for i in range(3)], -1)
-
-
-def rodrigues(r):
-    """Rotation matrix of a rotation vector, also a complex one."""
-    t = np.sqrt(r @ r + 0j)
-    skew = np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
-    return np.eye(3) + np.sin(t) / t * skew + 2 * (np.sin(t / 2) / t) ** 2 * (skew @ skew)
-
-
-def spin(r, dr):
-    """Angular velocity of a rotation vector and its rate."""
-    t = np.sqrt(r @ r + 0j)
-    return dr + (1 - np.cos(t)) / t**2 * cross(r, dr) + (t - np.sin(t)) / t**3 * cross(r, cross(r, dr))
 
 
 def legs(x):
@@ -144,15 +121,9 @@ def gradient(function, x):
     return np.array([function(x + 1j * H * unit).imag / H for unit in np.eye(6)])
 
 
-def momentum(x, dx):
-    """dT/d(dx), exact because T is quadratic in the rates."""
-    return np.array([(kinetic_energy(x, dx + e) - kinetic_energy(x, dx - e)) / 2 for e in np.eye(6)])
-
-
 def platform_force(x, dx, ddx):
     """Lagrange: what the legs must do on the coordinates x, (6,)."""
-    rate = momentum(x + 1j * H * dx, dx + 1j * H * ddx).imag / H
-    return rate - gradient(lambda y: kinetic_energy(y, dx), x) + gradient(potential_energy, x)
+    return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
 def length_rates(x):
@@ -163,33 +134,40 @@ def length_rates(x):
 # ------------------------------------------------------------------ the robot
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return robots.load("gough_stewart")
-
-
-@pytest.fixture(scope="module")
-def plan(robot):
-    return plan_scene(robot, "turn")
-
-
 def poses(count, turn):
     """Random poses whose rotation vector measures up to `turn` [rad] a component."""
     spread = np.array([0.4, 0.4, 0.4, *turn])
     return [0, 0, 2.2, 0, 0, 0] + spread * np.random.default_rng(5).uniform(-1, 1, (count, 6))
 
 
-def test_leg_lengths_have_their_closed_form(robot):
-    for x in poses(12, [0.6, 0.6, 1.4]):
+KINEMATICS = Kinematics(poses(12, [0.6, 0.6, 1.4]), lambda x: lengths(x).real, plucker, 1e-12, 1e-11)
+CROSSING = Crossing(
+    scene="turn",
+    unprepared="turn-unprepared",
+    clear="tilt",
+    lines=plucker,
+    bracket=(0.3, 0.6),
+    rates=length_rates,
+    force=platform_force,
+    gear=GEAR,
+    share=0.9,
+    twist_within=1e-11,
+    force_within=lambda force: 1e-10 * np.abs(force).max(),
+    torque_within=lambda torque: 1e-10 * np.abs(torque).max(),
+    away=0.1,
+    power_within=1e-9,
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return robots.load("gough_stewart")
+
+
+def test_the_platform_is_where_it_was_asked_to_be(robot):
+    for x in KINEMATICS.places:
         q = assemble(robot, x).q
-        np.testing.assert_allclose(q[robot.actuated], lengths(x).real, rtol=0, atol=1e-12)
         np.testing.assert_allclose(robot.platform.coordinates(frames_at(robot, q[None]))[0], x, atol=1e-12)
-
-
-def test_A_and_B_are_the_lines_of_the_legs(robot):
-    for x in poses(6, [0.5, 0.5, 1.2]):
-        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
-        np.testing.assert_allclose(np.linalg.solve(B, A), plucker(x), atol=1e-11)
 
 
 # ------------------------------------------------------------------ a platform that turns
@@ -266,58 +244,9 @@ def test_rates_along_a_path_with_large_rotations(robot, start, end):
 # ------------------------------------------------------------------ the crossing
 
 
-def exact_singular_s(path):
-    return brentq(lambda s: np.linalg.det(plucker(path(s))), 0.3, 0.6, xtol=1e-15, rtol=1e-15)
-
-
-def test_singular_point_and_twist_are_those_of_the_lines(robot, plan):
-    (point,) = locate_singularities(robot, plan.path)
-    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
-    assert point.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
-    values, right = np.linalg.svd(plucker(plan.path(point.s)))[1:]
-    assert values[-1] < 1e-12 < 0.1 < values[-2]
-    twist = right[-1] / np.linalg.norm(right[-1][:3])
-    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), atol=1e-11)
-    assert not list(locate_singularities(robot, scene_path(robot.description.scenes["tilt"])))
-
-
 def test_level_platform_is_singular_a_quarter_turn_from_home():
     """Fichter 1986: whatever the height, and nowhere else in between."""
     for z in (1.5, 2.0, 2.6):
         dets = [np.linalg.det(plucker(np.array([0, 0, z, 0, 0, a]))) for a in (1e-9, 1.5, np.pi / 2, 1.65)]
         assert abs(dets[2]) < 1e-13 < abs(dets[1])
         assert dets[0] * dets[1] > 0 > dets[1] * dets[3]
-
-
-def test_condition_8_is_the_virtual_power_of_the_free_twist(plan):
-    """Lagrange's force on the platform does no work along the motion that locked legs allow."""
-    (crossing,) = plan.crossings
-    t = crossing.time
-    force = platform_force(*(plan.platform(t, k) for k in range(3)))
-    free = np.linalg.svd(length_rates(plan.platform(t)))[2][-1]  # on the coordinates
-    assert abs(force @ free) < 1e-9 * np.linalg.norm(force)
-
-
-def test_torques_satisfy_lagrange_at_all_instants(plan):
-    (crossing,) = plan.crossings
-    for t in np.append(np.linspace(0.0, plan.duration, 9), crossing.time):
-        x, dx, ddx = (plan.platform(t, k) for k in range(3))
-        force = platform_force(x, dx, ddx)
-        J = length_rates(x)
-        pushed = J.T @ (GEAR * plan.torque(t))
-        np.testing.assert_allclose(pushed, force, rtol=0, atol=1e-10 * np.abs(force).max())
-        if abs(t - crossing.time) > 0.1:
-            torque = np.linalg.solve(J.T, force) / GEAR
-            np.testing.assert_allclose(plan.torque(t), torque, rtol=0, atol=1e-10 * np.abs(torque).max())
-
-
-def test_a_law_without_condition_8_gets_no_torques(robot, plan):
-    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
-        plan_scene(robot, "turn-unprepared")
-    assert caught.value.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
-    # through the right point at the right time, but with too little of its acceleration
-    (crossing,) = plan.crossings
-    t, less = crossing.time, 0.9 * crossing.acceleration
-    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, less)]
-    with pytest.raises(UnboundedTorque):
-        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

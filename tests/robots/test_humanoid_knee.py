@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import UnboundedTorque, assemble, locate_singularities, plan_scene, velocity_matrices
+from framework import assemble, locate_singularities, plan_scene, velocity_matrices
 from framework.planning.scenes import scene_path
 from tests.oracles.one_degree import OneDegree, crossing, instants
 
@@ -120,10 +120,3 @@ def test_torque_agrees_with_lagrange_at_the_crossing_too(robot):
     times = instants(0.6, there.time, 4)
     expected = [exact.torque(t) for t in times]
     np.testing.assert_allclose(plan.torque(times)[:, 0], expected, rtol=0, atol=1e-9)  # of 0.77 N m
-
-
-@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints"])
-def test_a_law_without_condition_8_gets_no_torques(flexibility):
-    robot = robots.load("humanoid_knee", flexibility=flexibility)
-    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = "):
-        plan_scene(robot, "unprepared")

@@ -14,21 +14,17 @@ from scipy.optimize import brentq
 
 import robots
 from framework import (
-    Condition,
-    Law,
     Line,
     NotConverged,
     OutOfReach,
     ParallelRobot,
-    UnboundedTorque,
     assemble,
-    inverse_dynamics,
     locate_singularities,
-    plan_scene,
     velocity_matrices,
 )
 from framework.kinematics.frames import frames_at
 from framework.planning.scenes import scene_path
+from tests.oracles.closed_form import Crossing, Kinematics
 from tests.oracles.lagrange import platform_force
 
 LENGTH, HALF = 0.31058, 0.04  # [m]
@@ -87,11 +83,6 @@ def force(x, dx, ddx):
     return platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
-def leg_volume(x):
-    """Zero when the three legs are parallel to one plane: Type 2."""
-    return float(np.linalg.det(legs(x)))
-
-
 def hinge_volume(x):
     """Zero when three legs of hinges alone would let the platform turn: their planes y, z share a line."""
     return float(np.prod(along(x)) - np.prod(x))
@@ -104,33 +95,34 @@ def exact_s(path, measure):
 # ------------------------------------------------------------------ the robot
 
 
+PLACES = np.random.default_rng(5).uniform(-0.12679, 0.07321, (12, 3))
+KINEMATICS = Kinematics(PLACES, slides, velocity_ratio, 1e-13, 1e-11)
+CROSSING = Crossing(
+    scene="cross",
+    unprepared="cross-unprepared",
+    clear="mill",
+    lines=legs,
+    bracket=(0.0, 1.0),
+    rates=velocity_ratio,
+    force=force,
+    gear=GEAR,
+    share=0.95,
+    twist_within=1e-10,
+    force_within=lambda force: 1e-9,
+)
+
+
 @pytest.fixture(scope="module")
 def robot():
     return robots.load("orthoglide")
 
 
-@pytest.fixture(scope="module")
-def plan(robot):
-    return plan_scene(robot, "cross")
-
-
-def places(count):
-    return np.random.default_rng(5).uniform(-0.12679, 0.07321, (count, 3))
-
-
-def test_slides_have_their_closed_form_and_the_platform_does_not_turn(robot):
-    for x in places(12):
+def test_the_platform_does_not_turn(robot):
+    for x in PLACES:
         q = assemble(robot, x).q
-        np.testing.assert_allclose(q[robot.actuated], slides(x), rtol=0, atol=1e-13)
         at = frames_at(robot, q[None])
         np.testing.assert_allclose(at.position[0, 0], x, atol=1e-13)
         np.testing.assert_allclose(at.rotation[0, 0], np.eye(3), atol=1e-12)
-
-
-def test_A_and_B_are_those_of_the_three_legs(robot):
-    for x in places(6):
-        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
-        np.testing.assert_allclose(np.linalg.solve(B, A), velocity_ratio(x), atol=1e-11)
 
 
 def test_the_length_of_the_legs_obeys_the_rule_of_design(robot):
@@ -147,15 +139,6 @@ def test_the_length_of_the_legs_obeys_the_rule_of_design(robot):
 
 
 # ------------------------------------------------------------------ singularities
-
-
-def test_singular_point_and_twist_are_those_of_the_legs(robot, plan):
-    (point,) = locate_singularities(robot, plan.path)
-    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
-    assert point.s == pytest.approx(exact_s(plan.path, leg_volume), abs=1e-12)
-    normal = np.linalg.svd(legs(point.platform))[2][-1]  # across the plane of the legs
-    np.testing.assert_allclose(point.twist, normal * np.sign(normal @ point.twist), atol=1e-10)
-    assert not locate_singularities(robot, scene_path(robot.description.scenes["mill"]))
 
 
 def test_on_the_diagonal_the_legs_are_parallel_to_one_plane_at_L_over_sqrt_6(robot):
@@ -184,30 +167,3 @@ def test_hinges_throughout_repeat_twelve_rows_but_not_the_same_twelve_everywhere
 
 
 # ------------------------------------------------------------------ the crossing
-
-
-def test_torques_satisfy_lagrange_at_all_instants(plan):
-    (crossing,) = plan.crossings
-    for t in np.append(np.linspace(0.0, plan.duration, 17), crossing.time):
-        x = plan.platform(t)
-        pushed = velocity_ratio(x).T @ (GEAR * plan.torque(t))
-        expected = force(x, plan.platform(t, 1), plan.platform(t, 2))
-        np.testing.assert_allclose(pushed, expected, rtol=0, atol=1e-9)
-
-
-def test_condition_8_is_the_virtual_power_across_the_legs(plan):
-    (crossing,) = plan.crossings
-    needed = force(*(plan.platform(crossing.time, k) for k in range(3)))
-    assert abs(needed @ crossing.twist) < 1e-10 * np.linalg.norm(needed)
-
-
-def test_a_law_without_condition_8_gets_no_torques(robot, plan):
-    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
-        plan_scene(robot, "cross-unprepared")
-    assert caught.value.s == pytest.approx(exact_s(plan.path, leg_volume), abs=1e-12)
-    # through the right point at the right time, but with less of its acceleration
-    (crossing,) = plan.crossings
-    t, less = crossing.time, 0.95 * crossing.acceleration
-    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, less)]
-    with pytest.raises(UnboundedTorque):
-        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

@@ -9,21 +9,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.optimize import brentq
 
 import robots
 from framework import (
-    Condition,
-    Law,
-    UnboundedTorque,
     assemble,
-    inverse_dynamics,
-    locate_singularities,
-    plan_scene,
-    velocity_matrices,
 )
-from framework.planning.scenes import scene_path
 from tests.oracles import lagrange
+from tests.oracles.closed_form import Crossing, Kinematics
 
 ARM, ROD, BAR = 0.35, 0.8, 0.16  # [m]
 REACH = 0.2 - 0.06  # motor axes, as seen from the first pivot of the half plate [m]
@@ -127,11 +119,28 @@ def platform_force(x, dx, ddx):
     return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
-def exact_singular_s(path):
-    return brentq(lambda s: np.linalg.det(matrices(path(s))[0].real), 0.1, 0.9, xtol=1e-15, rtol=1e-15)
-
-
 # ------------------------------------------------------------------ the robot
+
+
+SPREAD = np.array([0.1, 0.1, 0.1, 0.4])
+PLACES = [0, 0, -0.75, 0.7] + SPREAD * np.random.default_rng(3).uniform(-1, 1, (12, 4))
+KINEMATICS = Kinematics(PLACES, lambda x: motor_angles(x).real, velocity_ratio, 1e-12, 1e-10)
+CROSSING = Crossing(
+    scene="cross",
+    unprepared="cross-unprepared",
+    clear="pick",
+    lines=lambda x: matrices(x)[0].real,
+    bracket=(0.1, 0.9),
+    rates=velocity_ratio,
+    force=platform_force,
+    gear=GEAR,
+    share=0.9,
+    twist_within=1e-9,
+    force_within=lambda force: 1e-9,
+    torque_within=lambda torque: 1e-10,
+    away=0.08,
+    power_within=1e-9,
+)
 
 
 @pytest.fixture(scope="module")
@@ -139,20 +148,9 @@ def robot():
     return robots.load("par4")
 
 
-@pytest.fixture(scope="module")
-def plan(robot):
-    return plan_scene(robot, "cross")
-
-
-def places(count):
-    spread = np.array([0.1, 0.1, 0.1, 0.4])
-    return [0, 0, -0.75, 0.7] + spread * np.random.default_rng(3).uniform(-1, 1, (count, 4))
-
-
-def test_motor_angles_have_their_closed_form_and_the_half_plates_do_not_turn(robot):
-    for x in places(12):
+def test_the_half_plates_do_not_turn(robot):
+    for x in PLACES:
         q = assemble(robot, x).q
-        np.testing.assert_allclose(q[robot.actuated], motor_angles(x).real, rtol=0, atol=1e-12)
         data = robot.model.createData()
         pin.framesForwardKinematics(robot.model, data, q)
         for half in ("a", "b"):
@@ -160,59 +158,6 @@ def test_motor_angles_have_their_closed_form_and_the_half_plates_do_not_turn(rob
             np.testing.assert_allclose(place.rotation, np.eye(3), atol=1e-12)
 
 
-def test_A_and_B_are_those_of_the_four_forearms(robot):
-    for x in places(6):
-        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
-        np.testing.assert_allclose(np.linalg.solve(B, A), velocity_ratio(x), atol=1e-10)
-
-
 def test_the_second_bar_keeps_two_rows_of_five(robot):
     kept = set(robot.loops.names)
     assert set(robot.rows.names) - kept == {"bar_2.z", "bar_2.rx", "bar_2.ry"}
-
-
-def test_singular_point_and_twist_are_those_of_the_forearms(robot, plan):
-    (point,) = locate_singularities(robot, plan.path)
-    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
-    assert point.s == pytest.approx(exact_singular_s(plan.path), abs=1e-12)
-    twist = np.linalg.svd(matrices(point.platform)[0].real)[2][-1]
-    twist /= np.linalg.norm(twist[:3])
-    np.testing.assert_allclose(point.twist, twist * np.sign(twist @ point.twist), rtol=0, atol=1e-9)
-    assert not locate_singularities(robot, scene_path(robot.description.scenes["pick"]))
-
-
-def test_torques_satisfy_lagrange_at_all_instants(plan):
-    (crossing,) = plan.crossings
-    for t in np.append(np.linspace(0.0, plan.duration, 17), crossing.time):
-        x = plan.platform(t)
-        force = platform_force(x, plan.platform(t, 1), plan.platform(t, 2))
-        pushed = velocity_ratio(x).T @ (GEAR * plan.torque(t))
-        np.testing.assert_allclose(pushed, force, rtol=0, atol=1e-9)
-        if abs(t - crossing.time) > 0.08:
-            torque = np.linalg.solve(velocity_ratio(x).T, force) / GEAR
-            np.testing.assert_allclose(plan.torque(t), torque, rtol=0, atol=1e-10)
-
-
-def test_condition_8_is_the_virtual_power_of_the_free_motion(plan):
-    (crossing,) = plan.crossings
-    force = platform_force(*(plan.platform(crossing.time, k) for k in range(3)))
-    assert abs(force @ crossing.twist) < 1e-9 * np.linalg.norm(force) * np.linalg.norm(crossing.twist)
-
-
-@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
-def test_a_law_without_condition_8_gets_no_torques(flexibility):
-    robot = robots.load("par4", flexibility=flexibility)
-    path = scene_path(robot.description.scenes["cross"])
-    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
-        plan_scene(robot, "cross-unprepared")
-    if flexibility != "flexible_links":  # deformed links move the pole
-        assert caught.value.s == pytest.approx(exact_singular_s(path), abs=1e-12)
-
-
-def test_nine_tenths_of_the_acceleration_are_not_enough(robot, plan):
-    (crossing,) = plan.crossings
-    t = crossing.time
-    less = 0.9 * crossing.acceleration
-    wrong = [Condition(t, 0, crossing.s), Condition(t, 1, crossing.speed), Condition(t, 2, less)]
-    with pytest.raises(UnboundedTorque):
-        inverse_dynamics(robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))

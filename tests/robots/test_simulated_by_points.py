@@ -18,8 +18,8 @@ import robots
 from framework import CrossingPlan, ParallelRobot, plan_scene
 from framework.kinematics.frames import frames_at
 from tests.oracles.forward_simulation import forward_simulate, rotors
+from tests.oracles.spherical import rodrigues
 from tests.robots import test_biglide, test_four_bar, test_slider_crank
-from tests.robots.test_gough_stewart import rodrigues
 
 ORIGIN = (0.0, 0.0, 0.0)
 PLANE, SPACE = (0, 1), (0, 1, 2)

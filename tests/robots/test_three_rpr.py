@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 import robots
 from framework import (
     Line,
-    UnboundedTorque,
     assemble,
     locate_singularities,
     plan_crossing,
@@ -22,6 +21,7 @@ from framework import (
     velocity_matrices,
 )
 from framework.planning.scenes import scene_path
+from tests.oracles.planar_work import work_and_jacobian
 
 with mp.workdps(50):
     UNIT = mp.mpf("0.05")
@@ -112,40 +112,14 @@ def bodies(x):
     return parts
 
 
-def virtual_work(x, dx, ddx):
-    """J' tau on the motor side must equal this (3,): D'Alembert with the coordinates of all parts.
-
-    Returns it with J = d(motor angles)/dx (3, 3).
-    """
-    with mp.workdps(50):
-        x, dx, ddx = ([mp.mpf(float(v)) for v in values] for values in (x, dx, ddx))
-        h = mp.mpf("1e-15")
-
-        def at(t):
-            moved = [a + b * t + c * t**2 / 2 for a, b, c in zip(x, dx, ddx, strict=True)]
-            return [value for _, value in bodies(moved)]
-
-        inertia = [m for m, _ in bodies(x)]
-        ahead, here, back = at(h), at(0), at(-h)
-        acceleration = [(a - 2 * b + c) / h**2 for a, b, c in zip(ahead, here, back, strict=True)]
-        work, J = np.zeros(3), np.zeros((3, 3))
-        for k in range(3):
-            ends = [[v + (sign * h if j == k else 0) for j, v in enumerate(x)] for sign in (1, -1)]
-            up, down = ([value for _, value in bodies(end)] for end in ends)
-            slope = [(a - b) / (2 * h) for a, b in zip(up, down, strict=True)]
-            work[k] = sum(m * a * d for m, a, d in zip(inertia, acceleration, slope, strict=True))
-            J[:, k] = [GEAR * slope[3 + 4 * leg] for leg in range(3)]
-        return work, J
-
-
 def assert_virtual_work(plan):
     """The torques do the work of all masses, at the crossing as elsewhere."""
     (crossing,) = plan.crossings
     for t in [0.0, 0.3, 0.6, crossing.time - 1e-3, crossing.time, crossing.time + 1e-3, 1.2, 1.4]:
-        work, J = virtual_work(*(plan.platform(t, order) for order in range(3)))
+        work, J = work_and_jacobian(bodies, GEAR, *(plan.platform(t, order) for order in range(3)))
         np.testing.assert_allclose(J.T @ plan.torque(t), work, atol=1e-10)  # of 10 N, N m
     # and at the crossing this work vanishes along the motion that the motors do not hold
-    work, _ = virtual_work(*(plan.platform(crossing.time, order) for order in range(3)))
+    work, _ = work_and_jacobian(bodies, GEAR, *(plan.platform(crossing.time, order) for order in range(3)))
     assert abs(work @ crossing.twist) < 1e-10
 
 
@@ -209,13 +183,3 @@ def test_torques_do_the_virtual_work_of_all_masses(plan):
     assert_virtual_work(plan)
     assert plan.certificate.tail < 1e-9
     assert plan.certificate.monotone
-
-
-@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
-def test_a_law_without_condition_8_gets_no_torques(flexibility):
-    robot = robots.load("three_rpr", flexibility=flexibility)
-    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
-        plan_scene(robot, "crossing", times=[])
-    if flexibility != "flexible_links":  # a deformed plate moves the pole
-        s = closed_form_crossing(scene_path(robot.description.scenes["crossing"]))
-        assert caught.value.s == pytest.approx(s, abs=1e-12)

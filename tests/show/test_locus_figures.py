@@ -9,7 +9,6 @@ import robots
 from framework import InvalidInput, plan_scene
 from framework.show.locus_figures import plot_locus
 from framework.show.style import LOCUS
-from tests.benchmarks.work_precision import plot_work_precision
 
 
 def rods_in_line(x, y):
@@ -38,10 +37,3 @@ def test_the_locus_on_the_map_is_where_the_rods_are_in_line():
 def test_a_robot_without_a_plane_has_no_map():
     with pytest.raises(InvalidInput, match="two translations"):
         plot_locus(robots.load("gough_stewart"))
-
-
-def test_settings_that_failed_leave_no_point():
-    curves = {"ours: a": [(1e-2, 1e-6), (2e-2, 1e-9)], "other": [(np.nan, np.inf), (1.0, 1e-5)], "none": []}
-    ax = plot_work_precision(curves)
-    assert [len(line.get_xydata()) for line in ax.lines] == [2, 1]
-    assert ax.lines[0].get_linewidth() > ax.lines[1].get_linewidth()

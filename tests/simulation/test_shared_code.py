@@ -35,7 +35,7 @@ def test_loops_shifted_in_the_code_that_all_share_are_seen_by_the_witness_alone(
     for module in [module for key, module in sys.modules.items() if key.startswith("framework.")]:
         if getattr(module, "loop_wrenches", None) is original:
             monkeypatch.setattr(module, "loop_wrenches", shifted)
-    robot = robots.load(name)
+    robot = robots.CATALOGUE[name].load()
     plan = crossing(robot, times=None, speeds=None)
     assert plan.certificate.max_closure_error < 1e-12
     followed = simulate(robot, plan)

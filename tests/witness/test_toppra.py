@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 import numpy as np
@@ -26,19 +25,18 @@ DENSER = 10  # times, where laws are looked at that were solved on a grid
 
 
 class Profile(NamedTuple):
-    """toppra's s'^2 [1/s2] on its grid of s, the seconds it took, and the torques as it was given them."""
+    """toppra's s'^2 [1/s2] on its grid of s, and the torques as it was given them."""
 
     grid: np.ndarray
     squared: np.ndarray
-    seconds: float
 
     @property
     def duration(self) -> float:
         speeds = np.sqrt(self.squared)
         return float(np.sum(2.0 * np.diff(self.grid) / (speeds[1:] + speeds[:-1])))
 
-    def torques_between(self, path: Line) -> tuple[np.ndarray, np.ndarray]:
-        """s and the torques (T, 2) [N m] of the same law, DENSER times as densely as it was solved.
+    def torques_between(self, path: Line) -> np.ndarray:
+        """Torques (T, 2) [N m] of the same law, DENSER times as densely as it was solved.
 
         Between the points of its grid toppra's s" is constant and s'^2 linear in s.
         """
@@ -47,7 +45,7 @@ class Profile(NamedTuple):
         slope = np.repeat(np.diff(self.squared) / np.diff(self.grid), DENSER)
         torque = torques_on(path, s)
         squared = np.interp(s, self.grid, self.squared)[:, None]
-        return s, torque.constant + torque.per_z * squared + torque.per_u * 0.5 * slope[:, None]
+        return torque.constant + torque.per_z * squared + torque.per_u * 0.5 * slope[:, None]
 
 
 def torques_on(path: Line, s: np.ndarray):
@@ -75,10 +73,9 @@ def toppra_profile(path: Line, points: int = 2001) -> Profile:
         1,
         discretization_scheme=constraint.DiscretizationType.Collocation,
     )
-    started = time.perf_counter()
     found = algorithm.TOPPRA([limits], line, gridpoints=grid, solver_wrapper="seidel")
     speeds = found.compute_parameterization(0.0, 0.0, return_data=True)[1]
-    return Profile(grid, np.asarray(speeds) ** 2, time.perf_counter() - started)
+    return Profile(grid, np.asarray(speeds) ** 2)
 
 
 @pytest.mark.slow
@@ -97,30 +94,9 @@ def test_at_rest_at_the_ends_and_no_smoother_the_least_time_is_toppras():
 
 
 @pytest.mark.slow
-def test_with_a_crossing_only_the_optimal_law_keeps_its_limit_between_its_points(capsys, tmp_path):
-    from framework.show.style import figure
-
-    theirs = {points: toppra_profile(ACROSS, points) for points in (101, 501, 2001)}
-    started = time.perf_counter()
+def test_with_a_crossing_only_the_optimal_law_keeps_its_limit_between_its_points():
     plan = plan_crossing(robots.load("five_bar"), ACROSS, optimize="time", torque_limit=LIMIT)
-    seconds = time.perf_counter() - started
     t = np.linspace(0.0, plan.duration, DENSER * plan.certificate.nodes)
-    ours = np.abs(plan.torque(t))
-    lines = [f"  optimal law, {plan.certificate.nodes} nodes: {plan.duration:.4f} s, at most "]
-    lines[0] += f"{ours.max() / LIMIT:8.3f} of the limit, {seconds:.2f} s"
-    for points, profile in theirs.items():
-        asked = np.abs(profile.torques_between(ACROSS)[1]).max()
-        lines.append(f"  toppra, {points:5d} points: {profile.duration:.4f} s, at most ")
-        lines[-1] += f"{asked / LIMIT:8.3f} of the limit, {profile.seconds:.2f} s"
-        assert asked > 2.0 * LIMIT
-    assert ours.max() <= LIMIT
-    with capsys.disabled():
-        print("\n" + "\n".join(lines))
-    drawing, (axes,) = figure()
-    s, asked = theirs[501].torques_between(ACROSS)
-    axes.semilogy(s, np.abs(asked).max(axis=1), label="toppra, 501 points")
-    axes.semilogy(plan.law(t), np.maximum(ours.max(axis=1), 1e-3), label="optimal law")
-    axes.axhline(LIMIT, linestyle="--", label="limit")
-    axes.set(xlabel="s [-]", ylabel="largest torque [N m]")
-    axes.legend()
-    drawing.savefig(tmp_path / "toppra_at_a_crossing.svg")
+    assert np.abs(plan.torque(t)).max() <= LIMIT
+    for points in (101, 501, 2001):
+        assert np.abs(toppra_profile(ACROSS, points).torques_between(ACROSS)).max() > 2.0 * LIMIT

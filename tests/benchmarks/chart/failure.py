@@ -1,7 +1,8 @@
-"""Maps of failure: the 5R in sizes and durations that no unit suits, and with payloads and links of any mass.
+"""Map of failure, in four panels: what breaks methods, and whether they say so.
 
-`sizes` has links of 1 kg. In `masses` the mass of a link over that of the payload conditions the mass matrix,
-which forward methods invert.
+`imposed` and `misfit` have modules of their own. Here are the 5R in sizes and durations that no unit suits,
+with links of 1 kg, and with payloads and links of any mass: in `masses` their ratio conditions the mass
+matrix, which forward methods invert.
 
 Inverse methods are judged by the torques over the largest one, forward ones, driven by the exact torques, by
 how far the payload comes off its path over the path's length. All have the settings that suit scene C as
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -21,10 +22,11 @@ from framework import assemble, plan_crossing, simulate
 from framework.kinematics.frames import frames_at
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
-from tests.benchmarks.chart import closed_form, integrators
+from tests.benchmarks.chart import closed_form, imposed, integrators, misfit
 from tests.benchmarks.chart.bare import FLAT, BareRobot, Motion
 from tests.benchmarks.chart.integrators import Case, Prepared
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs
+from tests.benchmarks.chart.outcome import Declared, Outcome
 from tests.benchmarks.chart.peers.five_bar import SIDES
 from tests.benchmarks.chart.reading import counts
 from tests.benchmarks.chart.variants import CHECKED, Variant
@@ -35,14 +37,6 @@ SHAPELESS = "1e-14 kg m^2 where MuJoCo refuses less inertia"
 TOLERANCE = 1e-9  # relative, of scipy's integrator
 
 VariantOf = Callable[[Setting], Variant]
-
-
-class Outcome(NamedTuple):
-    """What a method returned, what is exact, and the size of that."""
-
-    computed: Array
-    exact: Array
-    size: float
 
 
 def _torques(variant: Variant, torque: Callable[[Array], Array]) -> Outcome:
@@ -128,94 +122,71 @@ def _simulator(module: str) -> Callable[[Variant], Outcome]:
     return run
 
 
+def _methods(cells: tuple[Setting, ...], variant_of: VariantOf) -> tuple[Declared, ...]:
+    """The methods of a panel over these variants of the robot."""
+
+    def declared(
+        name: str,
+        label: str,
+        run: Callable[[Variant], Outcome],
+        given: str,
+        source: str = "",
+        package: str | None = None,
+    ) -> Declared:
+        def prepare(setting: Setting) -> Callable[[], Outcome]:
+            variant = variant_of(setting)
+            return lambda: run(variant)
+
+        return Declared(name, label, prepare, given, cells, source, package)
+
+    rk4 = _integrated(integrators.contact_runge_kutta)
+    dop853 = _integrated(integrators.scipy_contacts, "DOP853", tolerance=TOLERANCE)
+    mujoco, exudyn = _simulator("mujoco_forward"), _simulator("exudyn_five_bar")
+    torques, table, steps = "motor torques", f"{SAMPLES} samples, degree {DEGREE}", f"{STEPS} steps"
+    return (
+        declared("planned", "ours, planned and proved", _planned, "path, duration, time, speed"),
+        declared("simulated", "ours, simulated", _simulated, torques),
+        declared("pinocchio", "Pinocchio, inverse", _pinocchio_inverse, "path, law", table),
+        declared("mujoco", "MuJoCo, inverse", _mujoco_inverse, "joints", f"{table}; {SHAPELESS}", "mujoco"),
+        declared("rk4", "Pinocchio, RK4", rk4, torques, steps),
+        declared("dop853", "Pinocchio, DOP853", dop853, torques, f"rtol {TOLERANCE}"),
+        declared("mujoco_rk4", "MuJoCo, RK4", mujoco, torques, steps, "mujoco"),
+        declared("exudyn", "Exudyn, gen. alpha", exudyn, torques, f"{steps}, Newton to 1e-10", "exudyn"),
+    )
+
+
 def judge(method: Method, setting: Setting, result: Outcome) -> Judged:
     """The largest error over the size of what is exact."""
     return Judged(float(np.abs(result.computed - result.exact).max() / result.size))
 
 
-def methods(cells: tuple[Setting, ...], unit: str, variant_of: VariantOf) -> tuple[Method, ...]:
-    """The methods of a map over these cells."""
-
-    def method(
-        name: str,
-        label: str,
-        run: Callable[[Variant], Outcome],
-        given: str,
-        package: str = "",
-        source: str = "",
-    ) -> Method:
-        def prepare(setting: Setting) -> Callable[[], Outcome]:
-            variant = variant_of(setting)
-            return lambda: run(variant)
-
-        ours = name in ("planned", "simulated")
-        return Method(
-            name, label, prepare, given, unit, cells, "ours" if ours else "peer", source, package or None
-        )
-
-    rk4 = _integrated(integrators.contact_runge_kutta)
-    dop853 = _integrated(integrators.scipy_contacts, "DOP853", tolerance=TOLERANCE)
-    torques = "motor torques"
-    table, steps = f"{SAMPLES} samples, degree {DEGREE}", f"{STEPS} steps"
-    return (
-        method("planned", "ours, planned and proved", _planned, "path, duration, time, speed"),
-        method("simulated", "ours, simulated", _simulated, "motor torques"),
-        method("pinocchio", "Pinocchio, inverse", _pinocchio_inverse, "path, law", source=table),
-        method("mujoco", "MuJoCo, inverse", _mujoco_inverse, "joints", "mujoco", f"{table}; {SHAPELESS}"),
-        method("rk4", "Pinocchio, RK4", rk4, "motor torques", source=steps),
-        method("dop853", "Pinocchio, DOP853", dop853, "motor torques", source=f"rtol {TOLERANCE}"),
-        method("mujoco_rk4", "MuJoCo, RK4", _simulator("mujoco_forward"), torques, "mujoco", steps),
-        method(
-            "exudyn",
-            "Exudyn, gen. alpha",
-            _simulator("exudyn_five_bar"),
-            torques,
-            "exudyn",
-            f"{steps}, Newton to 1e-10",
-        ),
-    )
+def _remark(rows: Sequence[Row]) -> str:
+    words = ((panel, counts(STAGE.only(panel), rows)) for panel in STAGE.panels)
+    return " ".join(f"{panel.capitalize()}: {known}." for panel, known in words if known)
 
 
-def _map(name: str, title: str, words: str, methods: tuple[Method, ...], axes: tuple[str, str]) -> Stage:
-    """A stage over two numbers; `words` begin what it says of its rows."""
-
-    def remark(rows: Sequence[Row]) -> str:
-        return f"{words}: {counts(stage, rows)}."
-
-    stage = Stage(
-        name=name,
-        title=title,
-        reference="closed form of the 5R in fifty digits, by similarity (chart/variants.py)",
-        error="largest error over the largest torque, or over the path",
-        methods=methods,
-        judge=judge,
-        remark=remark,
-        map_axes=axes,
-    )
-    return stage
-
-
-STAGES = {
-    "sizes": _map(
-        "sizes",
-        "Robot scale and duration",
-        "The same motion in other units of length and time",
-        methods(
-            pairs([10.0**k for k in (-6, -4, -2, 0, 2, 4)], [10.0**k for k in (-4, -2, 0, 2, 4)]),
-            "size, duration",
-            lambda cell: Variant(size=cell[0], slower=cell[1]),
-        ),
-        ("size over the paper's", "duration over the paper's"),
+_SIZES = pairs([10.0**k for k in (-6, -4, -2, 0, 2, 4)], [10.0**k for k in (-4, -2, 0, 2, 4)])
+_MASSES = pairs([10.0**k for k in (-9, -6, -3, 0, 3, 6)], [10.0**k for k in (-12, -9, -6, -3, 0)])
+PANELS = {
+    "imposed": (imposed.METHODS, imposed.UNIT),
+    "misfit": (misfit.METHODS, misfit.UNIT),
+    "sizes": (
+        _methods(_SIZES, lambda cell: Variant(size=cell[0], slower=cell[1])),
+        "size over the paper's, duration over the paper's",
     ),
-    "masses": _map(
-        "masses",
-        "Payload and conditioning",
-        "Payload and conditioning",
-        methods(
-            pairs([10.0**k for k in (-9, -6, -3, 0, 3, 6)], [10.0**k for k in (-12, -9, -6, -3, 0)]),
-            "payload [kg], link over payload",
-            lambda cell: Variant(payload=cell[0], link=cell[0] * cell[1]),
-        ),
-        ("payload  [kg]", "mass of a link over the payload's"),
+    "masses": (
+        _methods(_MASSES, lambda cell: Variant(payload=cell[0], link=cell[0] * cell[1])),
+        "payload [kg], mass of a link over the payload's",
     ),
 }
+STAGE = Stage(
+    name="failure",
+    title="Where methods fail",
+    reference="fifty digits: closed form of the 5R, in its own units (chart/closed_form.py), by similarity "
+    "(chart/variants.py), two equations at each instant (chart/elastic_form.py)",
+    error="largest error over the largest torque or elongation, or over the path",
+    methods=tuple(one.method(panel, unit) for panel, (many, unit) in PANELS.items() for one in many),
+    judge=judge,
+    remark=_remark,
+    is_map=True,
+)

@@ -96,24 +96,31 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
 
 
 def map_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
-    """A map a method, over the two numbers of a setting: digits lost, wrong answers, refusals."""
-    assert stage.map_axes is not None
+    """A map a method, over the two numbers of a setting: digits lost, wrong answers, refusals.
+
+    Each problem of the stage begins a line.
+    """
     text = _below(stage, rows)
-    drawn = [method for method in stage.methods if any(row.method == method.name for row in rows)]
-    lines = -(-len(drawn) // MAP_COLUMNS)
+    places, lines = list[tuple[Method, int, int]](), 0
+    for panel in stage.panels:
+        drawn = [one for one in stage.only(panel).methods if any(row.method == one.name for row in rows)]
+        for k, method in enumerate(drawn):
+            line, column = divmod(k, MAP_COLUMNS)
+            places.append((method, lines + line, column))
+        lines += -(-len(drawn) // MAP_COLUMNS)
     below = 0.1 + LINE * (len(text) + 1)
     height = lines * (TOP + MAP_AXES + MAP_BELOW) + below
     figure = Figure(figsize=(WIDTH, height))
     width = (WIDTH - 0.1) / MAP_COLUMNS - MAP_LEFT
-    for k, method in enumerate(drawn):
-        line, column = divmod(k, MAP_COLUMNS)
+    for method, line, column in places:
         left = MAP_LEFT + column * (width + MAP_LEFT)
         bottom = height - (line + 1) * (TOP + MAP_AXES) - line * MAP_BELOW
         ax = figure.add_axes((left / WIDTH, bottom / height, width / WIDTH, MAP_AXES / height))
         _plot_map(ax, method, [row for row in rows if row.method == method.name])
-        ax.set_xlabel(stage.map_axes[0])
+        across, up = method.unit.split(", ")
+        ax.set_xlabel(across)
         if column == 0:
-            ax.set_ylabel(stage.map_axes[1])
+            ax.set_ylabel(up)
         ax.set_title(method.label, loc="left", fontsize=7)
     figure.text(0.02, 0.05 / height, "\n".join(text), fontsize=7, va="bottom", linespacing=1.35)
     return figure
@@ -146,7 +153,7 @@ def short_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
 
 def save_chart(stage: Stage, rows: Sequence[Row], stem: Path) -> list[Path]:
     """Write `stem`.pdf and `stem`.png, and `stem`_short.png where the stage has a short figure."""
-    draw = map_figure if stage.map_axes else chart_figure
+    draw = map_figure if stage.is_map else chart_figure
     drawings = {stem.name: lambda: draw(stage, rows)}
     if stage.short:
         drawings[f"{stem.name}_short"] = lambda: short_figure(stage, rows)
@@ -179,7 +186,7 @@ def _below(stage: Stage, rows: Sequence[Row]) -> list[str]:
     """The lines below a figure."""
     missing = f"Left out, not installed: {', '.join(stage.missing)}." if stage.missing else ""
     key = "Cells: digits lost of 16; x: wrong answer (none of its digits right), grey r: refused."
-    parts = [key if stage.map_axes else "", sentence(stage, rows), missing]
+    parts = [key if stage.is_map else "", sentence(stage, rows), missing]
     return [line for part in parts for line in textwrap.wrap(part, LETTERS)]
 
 

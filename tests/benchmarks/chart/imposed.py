@@ -1,4 +1,4 @@
-"""Failure map: condition (8) imposed beside the singular point, against the step.
+"""Panel of the map of failure: condition (8) imposed beside the singular point, against the step.
 
 The law is right for a point that is `offset` away in s, so where the 5R is singular a force is left along t_s
 and the true torque has a pole, as infinite as any and the narrower the smaller the offset. A table does not
@@ -7,9 +7,9 @@ see it. Errors are against that torque, as near to its pole as 10 us, over the l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from decimal import Decimal, localcontext
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from framework.numerics.arrays import Array
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.along import Torque, direct
-from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage
-from tests.benchmarks.chart.reading import counts
+from tests.benchmarks.chart.measure import Setting
+from tests.benchmarks.chart.outcome import Declared, Outcome
 from tests.benchmarks.chart.torque import (
     DifferencedLaw,
     T,
@@ -81,16 +81,6 @@ def _exact(offset: float) -> tuple[Array, Array, float]:
     return times, motion.torque(times), float(np.abs(given.exact().torque(even)).max())
 
 
-def judge(method: Method, setting: Setting, result: Torque) -> Judged:
-    """The largest error over the largest torque of the right law."""
-    times, exact, size = _exact(setting[0])
-    return Judged(float(np.abs(result(times) - exact).max() / size))
-
-
-def _remark(rows: Sequence[Row]) -> str:
-    return f"No step mends what the offset has spoilt: {counts(STAGE, rows)}."
-
-
 def _direct(law: MotionLaw, times: Array) -> Array:
     return pointwise(law, times, direct)
 
@@ -99,44 +89,32 @@ def _cut(law: MotionLaw, times: Array) -> Array:
     return pointwise(law, times, pseudo_inverse(CUT))
 
 
-_GIVEN = "path followed; s, s', s\" exact"
-_UNIT = "offset, step [s]"
-_declared = partial(Method, given=_GIVEN, unit=_UNIT, settings=CELLS)
-STAGE = Stage(
-    name="imposed",
-    title="Distance to Type 2, and the step",
-    reference="closed form of the 5R in fifty digits (chart/closed_form.py)",
-    error="largest error over the largest torque",
-    methods=(
-        _declared("proved", "ours, proved", _proved, given="path and law", settings=PROVED, kind="ours"),
-        _declared(
-            "nodes",
-            "ours, nodes, not proved",
-            _nodes,
-            settings=tuple((offset, step) for step in MEAN_STEPS for offset in OFFSETS),
-            kind="ours",
-        ),
-        _declared("table", "pointwise", _tabulated(_direct), source="splines of degree 9"),
-        _declared(
-            "pseudo_inverse", f"pseudo-inverse, cut {CUT:.0e}", _tabulated(_cut), source="splines of degree 9"
-        ),
-        _declared(
-            "differences",
-            "central differences",
-            _differences,
-            given="path followed; s alone",
-            source="step as in the map, splines of degree 9",
-        ),
-        _declared(
-            "doubled",
-            "Pinocchio's tables, doubled",
-            _doubled,
-            given="path and law",
-            settings=PROVED,
-            source=f"as in the stage torque, until tables agree to {AGREEMENT} N m",
-        ),
+def _judged(
+    torque_of: Callable[[Setting], Callable[[], Torque]],
+) -> Callable[[Setting], Callable[[], Outcome]]:
+    """Errors over the largest torque of the right law."""
+
+    def prepare(setting: Setting) -> Callable[[], Outcome]:
+        run, (times, exact, size) = torque_of(setting), _exact(setting[0])
+        return lambda: Outcome(run()(times), exact, size)
+
+    return prepare
+
+
+_EXACT, _PATH, _SPLINES = "path followed; s, s', s\" exact", "path and law", "splines of degree 9"
+_NODES = tuple((offset, step) for step in MEAN_STEPS for offset in OFFSETS)
+_STEP = f"step as in the map, {_SPLINES}"
+_TABLES = f"as in the stage torque, until tables agree to {AGREEMENT} N m"
+UNIT = "distance to Type 2 [path], step [s]"
+METHODS = (
+    Declared("proved", "ours, proved", _judged(_proved), _PATH, PROVED),
+    Declared("nodes", "ours, nodes, not proved", _judged(_nodes), _EXACT, _NODES),
+    Declared("table", "pointwise", _judged(_tabulated(_direct)), _EXACT, CELLS, _SPLINES),
+    Declared(
+        "pseudo_inverse", f"pseudo-inverse, cut {CUT:.0e}", _judged(_tabulated(_cut)), _EXACT, CELLS, _SPLINES
     ),
-    judge=judge,
-    remark=_remark,
-    map_axes=("distance to Type 2  [path]", "step  [s]"),
+    Declared(
+        "differences", "central differences", _judged(_differences), "path followed; s alone", CELLS, _STEP
+    ),
+    Declared("doubled", "Pinocchio's tables, doubled", _judged(_doubled), _PATH, PROVED, _TABLES),
 )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import groupby
 from typing import Any, Literal, NamedTuple
@@ -95,7 +95,7 @@ class Stage:
     shown: what is drawn over it, of time, error and profile (its only class).
     profile, profiled: the classes of `Judged.profile`, and what they are.
     profile_error, profile_title: what these errors are, if not the same, and what to say of it.
-    map_axes: names of the two numbers of a setting, where the figure is a map over them.
+    is_map: whether the figure is a map over the two numbers of a setting, named by the unit of its method.
     remark: what the reader should see besides the times, from the rows.
     short: names of at most five curves, by method of one panel, for the figure that is read at a glance, each
         with the row that it stands beside: 0 the quickest, above it, -1 the best, below it.
@@ -116,7 +116,7 @@ class Stage:
     profiled: str = ""
     profile_error: str = ""
     profile_title: str = ""
-    map_axes: tuple[str, str] | None = None
+    is_map: bool = False
     short: Mapping[str, tuple[str, int]] = field(default_factory=dict)
 
     @property
@@ -128,6 +128,10 @@ class Stage:
     def panels(self) -> tuple[str, ...]:
         """The problems of the stage, in the order of its methods."""
         return tuple(dict.fromkeys(method.panel for method in self.methods))
+
+    def only(self, panel: str) -> Stage:
+        """The stage with the methods of one problem."""
+        return replace(self, methods=tuple(one for one in self.methods if one.panel == panel))
 
     def method(self, name: str) -> Method:
         """The method of that name.

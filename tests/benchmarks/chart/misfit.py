@@ -1,4 +1,4 @@
-"""Map of failure: the deformed 5R beside its loaded condition, over the load and the misfit.
+"""Panel of the map of failure: the deformed 5R beside its loaded condition, over the load and the misfit.
 
 The law crosses `misfit` (of the path) beside the singular point of the deformed robot. Then there is no
 equilibrium in a band about that point, whatever the torque, and away from it there is one: the right answer
@@ -8,7 +8,7 @@ counts as wrong. Springs are softer by the factor that the load over the stiffne
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from decimal import Decimal, localcontext
 from functools import cache, partial
 
@@ -31,8 +31,8 @@ from tests.benchmarks.chart.elastic import (
     rod_columns,
     scaled,
 )
-from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, pairs
-from tests.benchmarks.chart.reading import counts
+from tests.benchmarks.chart.measure import Setting, pairs
+from tests.benchmarks.chart.outcome import Declared, Outcome, Prepare
 
 LOADS = (0.01, 0.1, 1.0, 3.0, 10.0, 16.0)  # over the stiffness, over the paper's
 MISFITS = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)  # of the path
@@ -147,33 +147,32 @@ def _approach(pole: Decimal) -> list[Decimal]:
     return [d for d in near if d > Decimal(10) ** -NEAREST]
 
 
-def judge(method: Method, cell: Setting, result: Rods) -> Judged:
-    """The largest error of the rods over their largest elongation."""
-    times, exact = _exact(cell)
-    if exact is None:
-        return Judged(NO_ANSWER)
-    return Judged(float(np.abs(result(times) - exact).max() / np.abs(exact).max()))
+def _judged(rods_of: Callable[[Setting], Callable[[], Rods]]) -> Prepare:
+    """Errors of the rods over their largest elongation."""
+
+    def prepare(cell: Setting) -> Callable[[], Outcome]:
+        run, (times, exact) = rods_of(cell), _exact(cell)
+
+        def judged() -> Outcome:
+            rods = run()
+            if exact is None:
+                return Outcome(np.array([NO_ANSWER]), np.zeros(1), 1.0)
+            return Outcome(rods(times), exact, float(np.abs(exact).max()))
+
+        return judged
+
+    return prepare
 
 
-def _remark(rows: Sequence[Row]) -> str:
-    return f"Load over stiffness and misfit of the loaded condition: {counts(STAGE, rows)}."
-
-
-_GIVEN, _UNIT, _CELLS = "path and law", "load over stiffness, misfit", pairs(LOADS, MISFITS)
+_GIVEN, _CELLS = "path and law", pairs(LOADS, MISFITS)
 _TABLE = f"{SAMPLES} samples, spline of degree {DEGREE}"
-_declared = partial(Method, given=_GIVEN, unit=_UNIT, settings=_CELLS)
-STAGE = Stage(
-    name="misfit",
-    title="Beside the loaded condition",
-    reference="two equations in two unknowns at each instant, fifty digits (chart/elastic_form.py)",
-    error="largest error of the rods over their largest",
-    methods=(
-        _declared("proved", "ours, proved", lambda cell: _proved(cell, geometry="deformed"), kind="ours"),
-        _declared("root", "scipy root at each instant", _root, source=f"hybr to 1e-14, {_TABLE}"),
-        _declared("repeated", "plain repetition", _repeated, source="as in the stage elastic"),
-        _declared("differences", f"differences, {FEW} passes", _differences, source=_TABLE),
+_HYBRID = f"hybr to 1e-14, {_TABLE}"
+UNIT = "load / stiffness, misfit [path]"
+METHODS = (
+    Declared("proved", "ours, proved", _judged(partial(_proved, geometry="deformed")), _GIVEN, _CELLS),
+    Declared(
+        "root", "scipy root at each instant", _judged(_root), _GIVEN, _CELLS, f"hybr to 1e-14, {_TABLE}"
     ),
-    judge=judge,
-    remark=_remark,
-    map_axes=("load / stiffness", "misfit  [path]"),
+    Declared("repeated", "plain repetition", _judged(_repeated), _GIVEN, _CELLS, "as in the stage elastic"),
+    Declared("differences", f"differences, {FEW} passes", _judged(_differences), _GIVEN, _CELLS, _TABLE),
 )

@@ -22,10 +22,7 @@ NAMES = (
     "growth",
     "derivatives",
     "optimal",
-    "imposed",
-    "misfit",
-    "sizes",
-    "masses",
+    "failure",
 )
 
 
@@ -37,8 +34,6 @@ def stage(name: str) -> Stage:
     """
     if name not in NAMES:
         raise InvalidInput(choose_from("stage", name, NAMES))
-    if name in ("sizes", "masses"):
-        return import_module("tests.benchmarks.chart.failure").STAGES[name]
     return import_module(f"tests.benchmarks.chart.{name}").STAGE
 
 

@@ -25,7 +25,7 @@ from tests.oracles.closure_rows import closure_rows
 from tests.oracles.forward_simulation import kinematics
 
 MOTORS, LINK = np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.25  # the 5R of the paper
-FREE = [name for name, entry in robots.CATALOGUE.items() if motors_are_free(entry.load())]
+FREE = [name for name in robots.CATALOGUE if motors_are_free(robots.load(name))]
 NAMES = [
     pytest.param(name, marks=() if name in ("five_bar", "delta", "agile_eye") else pytest.mark.slow)
     for name in FREE

@@ -52,8 +52,8 @@ def test_the_highest_speed_with_damping_is_that_of_a_scan(motors):
     speeds = np.linspace(0.0, 50.0, 100001)
     for k, value in enumerate(found):
         rest = constant[k] + np.outer(speeds, per_speed[k]) + np.outer(speeds**2, per_z[k])
-        ends = np.sort([(-limit - rest) / per_u[k], (limit - rest) / per_u[k]], axis=0)
-        possible = speeds[ends[0].max(axis=1) <= ends[1].min(axis=1)]
+        middle, half = -rest / per_u[k], limit / np.abs(per_u[k])
+        possible = speeds[(middle - half).max(axis=1) <= (middle + half).min(axis=1)]
         assert len(possible) > 0
         if value < 49.0:
             assert value == pytest.approx(possible[-1], abs=2e-3)

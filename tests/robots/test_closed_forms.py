@@ -1,0 +1,162 @@
+"""Laws of geometry and of Lagrange, for the robots whose own tests have a closed form of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import robots
+from framework import (
+    Condition,
+    CrossingPlan,
+    Law,
+    UnboundedTorque,
+    assemble,
+    inverse_dynamics,
+    locate_singularities,
+    plan_scene,
+    velocity_matrices,
+)
+from framework.laws.path import Path
+from framework.model.description import FLEXIBILITIES
+from framework.planning.scenes import scene_path
+from tests.oracles.closed_form import Crossing, Kinematics
+from tests.robots import (
+    test_agile_eye,
+    test_biglide,
+    test_delta,
+    test_four_bar,
+    test_gough_stewart,
+    test_humanoid_ankle,
+    test_orthoglide,
+    test_par4,
+    test_slider_crank,
+    test_spherical_rrr,
+    test_three_rpr,
+    test_three_rrr,
+)
+
+KINEMATICS: dict[str, Kinematics] = {
+    "agile_eye": test_agile_eye.KINEMATICS,
+    "delta": test_delta.KINEMATICS,
+    "gough_stewart": test_gough_stewart.KINEMATICS,
+    "humanoid_ankle": test_humanoid_ankle.KINEMATICS,
+    "orthoglide": test_orthoglide.KINEMATICS,
+    "par4": test_par4.KINEMATICS,
+    "spherical_rrr": test_spherical_rrr.KINEMATICS,
+}
+CROSSINGS: dict[str, Crossing] = {
+    "delta": test_delta.CROSSING,
+    "gough_stewart": test_gough_stewart.CROSSING,
+    "orthoglide": test_orthoglide.CROSSING,
+    "par4": test_par4.CROSSING,
+    "spherical_rrr": test_spherical_rrr.CROSSING,
+}
+
+
+class Unprepared(NamedTuple):
+    """A scene that meets Type 2 without condition (8)."""
+
+    scene: str
+    s: Callable[[Path], float] | None = None  # of the singular point of the rigid robot
+    flexibilities: tuple[str, ...] = FLEXIBILITIES
+    behind_drives: float = 1e-12  # of s, where the drives are elastic
+    options: Mapping[str, Any] = MappingProxyType({})
+
+
+# deflections with a pole are not resolved
+LOOSELY = {"behind_drives": 1e-9}
+UNPREPARED = {
+    "biglide": Unprepared("unprepared", lambda path: test_biglide.CROSSING, **LOOSELY),
+    "bricard": Unprepared("dead_point", options={"times": []}),
+    "four_bar": Unprepared(
+        "unprepared", lambda path: (1.4 - test_four_bar.dead_points()[0]) / 1.8, **LOOSELY
+    ),
+    "humanoid_knee": Unprepared("unprepared", None, ("rigid", "flexible_joints")),
+    "slider_crank": Unprepared("unprepared", lambda path: (1.0 - test_slider_crank.OUTER) / 1.8, **LOOSELY),
+    "three_rpr": Unprepared("crossing", test_three_rpr.closed_form_crossing, options={"times": []}),
+    "three_rrr": Unprepared("crossing", test_three_rrr.closed_form_crossing, options={"times": []}),
+    **{name: Unprepared(known.unprepared, known.s) for name, known in CROSSINGS.items()},
+}
+
+
+@pytest.fixture(params=CROSSINGS, scope="module")
+def plan(request) -> CrossingPlan:
+    return plan_scene(robots.load(request.param), CROSSINGS[request.param].scene)
+
+
+@pytest.mark.parametrize("name", KINEMATICS)
+def test_motors_have_their_closed_form(name):
+    robot, known = robots.load(name), KINEMATICS[name]
+    for x in known.places:
+        motors = robot.actuated_coordinates(assemble(robot, x).q[None])[0]
+        np.testing.assert_allclose(motors, known.motors(x), rtol=0, atol=known.motors_within)
+
+
+@pytest.mark.parametrize("name", KINEMATICS)
+def test_A_and_B_have_their_closed_form(name):
+    robot, known = robots.load(name), KINEMATICS[name]
+    for x in known.places:
+        A, B, _ = velocity_matrices(robot, assemble(robot, x).q)
+        np.testing.assert_allclose(np.linalg.solve(B, A), known.rates(x), atol=known.rates_within)
+
+
+@pytest.mark.parametrize("name", CROSSINGS)
+def test_singular_point_and_twist_are_those_of_the_lines(name):
+    robot, known = robots.load(name), CROSSINGS[name]
+    path, clear = (scene_path(robot.description.scenes[scene]) for scene in (known.scene, known.clear))
+    (point,) = locate_singularities(robot, path)
+    assert (point.kind, point.contact, point.corank) == ("type_2", "transversal", 1)
+    assert point.s == pytest.approx(known.s(path), abs=1e-12)
+    values = np.linalg.svd(known.lines(point.platform), compute_uv=False)
+    assert values[-1] < 1e-12 < 0.1 < values[-2]
+    twist = known.twist(point.platform)
+    twist *= np.sign(twist @ point.twist)
+    np.testing.assert_allclose(point.twist, twist, rtol=0, atol=known.twist_within)
+    assert not locate_singularities(robot, clear)
+
+
+def test_torques_satisfy_lagrange_at_all_instants(plan):
+    (crossing,), known = plan.crossings, CROSSINGS[plan.robot.name]
+    for t in np.append(np.linspace(0.0, plan.duration, 17), crossing.time):
+        x, dx, ddx = (plan.platform(t, k) for k in range(3))
+        force, rates = known.force(x, dx, ddx), known.rates(x)
+        pushed = rates.T @ (known.gear * plan.torque(t))
+        np.testing.assert_allclose(pushed, force, rtol=0, atol=known.force_within(force))
+        if known.torque_within is not None and abs(t - crossing.time) > known.away:
+            torque = np.linalg.solve(rates.T, force) / known.gear
+            np.testing.assert_allclose(plan.torque(t), torque, rtol=0, atol=known.torque_within(torque))
+
+
+def test_condition_8_is_the_virtual_power_of_the_free_motion(plan):
+    """Lagrange's force on the platform does no work along the motion that locked motors allow."""
+    (crossing,), known = plan.crossings, CROSSINGS[plan.robot.name]
+    x, dx, ddx = (plan.platform(crossing.time, k) for k in range(3))
+    force, free = known.force(x, dx, ddx), np.linalg.svd(known.rates(x))[2][-1]
+    assert abs(force @ free) < (known.power or known.power_within * np.linalg.norm(force))
+
+
+def test_a_share_of_the_acceleration_is_not_enough(plan):
+    """Through the right point at the right time, but too slowly turning."""
+    (crossing,), known = plan.crossings, CROSSINGS[plan.robot.name]
+    values = (crossing.s, crossing.speed, known.share * crossing.acceleration)
+    wrong = [Condition(crossing.time, order, value) for order, value in enumerate(values)]
+    with pytest.raises(UnboundedTorque):
+        inverse_dynamics(plan.robot, plan.path, Law.rest_to_rest(plan.duration, 2, wrong))
+
+
+@pytest.mark.parametrize(
+    ("name", "flexibility"), [(name, one) for name, case in UNPREPARED.items() for one in case.flexibilities]
+)
+def test_a_law_without_condition_8_gets_no_torques(name, flexibility):
+    case, robot = UNPREPARED[name], robots.load(name, flexibility=flexibility)
+    with pytest.raises(UnboundedTorque, match=r"t_s \. W_p = ") as caught:
+        plan_scene(robot, case.scene, **case.options)
+    if case.s is not None and flexibility != "flexible_links":  # elastic links move the singular point
+        s = case.s(scene_path(robot.description.scenes[case.scene]))
+        within = 1e-12 if flexibility == "rigid" else case.behind_drives
+        assert caught.value.s == pytest.approx(s, abs=within)
