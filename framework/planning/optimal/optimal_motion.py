@@ -20,7 +20,7 @@ from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, Unbo
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.arrays import Array
 from framework.numerics.peaks import peak_sizes
-from framework.numerics.time_limit import SearchEnded
+from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.elastic_balance import in_balance
@@ -149,6 +149,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
             if kept is not None and not _cost(task, new) < _worthwhile(task, kept):
                 return min(new, kept, key=lambda motion: _cost(task, motion))
             kept = new
+            report_result()
         elif deflections is None:  # of a law that did not know them; a smoother one shakes the springs less
             rung = max(rung, 1)
         # a motion of least time is at a limit: limits follow it up and down
