@@ -93,18 +93,18 @@ def test_ctrl_c_ends_a_search_with_its_law(hearing, capsys, monkeypatch):
     assert err == ""
 
 
-@pytest.mark.parametrize("results", [0, 1])
-def test_ctrl_c_without_a_law_or_twice_interrupts(hearing, results):
-    with pytest.raises(KeyboardInterrupt), end_searches_by_ctrl_c(lambda: None), limit_time(None):
-        for _ in range(results):
-            report_result()
+def interrupt(results: int, interruptions: int) -> None:
+    """Search with Ctrl-C: one after each result, the others behind; then ask whether the time is up."""
+    with end_searches_by_ctrl_c(lambda: None), limit_time(None):
+        for k in range(interruptions):
+            if k < results:
+                report_result()
             signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)
-        raise AssertionError("a second Ctrl-C goes on")
-
-
-def test_a_law_that_does_not_prove_itself_leaves_an_interruption(hearing):
-    with pytest.raises(KeyboardInterrupt), end_searches_by_ctrl_c(lambda: None), limit_time(None):
-        report_result()
-        signal.raise_signal(signal.SIGINT)
         check_time()
+        raise AssertionError("the search goes on")
+
+
+@pytest.mark.parametrize(("results", "interruptions"), [(0, 1), (1, 2), (1, 1)])
+def test_ctrl_c_interrupts_without_a_law_twice_or_where_none_is_proved(hearing, results, interruptions):
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(results, interruptions)

@@ -41,8 +41,9 @@ MAX_PASSES = 8  # of optimising and resolving in turn
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 # Of elastic robots: the share of the least cost that smoothness may take, in turn, until deflections are
-# resolved and at rest at both ends; the degree of z as one series, of the first two shares and of the others.
-ELASTIC_SHARES, LOW_DEGREE, HIGH_DEGREE = (4e-3, 2e-2, 8e-2, 0.3, 1.0), 40, 80
+# resolved and at rest at both ends, with the degree of z as one series. A higher degree takes three times as
+# long and is tried before much of the cost is paid.
+ELASTIC_RUNGS = ((4e-3, 40), (2e-2, 40), (8e-2, 40), (8e-2, 60), (0.3, 40), (1.0, 40))
 
 
 class OptimalMotion(NamedTuple):
@@ -112,7 +113,7 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     what the motion before left free or exceeded.
     """
     sought, rung = task, 0
-    high_degree: int | None = HIGH_DEGREE
+    fits_splines = False
     deflections: Deflections | None = None
     known: KnownDeflections | None = None
     kept: OptimalMotion | None = None
@@ -120,7 +121,8 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
     best: Best | None = None
     for _ in range(MAX_PASSES):
         try:
-            share, degree = ELASTIC_SHARES[rung], LOW_DEGREE if rung < 2 else high_degree
+            share, high = ELASTIC_RUNGS[rung]
+            degree = None if fits_splines else high
             problem = None if best is None else best.program.problem
             if best is None or problem is None or problem.task is not sought or problem.degree != degree:
                 best = find_law(sought, places, deflections=deflections, share=share, degree=degree)
@@ -137,8 +139,8 @@ def _elastic(task: Task, places: Sequence[CrossingPoint]) -> OptimalMotion:
                 raise
             unresolved, rung = unresolved or failure, rung + 1
             if rung == 2 and best is None:  # no series twice: one is fitted to splines
-                high_degree = unresolved = None
-            if rung == len(ELASTIC_SHARES):
+                fits_splines, unresolved = True, None
+            if rung == len(ELASTIC_RUNGS):
                 raise unresolved or failure from None
             if sought.specification.smoothness < HIGHEST_SMOOTHNESS:
                 smoother = replace(sought.specification, smoothness=HIGHEST_SMOOTHNESS)
