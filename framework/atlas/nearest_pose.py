@@ -40,12 +40,12 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     search = _pose_search(robot, threading.get_ident())
     q, sampled_x = _sample_poses(robot)
     starts = _choose_starts((sampled_x - target) / robot.platform_scale)
-    best = search.find(q[starts[0]], sampled_x[starts[0]], target)
-    for k in starts[1:]:
-        if best.stops:
-            another = search.find(q[k], sampled_x[k], target, better_than=best.distance)
-            best = min(best, another, key=lambda pose: pose.distance)
-    return best
+    ends: list[NearestPose] = []
+    for k in starts:
+        ends.append(search.find(q[k], sampled_x[k], target, earlier=ends))
+        if not ends[-1].stops:
+            break
+    return min(ends, key=lambda pose: pose.distance)
 
 
 def _choose_starts(offsets: Array) -> list[int]:

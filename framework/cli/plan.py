@@ -29,6 +29,7 @@ from framework.kinematics.diagnostics.diagnosis import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
 from framework.numerics.output import Document, json_text, write_csv, written_together
+from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.path_modification import plan_request_with_modified_path
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 MOTION_FILE = "motion.csv"
 LEAST_BEND = "least"  # --bend without a value
 MAX_SAMPLES = 1_000_000
+IMPROVING = "planning: there is a law; Ctrl-C ends the search for better ones"
 FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
 # about a plan that another one replaces: its report, figures that not every plan has, and PDFs now in one
 OF_A_PLAN = ("report.html", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")))
@@ -104,11 +106,11 @@ def run(options: Namespace) -> Report:
         with writing as folder:
             return report_raw(options, robot, request, folder)
     if out is None:
-        plan, entries, lines = _make_plan(robot, request, level, options.bend)
+        plan, entries, lines = _make_plan(options, robot, request, level)
         return plan_document(plan) | entries, plan_lines(plan) + lines
     replaced, present = _describe_replaced(out), [name for name in OF_A_PLAN if os.path.isfile(out / name)]
     with written_together(out, document=FILE, beside=OF_A_PLAN) as folder:
-        plan, entries, lines = _make_plan(robot, request, level, options.bend)
+        plan, entries, lines = _make_plan(options, robot, request, level)
         options.progress.start("drawing the figures")
         document = plan_document(plan, out) | entries
         _write_plan(plan, document, arguments.motion_rows(options, plan), folder)
@@ -153,14 +155,17 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
 
 
 def _make_plan(
-    robot: ParallelRobot, request: Request, level: ChosenLevel | None, bend: str | None
+    options: Namespace, robot: ParallelRobot, request: Request, level: ChosenLevel | None
 ) -> tuple[CrossingPlan, Document, list[str]]:
     """Plan; return also a document and lines on the level of --flexibility auto or the bend of --bend."""
-    if level is not None:
-        line = f"  fidelity          {level.sentence}"
-        return plan_request(robot, request), {"fidelity": level._asdict()}, [line]
+    bend, progress = options.bend, options.progress
+    progress.start("planning")
     if bend is None:
-        return plan_request(robot, request), {}, []
+        with end_searches_by_ctrl_c(lambda: progress.start(IMPROVING)):
+            plan = plan_request(robot, request)
+        if level is None:
+            return plan, {}, []
+        return plan, {"fidelity": level._asdict()}, [f"  fidelity          {level.sentence}"]
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
     size = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)

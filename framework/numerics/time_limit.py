@@ -1,13 +1,19 @@
-"""How long a search may take: its steps ask whether the time is up, and the best result so far is taken."""
+"""How long a search may take: its steps ask whether the time is up, and the best result so far is taken.
+
+Ctrl-C ends a search that has a result, too (`end_searches_by_ctrl_c`).
+"""
 
 from __future__ import annotations
 
 import math
+import signal
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from types import FrameType
 
 from framework.errors import NoAnswer
 
@@ -15,7 +21,7 @@ NONE_FOUND_YET = "and no law was found yet"
 
 
 class SearchEnded(NoAnswer):
-    """The time limit ended a search that had found nothing yet."""
+    """The end of a search, by its time limit or by Ctrl-C, that had found nothing yet."""
 
 
 @dataclass
@@ -24,10 +30,12 @@ class SearchTime:
 
     seconds: float
     end: float  # by the clock of `time.monotonic` [s]
+    on_result: Callable[[], object]
+    has_result: bool = False  # whether something was found that is worth to end with
     has_ended: bool = False  # whether the search was ended
 
 
-_UNLIMITED = SearchTime(math.inf, math.inf)
+_UNLIMITED = SearchTime(math.inf, math.inf, on_result=lambda: None)
 _clock: ContextVar[SearchTime] = ContextVar("clock", default=_UNLIMITED)
 
 
@@ -35,7 +43,7 @@ _clock: ContextVar[SearchTime] = ContextVar("clock", default=_UNLIMITED)
 def limit_time(seconds: float | None) -> Iterator[SearchTime]:
     """Limit the searches of a block to seconds from its start; None lifts the limit."""
     limit = math.inf if seconds is None else seconds
-    clock = SearchTime(limit, time.monotonic() + limit)
+    clock = SearchTime(limit, time.monotonic() + limit, _clock.get().on_result)
     token = _clock.set(clock)
     try:
         yield clock
@@ -49,3 +57,49 @@ def check_time() -> None:
     if time.monotonic() > clock.end:
         clock.has_ended = True
         raise SearchEnded(f"the search was ended after {clock.seconds:g} s, {NONE_FOUND_YET}")
+
+
+def report_result() -> None:
+    """Report that the current search has a result: it may end early from now on."""
+    clock = _clock.get()
+    if not clock.has_result:
+        clock.has_result = True
+        clock.on_result()
+
+
+@contextmanager
+def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
+    """End the searches of a block by the first Ctrl-C where they have a result; without one, raise as before.
+
+    Args:
+        on_result: called when a search has its first result, that is from when on Ctrl-C ends it.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C came before a result, or twice, or the result did not prove itself.
+    """
+    started, raise_interrupt = time.monotonic(), signal.getsignal(signal.SIGINT)
+    if not callable(raise_interrupt) or threading.current_thread() is not threading.main_thread():
+        yield  # signals that are ignored stay so, and only the main thread hears them
+        return
+
+    def end_search(number: int, frame: FrameType | None) -> None:
+        """Let the time of a search with a result be up; else raise, as from now on."""
+        signal.signal(number, raise_interrupt)
+        clock = _clock.get()
+        if not clock.has_result:
+            raise_interrupt(number, frame)
+        clock.end = time.monotonic()
+        clock.seconds = round(clock.end - started, 2)
+
+    token = _clock.set(SearchTime(math.inf, math.inf, on_result))
+    signal.signal(signal.SIGINT, end_search)
+    try:
+        yield
+    except SearchEnded:
+        if signal.getsignal(signal.SIGINT) is end_search:
+            raise
+        raise KeyboardInterrupt from None
+    finally:
+        _clock.reset(token)
+        if signal.getsignal(signal.SIGINT) is end_search:
+            signal.signal(signal.SIGINT, raise_interrupt)

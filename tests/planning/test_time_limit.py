@@ -1,7 +1,9 @@
-"""A plan whose time is up is certified, or one line says that none was found yet."""
+"""A plan whose time is up, or that Ctrl-C ends, is certified, or one line says that none was found yet."""
 
 from __future__ import annotations
 
+import re
+import signal
 import time
 
 import numpy as np
@@ -9,7 +11,16 @@ import pytest
 
 import robots
 from framework import InvalidInput, plan_scene
-from framework.numerics.time_limit import SearchEnded, check_time, limit_time
+from framework.cli import main
+from framework.cli.console import Progress
+from framework.cli.plan import IMPROVING
+from framework.numerics.time_limit import (
+    SearchEnded,
+    check_time,
+    end_searches_by_ctrl_c,
+    limit_time,
+    report_result,
+)
 
 
 def test_a_search_without_a_result_ends_in_one_line():
@@ -52,3 +63,48 @@ def test_a_limit_is_that_of_its_block_alone():
 def test_no_time_is_no_limit():
     with pytest.raises(InvalidInput, match="0"):
         plan_scene(robots.load("five_bar"), "C", time_limit=0.0)
+
+
+@pytest.fixture
+def hearing():
+    """Ctrl-C is heard, also by tests that run in the background of a shell, which ignores it there."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_ends_a_search_with_its_law(hearing, capsys, monkeypatch):
+    """The signal comes as soon as there is a law, the best so far, which the command proves and prints."""
+    shown = []
+
+    def interrupt_when_improving(self: Progress, doing: str) -> None:
+        shown.append(doing)
+        if doing == IMPROVING:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Progress, "start", interrupt_when_improving)
+    arguments = ["plan", "agile_eye", "--scene", "orient", "--flexibility", "flexible_links"]
+    assert main([*arguments, "--law", "optimal"]) == 0
+    out, err = capsys.readouterr()
+    assert shown[-2:] == ["planning", IMPROVING]
+    assert re.search(r"the search was ended after \d+\.?\d* s, there may be better laws", out)
+    assert "joints in balance to" in out
+    assert err == ""
+
+
+def interrupt(results: int, interruptions: int) -> None:
+    """Search with Ctrl-C: one after each result, the others behind; then ask whether the time is up."""
+    with end_searches_by_ctrl_c(lambda: None), limit_time(None):
+        for k in range(interruptions):
+            if k < results:
+                report_result()
+            signal.raise_signal(signal.SIGINT)
+        check_time()
+        raise AssertionError("the search goes on")
+
+
+@pytest.mark.parametrize(("results", "interruptions"), [(0, 1), (1, 2), (1, 1)])
+def test_ctrl_c_interrupts_without_a_law_twice_or_where_none_is_proved(hearing, results, interruptions):
+    with pytest.raises(KeyboardInterrupt):
+        interrupt(results, interruptions)

@@ -16,6 +16,7 @@ The search is local: no neighbour of its end is nearer, and it has no proof that
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,6 +42,7 @@ LEAST_DECREASE = 1e-8  # of the squared distance, as a share: a step that promis
 LEAST_CURVATURE = 1e-9  # of the squared distance along a motion, so that H is definite
 MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; [rad, lengths] of the loops
 LEAST_PROGRESS = 0.1  # of what is missing to a better pose: a step that promises less ends the search
+SAME_END = 0.1  # [rad, lengths] of the joints from the end of another search, where both end alike
 LEAST_DAMPING = 1e-2  # of a step after which the model was poor
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # decrease of the squared distance over that of the model
 
@@ -118,21 +120,26 @@ class PoseSearch:
         room = self._evaluate(reference.q, J, reference.x, reference.x).room[-2:]
         self._determinant_sizes = room + LEAST_DETERMINANTS  # at the reference
 
-    def find(self, q: Array, x: Array, target: Array, *, better_than: float = np.inf) -> NearestPose:
+    def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
 
         Args:
-            better_than: a distance, in the unit of `NearestPose`. A search without hope of less ends.
+            earlier: results of other starts. A search without hope of a nearer one ends, and so does one that
+                comes to the end of another.
         """
         iterate = self._evaluate(q, self._equations(q)[1], x, target)
-        bound = 0.5 * (better_than / self._unit_length) ** 2
+        least = min((pose.distance for pose in earlier), default=np.inf)
+        bound = 0.5 * (least / self._unit_length) ** 2
+        ends = np.array([pose.q for pose in earlier]).reshape(-1, len(q))
         damping = 0.0  # as by Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
             is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
             is_settled = step.decrease < LEAST_DECREASE * iterate.value
             is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - bound)
-            if is_reached or is_settled or is_behind or count == MAX_STEPS:
+            from_ends = largest_motion(self.robot, difference(self.robot, iterate.q, ends))
+            repeats = from_ends.min(initial=np.inf) < SAME_END and iterate.value > bound
+            if is_reached or is_settled or is_behind or repeats or count == MAX_STEPS:
                 break
             following = self._follow(iterate, step.z, target)
             gain = 0.0 if following is None else (iterate.value - following.value) / step.decrease
@@ -142,15 +149,15 @@ class PoseSearch:
                 damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
             elif gain < POOR_GAIN:
                 damping = max(4.0 * damping, LEAST_DAMPING)
-        return self._result(iterate, step.forces, count)
+        return self._result(iterate, step.forces, count, is_settled=is_settled)
 
-    def _result(self, iterate: _Iterate, forces: Array, count: int) -> NearestPose:
+    def _result(self, iterate: _Iterate, forces: Array, count: int, *, is_settled: bool) -> NearestPose:
         """Return the pose of the last iterate and its stops."""
         distance = float(np.sqrt(2.0 * iterate.value))
         ends = [f"{self.robot.coordinates.name_of(column)} ends its range" for column in self.robot.moving]
         stops = [*ends, *ends, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         is_met = iterate.room < np.append(np.full(2 * len(ends), REACHED_PLATFORM), LEAST_DETERMINANTS)
-        acting = [stops[k] for k in np.flatnonzero(is_met & (forces > 0.0))]
+        acting = [stops[k] for k in np.flatnonzero((is_met | is_settled) & (forces > 0.0))]
         if distance <= REACHED_PLATFORM:
             acting = []
         elif not acting:

@@ -19,7 +19,7 @@ from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
-from framework.numerics.time_limit import SearchEnded
+from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.condition import CrossingPoint
 from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.elastic_balance import find_law_in_balance
@@ -40,8 +40,9 @@ MAX_PASSES = 8  # of optimising and resolving in turn
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 # Of elastic robots: the share of the least cost that smoothness may take, in turn, until deflections are
-# resolved and at rest at both ends; the degree of z as one series, of the first two shares and of the others.
-ELASTIC_SHARES, LOW_DEGREE, HIGH_DEGREE = (4e-3, 2e-2, 8e-2, 0.3, 1.0), 40, 80
+# resolved and at rest at both ends, with the degree of z as one series. A higher degree takes three times as
+# long and is tried before much of the cost is paid.
+ELASTIC_LAWS = ((4e-3, 40), (2e-2, 40), (8e-2, 40), (8e-2, 60), (0.3, 40), (1.0, 40), (3.0, 40))
 
 
 class OptimalMotion(NamedTuple):
@@ -113,8 +114,8 @@ class _ElasticSearch:
 
     next_task: the task with the limits and the smoothness of the next law.
     points: the crossing points with the deflections of the last motion.
-    stage: index into `ELASTIC_SHARES` for the next law.
-    high_degree: of z from stage 2 on; None for splines.
+    stage: index into `ELASTIC_LAWS` for the next law.
+    fits_splines: whether a series is fitted to splines, because no series was found twice.
     last_law: the last law with the present `deflections`.
     deflections: of the last motion, along the path; None before the first.
     known: deflections that were in balance last, from which the next balance begins.
@@ -126,7 +127,7 @@ class _ElasticSearch:
     next_task: Task
     points: Sequence[CrossingPoint]
     stage: int = 0
-    high_degree: int | None = HIGH_DEGREE
+    fits_splines: bool = False
     last_law: Best | None = None
     deflections: DeflectionsOnPath | None = None
     known: KnownDeflections | None = None
@@ -150,6 +151,7 @@ class _ElasticSearch:
                 if self.best_motion is not None and not self._improves(_cost(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost, self.task))
                 self.best_motion = motion
+                report_result()
             self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
@@ -176,8 +178,8 @@ class _ElasticSearch:
 
     def _find_law(self) -> Best:
         """Find the law of this stage, from the law found before if only the share has changed since."""
-        share = ELASTIC_SHARES[self.stage]
-        degree = LOW_DEGREE if self.stage < 2 else self.high_degree
+        share, series_degree = ELASTIC_LAWS[self.stage]
+        degree = None if self.fits_splines else series_degree
         if self.last_law is not None:
             problem = self.last_law.program.problem
             if problem.task is self.next_task and problem.degree == degree:
@@ -200,8 +202,9 @@ class _ElasticSearch:
         self.first_failure = self.first_failure or failure
         self.stage += 1
         if self.stage == 2 and self.last_law is None:  # no series twice: one is fitted to splines
-            self.high_degree = self.first_failure = None
-        if self.stage == len(ELASTIC_SHARES):
+            self.fits_splines = True
+            self.first_failure = None
+        if self.stage == len(ELASTIC_LAWS):
             raise self.first_failure or failure from None
         if self.next_task.specification.smoothness < HIGHEST_SMOOTHNESS:
             smoother = replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS)
