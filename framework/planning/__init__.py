@@ -1,6 +1,6 @@
 """Condition (8) put to work: laws that carry a robot through its Type 2 singularities.
 
-Open `plan` first: `plan_crossing` in four steps, each a file.
+Open `plan` first: `plan_crossing` in four steps.
 
     1. options, request          what is asked: the options declared once, and the record that is checked
     2. crossing_points           where on the path condition (8) is to hold, and

@@ -2,7 +2,7 @@
 
 Two laws are planned with, the polynomial and the optimal one; `_plan_best` chooses. A third is a `PlannedLaw`
 with a function like `_plan_polynomial`, its name in `LAWS` of `options`, and its reading from plan.json in
-`saved._law`.
+`saved`.
 """
 
 from __future__ import annotations

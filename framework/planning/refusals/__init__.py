@@ -39,7 +39,7 @@ The polynomial law:
     NoLaw: a touch, or several motions: more than one condition
         planning.crossing_points.check_one_condition_each
     NoLaw: the path is orthogonal to t_s: s" has no effect on t_s . W_p
-        planning.condition.condition_at
+        planning.condition.require_effect
     NoLaw: too many crossings, or no times and speeds at which a law advances
         planning.timing.choose_timing
     NoLaw: its conditions repeat or contradict each other
@@ -51,6 +51,8 @@ The optimal law:
 
     NoLaw: springs make two crossings of a touch, or none
         planning.optimal.optimal_task.check_unfolded
+    NoLaw: springs and damping at once are not supported
+        planning.optimal.optimal_motion.optimal_motion
     NoLaw: no speed meets what is left of condition (8)
         planning.optimal.optimal_task.check_speeds
     UncontrolledMotions: no law meets the conditions of several motions
@@ -62,8 +64,6 @@ The optimal law:
         planning.optimal.limit_refusals.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
-    NoLaw: springs and damping at once are not supported
-        planning.optimal.optimal_motion.optimal_motion
     NotConverged: law and springs do not settle together
         planning.optimal.optimal_motion.optimal_motion
     NotConverged: springs do not start or stop at rest
