@@ -30,6 +30,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, search_path
 
+BRACKET_RATIO = 1e-3  # of the refused multiple over the planned one, less 1: they are near enough
 IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of multiples over the refused, tried in turn
 
 
@@ -178,7 +179,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bisect between the planned multiple and the least that was not, at their geometric mean."""
     while capacity.multiple > 0.0 and capacity.end < np.inf:
-        if capacity.end <= (1.0 + 1e-3) * capacity.multiple:
+        if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
             break
         capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity

@@ -32,6 +32,8 @@ from framework.tolerances import TORQUE_TAIL
 
 # Difference over the peak of torques that are equal; an effect that counts changes torques by 1e-7 and more.
 EQUAL_TORQUES = 10 * TORQUE_TAIL
+# Error of the platform over the path's length that ends a simulation; twice the tolerance if that is more.
+MAX_ERROR = 0.1
 STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step over the tolerance, tried in turn
 # Platform error of the reference's own torques over the tolerance, from which on shorter steps are tried.
 # The error with the shortest steps is reported.
@@ -139,7 +141,7 @@ class ReferenceMotion:
     @property
     def lost(self) -> float:
         """Platform error over path length from which on the platform counts as lost."""
-        return max(0.1, 2.0 * self.tolerance)
+        return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
         """Yield the comparison of each level; levels with equal torques share one simulation.

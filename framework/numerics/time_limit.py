@@ -60,7 +60,7 @@ def check_time() -> None:
 
 
 def report_result() -> None:
-    """Report that the current search has a result: it may end early from now on."""
+    """Report the first result of the current search, which may end early from now on."""
     clock = _clock.get()
     if not clock.has_result:
         clock.has_result = True
@@ -69,7 +69,7 @@ def report_result() -> None:
 
 @contextmanager
 def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
-    """End the searches of a block by the first Ctrl-C where they have a result; without one, raise as before.
+    """End the searches of a block by the first Ctrl-C after a result; without a result, raise as before.
 
     Args:
         on_result: called when a search has its first result, that is from when on Ctrl-C ends it.

@@ -25,6 +25,8 @@ from framework.planning.request import Request
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
+VECTOR_ROUNDING = 1e-12  # of a motion of unit size along a path, in robot lengths and radians
+
 
 @dataclass(frozen=True)
 class Feasibility:
@@ -179,8 +181,7 @@ def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...
 def _cosine(a: Array, b: Array) -> float:
     """Compute |cos| of the angle between two vectors; 0 if the first is zero or the second rounding."""
     size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
-    # of a motion of unit size along a path, in robot lengths and radians
-    if size_a == 0.0 or size_b <= 1e-12:
+    if size_a == 0.0 or size_b <= VECTOR_ROUNDING:
         return 0.0
     return abs(float(a @ b)) / (size_a * size_b)
 

@@ -73,14 +73,15 @@ def optimal_motion(task: Task) -> OptimalMotion:
     if robot.n_e:
         return _ElasticSearch(task, task, points).run()
     best = find_law(task, points)
-    for share in RIGID_SHARES:
+    for share in (None, *RIGID_SHARES):
+        if share is not None:
+            best = adapt_found_law(task, points, best, share=share)
         try:
             return _certify_law(task, points, best)
         except NotConverged as failure:
             unresolved = failure
         except UnboundedTorque as failure:  # condition (8) is met but for rounding
             unresolved = NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s)
-        best = adapt_found_law(task, points, best, share=share)
     raise unresolved
 
 
