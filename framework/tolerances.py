@@ -211,14 +211,15 @@ some that are reached are called out of reach.
 LEAST_TYPE1_SHARE = 1e-5
 """The determinant of Type 1 over that at the reference, down to which a leg is stretched for a nearest pose.
 
-The pose is then 1e-10 of the leg from the end of its reach. At 1e-4 distances are off by 1e-8; at 1e-6 the
-leg's direction has no digits left to come back by.
+One stretched leg is then 1e-10 of its length from the end of its reach. Of several that are stretched at
+once each ends earlier: the distance found was up to 4e-5 m larger (orthoglide, 4.8 m away). At 1e-4
+distances are off by 1e-8; at 1e-6 the leg's direction has no digits left to come back by.
 """
 
 LEAST_TYPE2_SHARE = 1e-3
 """The determinant of Type 2 over that at the reference, down to which motors that hold go for a nearest pose.
 
-The distance grows with it: 1e-3 costs 1e-3 of the way. At 1e-2 the pose is visibly not the nearest one; at
+The distance grows with it, to first order in proportion. At 1e-2 the pose is visibly not the nearest one; at
 1e-4 motors that turn back by a step may be on either assembly mode.
 """
 

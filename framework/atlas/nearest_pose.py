@@ -1,4 +1,4 @@
-"""The nearest pose to a platform that may be out of reach, of all poses joined to the reference.
+"""The nearest pose found to a platform that may be out of reach, among poses joined to the reference.
 
 One search ends where no neighbour is nearer (`PoseSearch`), and there may be several such places. So poses
 are sampled once for a robot, on walks from the reference that turn at Type 1 and at the ends of ranges, and

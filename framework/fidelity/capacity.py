@@ -30,6 +30,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, search_path
 
+MAX_DOUBLINGS = 20  # of the multiple, up or down, before it counts as without bound, or as none
 BRACKET_RATIO = 1e-3  # of the refused multiple over the planned one, less 1: they are near enough
 IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of multiples over the refused, tried in turn
 
@@ -166,7 +167,7 @@ class _Multiples:
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Double or halve from 1 until a multiple is planned and one twice as large is not."""
     capacity = task.try_multiple(capacity, 1.0)
-    for _ in range(20):  # without bound, or none, after that
+    for _ in range(MAX_DOUBLINGS):
         if not np.isfinite(capacity.end):
             capacity = task.try_multiple(capacity, 2.0 * capacity.multiple)
         elif capacity.multiple == 0.0:

@@ -41,6 +41,8 @@ OWN_ERROR = 0.1
 # Time constants of the fall in a motion, from which on the motors have a controller: without one, the error
 # of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
+CONTROL_TO_FALL = 10.0  # frequency of the motors' feedback over the rate of the fall: it catches the robot
+MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
 MOTION_SAMPLES = 1001  # equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, where differences may be narrow
 
@@ -97,8 +99,7 @@ def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
     if fall <= MAX_FALL:
         return fall, None
     inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
-    # ten times faster than the fall, they catch the robot
-    return fall, MotorControl.of(inertia, 10.0 * fall / motion.duration)
+    return fall, MotorControl.of(inertia, CONTROL_TO_FALL * fall / motion.duration)
 
 
 @dataclass
@@ -171,7 +172,7 @@ class ReferenceMotion:
         """
         allowed = self.tolerance * self.length / self.highest.length
         for step_error in STEP_ERRORS:
-            self.step_error = max(step_error * allowed, 1e-12)  # the accuracy of planned torques
+            self.step_error = max(step_error * allowed, MIN_STEP_ERROR)
             own = self._simulate(LEVELS[-1], self.plan.dynamics)
             if own.platform <= OWN_ERROR * self.tolerance:
                 break

@@ -60,7 +60,7 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
     if further := locked_by_couplings(robot["couplings"], locked):
         return parse_robot(path, {**content, "locked": {**locked, **further}}, parameters)
-    _merge_joint_springs(robot)
+    _merge_joint_springs(robot, locked)
     _drop_locked(robot, locked)
     description = RobotDescription(
         name=path.stem,
@@ -75,10 +75,10 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     return ParsedRobot(description, root)
 
 
-def _merge_joint_springs(robot: dict[str, Any]) -> None:
-    """Move springs on URDF joints into the entries of `joints`."""
+def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
+    """Move springs on URDF joints, but for locked ones, into the entries of `joints`."""
     for spring in robot["springs"]:
-        if isinstance(spring, Spring):
+        if isinstance(spring, Spring) or spring["joint"] in locked:
             continue
         entry = robot["joints"].setdefault(spring["joint"], {})
         if "stiffness" in entry or "rest" in entry:

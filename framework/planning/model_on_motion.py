@@ -36,6 +36,8 @@ from framework.planning.request import SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
+CORRECTED_SHARE = 0.9  # of the time to the next crossing or end: what a local correction may change
+
 
 @dataclass(frozen=True)
 class CorrectedLaw(ExactLaw):
@@ -261,6 +263,5 @@ def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, flo
     if not len(edges_of(law)):
         return [(0.0, law.duration)]
     gaps = np.diff([0.0, *times, law.duration])
-    # a local correction changes less than all of the time to the next crossing or end
-    widths = 0.9 * np.minimum(gaps[:-1], gaps[1:])
+    widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
     return list(zip(times - widths, times + widths, strict=True))

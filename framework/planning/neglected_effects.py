@@ -74,6 +74,8 @@ def _measure_effect(
         largest = np.abs(difference()).max(axis=0)
     except NoAnswer as failure:
         return NeglectedEffect(f"{effect}: no number, {failure}")
+    if not np.all(np.isfinite(largest)):
+        return NeglectedEffect(f"{effect}: no number, the torques have a pole")
     shares = largest / peaks
     motor = np.argmax(shares)
     joint = robot.actuator_names[motor]

@@ -186,7 +186,8 @@ class PlanOptions:
         ': "time"; "peak_torque": the largest torque over its limit, or in N m if no motor has one; '
         '"energy": the integral over the motion of the sum of (torque over limit)^2. There a motor '
         "without a limit is weighed with the largest of the others, and never bounded by it. Of the laws "
-        "that cost at most 0.4 % more than the least found, the smoothest is taken",
+        "that cost at most 0.4 % more than the least found, the smoothest is taken, or one that costs more "
+        "where none of these is resolved",
         check=_one_of(GOALS),
         typed={"choices": GOALS},
     )

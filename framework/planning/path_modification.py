@@ -146,9 +146,8 @@ class _Modification(NamedTuple):
 
         The reserve is left out where the request is not planned with it.
         """
-        sizes = (
-            MAX_BEND_SHARE / 2.0 ** np.arange(8)[::-1]
-        )  # from 0.04 % on: less is a matter of making the robot
+        # from 0.04 % on: less is a matter of making the robot
+        sizes = MAX_BEND_SHARE / 2.0 ** np.arange(8)[::-1]
         for share in (side * float(size) for size in sizes for side in (1.0, -1.0)):
             plan = self.plan_bent(share)
             if plan is not None:

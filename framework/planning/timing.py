@@ -15,6 +15,7 @@ from framework.planning.request import Request
 
 # Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
 COMFORTABLE_ADVANCE = 0.2
+MIN_SEPARATION = 1e-3  # of the duration, between crossings and from them to the ends, in a search
 MAX_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25  # laws drawn in a round of the search, for each open time or speed
 
@@ -101,7 +102,7 @@ def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
     """
     duration, (times, speeds) = request.fixed_duration, timings.swapaxes(0, 1)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
-    possible = (separation >= 1e-3 * duration) & (speeds > 0).all(axis=1)
+    possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
     advances, peaks = measure(times[possible], speeds[possible])
     by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)

@@ -1,6 +1,6 @@
 """Figures, and pages for the browser. Open `film` first: it samples the motions that pages and pictures show.
 
-The only room that knows matplotlib and MeshCat. It draws, and computes no result.
+The only package that knows matplotlib and MeshCat. It draws, and computes no result.
 
 What is shown
     film                a motion sampled in time: poses, torques, distance to the singularity

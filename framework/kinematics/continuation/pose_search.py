@@ -42,6 +42,7 @@ LEAST_DECREASE = 1e-8  # of the squared distance, as a share: a step that promis
 LEAST_CURVATURE = 1e-9  # of the squared distance along a motion, so that H is definite
 MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; [rad, lengths] of the loops
 LEAST_PROGRESS = 0.1  # of what is missing to a better pose: a step that promises less ends the search
+UNCONVERGED = "the search has not converged"
 SAME_END = 0.1  # [rad, lengths] of the joints from the end of another search, where both end alike
 LEAST_DAMPING = 1e-2  # of a step after which the model was poor
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # decrease of the squared distance over that of the model
@@ -49,7 +50,7 @@ POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # decrease of the squared distance over that 
 
 @dataclass(frozen=True, eq=False)
 class NearestPose(Configuration):
-    """The nearest pose that a search has found, see `Configuration`, and why none is nearer.
+    """The pose nearest to a target in a search, see `Configuration`, with the stops of the search.
 
     `distance` from the target in `unit`: m if all coordinates are translations, rad if all are turns, else
     robot lengths and rad. `stops` says what stops it: the ranges of joints, legs (Type 1), Type 2, or that
@@ -130,7 +131,7 @@ class PoseSearch:
         iterate = self._evaluate(q, self._equations(q)[1], x, target)
         least = min((pose.distance for pose in earlier), default=np.inf)
         bound = 0.5 * (least / self._unit_length) ** 2
-        ends = np.array([pose.q for pose in earlier]).reshape(-1, len(q))
+        ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
         damping = 0.0  # as by Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
@@ -161,7 +162,7 @@ class PoseSearch:
         if distance <= REACHED_PLATFORM:
             acting = []
         elif not acting:
-            acting = ["the search has not converged"]
+            acting = [UNCONVERGED]
         self._pose.place(iterate.q)
         return NearestPose(
             q=iterate.q,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from framework.errors import RobotFileError, check_name, check_unique, list_names
+from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, list_names
 from framework.model.description import (
     AXES,
     Actuator,
@@ -114,10 +114,11 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     )
     try:
         known = complete(options, Known(tree, description, likely_motors=tuple(tree.likely_motors)))
-    finally:
-        left_out = left_out_of(tree)  # its error is the more precise one
+    except FrameworkError:
+        left_out_of(tree)  # its error is the more precise one
+        raise
     urdf_text = ElementTree.tostring(tree.root, encoding="unicode")
-    description = replace(known.description, urdf_text=urdf_text, left_out=left_out)
+    description = replace(known.description, urdf_text=urdf_text, left_out=left_out_of(tree))
     remarks = (*_omissions(tree), *tree.remarks, *known.remarks)
     return ParsedRobot(description, tree.root, dialect, remarks)
 

@@ -156,7 +156,7 @@ class _ElasticSearch:
             self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
-        raise NotConverged(
+        raise self.first_failure or NotConverged(
             f"{self.task.branch.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
             f"passes; use {other_law(self.task)}stiffer springs, or geometry rigid",
             residual=abs(excess - 1.0),
