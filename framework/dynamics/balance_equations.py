@@ -30,7 +30,7 @@ from framework.dynamics.loaded_balance import (
     spring_units,
 )
 from framework.kinematics.continuation.tracking import Branch
-from framework.laws.clock import Clock
+from framework.laws.clock import Clock, OnParameter
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import coefficients, derivative_matrix, nodes
@@ -43,6 +43,7 @@ class SampledMotion(NamedTuple):
     """A motion with deflections at T nodes, 2 N of each panel, and its law."""
 
     clock: Clock
+    parameters: Array  # (T,) of the law
     prescribed: DeflectedMotion
     rate: Array  # (T,) dp/dt, p the variable of the Chebyshev series
     bases: tuple[Array, Array, Array]  # (T, N) the polynomials T_j(p(t)) and two time derivatives
@@ -117,17 +118,26 @@ class LinearBalance(NamedTuple):
         of rest falls with the misfit, so that one factorisation serves all states: by Sherman, Morrison and
         Woodbury y = y_0 - N^-1 R' (1 / w^2 + R N^-1 R')^-1 R (u + y_0), y_0 the step without rest.
         """
-        from scipy.linalg import cho_solve
-
         series, F = state.series, state.balance.F.ravel()
         unknowns = np.append(series.ravel(), np.zeros(len(state.scalars))) * self.sizes
-        y = -cho_solve(self.factor, self.balance.T @ F)  # y_0
         weight = min(1.0, state.misfit / END_RATE_MISFIT)
-        core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.rest_response
-        y -= self.rest_response @ np.linalg.solve(core, self.rest @ (unknowns + y))
+        y = self._least_change(F[:, None], self.rest @ unknowns[:, None], weight)[:, 0]
         remaining = float(np.abs(self.balance @ y + F).max() / state.balance.size)
         step = y / self.sizes
         return Step(step[: series.size].reshape(series.shape), step[series.size :], remaining)
+
+    def follow(self, F: Array) -> Array:
+        """Compute changes (unknowns, k) that cancel changes F (T n_e, k) of the balance, and keep rest."""
+        rest = np.zeros((len(self.rest), F.shape[1]))
+        return self._least_change(F, rest, 1.0) / self.sizes[:, None]
+
+    def _least_change(self, F: Array, rest: Array, weight: float) -> Array:
+        """Return the scaled changes y (unknowns, k) for F (T n_e, k) and terms of rest (rows, k)."""
+        from scipy.linalg import cho_solve
+
+        y = -cho_solve(self.factor, self.balance.T @ F)  # y_0
+        core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.rest_response
+        return np.asarray(y - self.rest_response @ np.linalg.solve(core, rest + self.rest @ y))
 
 
 class BalanceEquations:
@@ -161,17 +171,32 @@ class BalanceEquations:
 
     def _sample(self, series: Array, scalars: Array) -> SampledMotion:
         """Evaluate motion and deflections, with two rates, at 2 N nodes of each panel."""
-        clock, (panels, N, n_e) = self.family(scalars), series.shape
+        clock, size = self.family(scalars), 2 * series.shape[1]
         half_widths = 0.5 * np.diff(clock.edges)[:, None]
-        parameters = clock.edges[:-1, None] + half_widths * (nodes(2 * N) + 1.0)  # (panels, 2 N)
-        s, rate, acceleration = clock.motion(parameters.ravel())
+        parameters = (clock.edges[:-1, None] + half_widths * (nodes(size) + 1.0)).ravel()
+        return self._prescribe(series, clock, parameters, clock.motion(parameters))
+
+    def prescribe_at(self, state: BalanceState, z: float, u: float) -> DeflectedMotion:
+        """Return the motion of a state's deflections, as functions of xi, at constant z and u of the law."""
+        clock, parameters = state.samples.clock, state.samples.parameters
+        assert isinstance(clock, OnParameter)
+        motion = clock.motion_at(parameters, z, u)
+        return self._prescribe(state.series, clock, parameters, motion).prescribed
+
+    def _prescribe(
+        self, series: Array, clock: Clock, parameters: Array, motion: tuple[list[Array], Array, Array]
+    ) -> SampledMotion:
+        """Return motion and deflections at the nodes for a law's `motion` there, see `Clock`."""
+        s, rate, acceleration = motion
+        panels, N, n_e = series.shape
+        half_widths = 0.5 * np.diff(clock.edges)
         local = np.repeat(1.0 / half_widths, 2 * N)  # of the series' variable, by the law's parameter
         bases = _time_bases(panels, N, local * rate, local * acceleration)
         deflections = [
             (basis.reshape(panels, 2 * N, N) @ series).reshape(-1, n_e) * self.units for basis in bases
         ]
         prescribed = DeflectedMotion(s[0], *time_derivatives(self.branch.path, s), *deflections)
-        return SampledMotion(clock, prescribed, local * rate, bases)
+        return SampledMotion(clock, parameters, prescribed, local * rate, bases)
 
     def slopes(self, state: BalanceState) -> LoadSlopes:
         """Compute the derivatives of the load at a state; by scalars as central differences."""

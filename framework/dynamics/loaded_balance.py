@@ -88,7 +88,7 @@ def evaluate_balance(
     """
     missing = prescribed.l - difference(robot, robot.neutral, near)[:, robot.elastic]
     closed = close_loops(robot, prescribed.x, integrate_columns(robot, near, robot.elastic, missing))
-    motion, forces = _motion_and_load(robot, prescribed, closed, wrenches, stiffer)
+    motion, forces = motion_and_load(robot, prescribed, closed, wrenches, stiffer)
     load, multipliers, Y = _split_load(robot, motion, forces)
     F = matvec(Y.swapaxes(1, 2), load)
     size = float(np.abs(load).max())
@@ -108,7 +108,7 @@ def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) 
     spring_scale = spring_units(robot)
     load, multipliers, Y = _split_load(robot, motion, forces)
     residual = matvec(Y, matvec(Y.swapaxes(1, 2), load))  # Y Y' load: what motors and loops cannot balance
-    loop_forces = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * _row_weights(robot))
+    loop_forces = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * row_weights(robot))
     spring_force = residual[:, : robot.n_e] / spring_scale - robot.stiffness * deflections
     largest = float(np.abs(spring_force * spring_scale).max())
     change = float(np.abs(residual).max()) / largest if largest > 0.0 else 0.0
@@ -120,29 +120,38 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
 
     `orders` is 1, or 3 with rates and accelerations of the deflections.
     """
-    columns, units = _locked_columns(robot)
+    columns, units = locked_columns(robot)
     motion, n_e = balance.motion, robot.n_e
-    still = np.zeros((len(motion.q), orders * n_e, robot.n))
-    joints = np.zeros((3, *still.shape[:2], n_e))  # step k n_e + i: the k-th time derivative of spring i
-    for order in range(orders):
-        joints[order, :, order * n_e : (order + 1) * n_e] = np.diag(units[:n_e])
-    changes = motion_changes(robot, motion, MotionSteps((still,) * 3, robot.elastic, (*joints,)))
-    multipliers = balance.multipliers * _row_weights(robot)
+    changes = motion_changes(robot, motion, spring_steps(robot, len(motion.q), orders))
+    multipliers = balance.multipliers * row_weights(robot)
     forces = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
     slopes = (forces[..., columns] * units).swapaxes(1, 2)
     slopes[:, range(n_e), range(n_e)] += balance.stiffer * robot.stiffness * units[:n_e] ** 2  # K
     return slopes
 
 
+def spring_steps(robot: ParallelRobot, count: int, orders: int) -> MotionSteps:
+    """Return steps (count, orders n_e) of the springs, by their units, with the platform at rest.
+
+    Step k n_e + i is one of the k-th time derivative of spring i.
+    """
+    n_e = robot.n_e
+    still = np.zeros((count, orders * n_e, robot.n))
+    joints = np.zeros((3, count, orders * n_e, n_e))
+    for order in range(orders):
+        joints[order, :, order * n_e : (order + 1) * n_e] = np.diag(spring_units(robot))
+    return MotionSteps((still,) * 3, robot.elastic, (*joints,))
+
+
 def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:
     """Compute the load (T, f) of a prescribed motion at the same configurations, with other rates."""
-    columns, units = _locked_columns(robot)
+    columns, units = locked_columns(robot)
     closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
-    load = _motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)[1]
+    load = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)[1]
     return load[:, columns] * units
 
 
-def _motion_and_load(
+def motion_and_load(
     robot: ParallelRobot,
     prescribed: DeflectedMotion,
     closed: ClosedStack,
@@ -171,14 +180,14 @@ def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> _SplitLo
 
     With J' = Q R of the loops lambda = R^-1 Q' load; Y is the null space of J.
     """
-    columns, units = _locked_columns(robot)
-    J = motion.linearised.closures[:, :, columns] * _row_weights(robot)[:, None] * units  # (T, m, f)
+    columns, units = locked_columns(robot)
+    J = motion.linearised.closures[:, :, columns] * row_weights(robot)[:, None] * units  # (T, m, f)
     Q, R, Y = factor_transposed(J)
     load = forces[:, columns] * units
     return _SplitLoad(load, solve(R, matvec(Q.swapaxes(1, 2), load)), Y)
 
 
-def _locked_columns(robot: ParallelRobot) -> tuple[IntArray, Array]:
+def locked_columns(robot: ParallelRobot) -> tuple[IntArray, Array]:
     """Return the columns (f,) that move while the motors are locked, elastic ones first, and their units."""
     columns = moving_columns(robot)
     units = robot.column_scale[columns].copy()
@@ -186,6 +195,6 @@ def _locked_columns(robot: ParallelRobot) -> tuple[IntArray, Array]:
     return columns, units
 
 
-def _row_weights(robot: ParallelRobot) -> Array:
+def row_weights(robot: ParallelRobot) -> Array:
     """Return factors (m,) that bring the loop equations to unit size."""
     return 1.0 / robot.loop_lengths / robot.structure.row_sizes

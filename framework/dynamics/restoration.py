@@ -66,6 +66,8 @@ class BalanceSolution(NamedTuple):
 
     deflections: KnownDeflections
     scalars: Array  # (k,)
+    equations: BalanceEquations
+    state: BalanceState
 
 
 def solve_balance(
@@ -95,7 +97,7 @@ def solve_balance(
     equations = BalanceEquations(branch, family, steps)
     state = _refine_series(equations, _solve_by_softening(equations, series, scalars))
     deflections = KnownDeflections(state.samples.clock, state.series * equations.units)
-    return BalanceSolution(deflections, state.scalars)
+    return BalanceSolution(deflections, state.scalars, equations, state)
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:

@@ -50,14 +50,18 @@ class OnParameter:
 
         With p = xi(sigma), z = (d sigma/dt)^2 and u = z'/2: dp/dt = xi' sqrt(z), d2p/dt2 = xi" z + xi' u.
         """
+        sigma = self.law.stretch.inverse(p)
+        return self.motion_at(p, self.law.squared_speed(sigma), 0.5 * self.law.squared_speed(sigma, 1))
+
+    def motion_at(self, p: Array, z: Array | float, u: Array | float) -> tuple[list[Array], Array, Array]:
+        """Compute `motion` at p (T,) with other z and u."""
         law = self.law
         sigma = law.stretch.inverse(p)
-        s = [law.evaluate_at(sigma, order) for order in range(3)]
-        z = law.squared_speed(sigma)
-        u = 0.5 * law.squared_speed(sigma, 1)
+        root = np.sqrt(z)
+        s, ds, dds = (law.phi(sigma, order) for order in range(3))  # derivatives in sigma
         dxi = law.stretch(sigma, 1)
         ddxi = law.stretch(sigma, 2)
-        return s, np.asarray(dxi * np.sqrt(z)), np.asarray(ddxi * z + dxi * u)
+        return [s, ds * root, dds * z + ds * u], np.asarray(dxi * root), np.asarray(ddxi * z + dxi * u)
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

@@ -101,7 +101,7 @@ class PlanarCrossing(NamedTuple):
             inertial_forces(robot, motion_at(robot, closed, slope, bend)),
             inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope)),
         )
-        torque = demand(replace(branch, robot=robot), Smoothstep(0), s, None, "rigid").torque
+        torque = demand(replace(branch, robot=robot), Smoothstep(0), s).torque
         return (
             np.stack([torque.constant, torque.per_z, torque.per_u], axis=1),
             np.stack([np.sum(part * motion, axis=1) for part in parts], axis=1),

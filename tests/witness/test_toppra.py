@@ -50,7 +50,7 @@ class Profile(NamedTuple):
 
 def torques_on(path: Line, s: np.ndarray):
     """Torques of the 5R as affine functions of s'^2 and s"."""
-    return demand(track_path(robots.load("five_bar"), path), Smoothstep(0), s, None, "rigid").torque
+    return demand(track_path(robots.load("five_bar"), path), Smoothstep(0), s).torque
 
 
 def toppra_profile(path: Line, points: int = 2001) -> Profile:

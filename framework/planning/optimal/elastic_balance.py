@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from framework.dynamics.known_deflections import KnownDeflections
-from framework.dynamics.restoration import first_coefficient_count, solve_balance
+from framework.dynamics.restoration import BalanceSolution, first_coefficient_count, solve_balance
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.clock import OnParameter
 from framework.laws.exact_duration import SpeedSpace
@@ -28,7 +28,7 @@ SCALAR_STEP = 1e-4  # of the terms of a condition, for differences
 
 def find_law_in_balance(
     task: Task, law: OptimalLaw, previous: KnownDeflections | None
-) -> tuple[OptimalLaw, KnownDeflections]:
+) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
@@ -37,7 +37,7 @@ def find_law_in_balance(
     Raises:
         NotConverged: no such law is near.
     """
-    points = find_crossing_points(task, None, None)
+    points = find_crossing_points(task)
     problem = problem_of(task, points)
     if law.basis.is_spline:
         law = _fit_series(problem, law)
@@ -65,7 +65,7 @@ def find_law_in_balance(
         first_coefficient_count(law.degree),
         previous,
     )
-    return shift_conditions(balance.scalars).law, balance.deflections
+    return shift_conditions(balance.scalars).law, balance
 
 
 def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
+from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.speed_basis import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine
 from framework.planning.optimal.optimal_task import Task
-from framework.planning.optimal.phase_plane import Deflections, Demand, SquaredSpeed, demand
+from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
 from framework.planning.optimal.sampled_demand import SampledDemand
 from framework.planning.specification import Specification
 
@@ -27,28 +28,29 @@ class LawProblem(NamedTuple):
     """The task of a law, with its conditions at `crossings` sigma (k,) and the known parts of its motion.
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
-    deflections: of the springs along the path, if any.
     z0: the squared speed about which damping is linearised, if any.
     sampled: the demand along the path, if it was resolved.
     chosen_reference: the `reference`, where that is not made of the limits.
     degree: of z as one Chebyshev series, which deflections need; None for splines.
+    max_squared_speed: of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
     """
 
     task: Task
     crossings: Array
     conditions: Array
-    deflections: Deflections | None = None
     z0: SquaredSpeed | None = None
     sampled: SampledDemand | None = None
     chosen_reference: Array | None = None
     degree: int | None = None
+    max_squared_speed: float = np.inf
+    response: TorqueResponse | None = None
 
     def demand(self, sigma: Array) -> Demand:
         """Compute torques and speeds of the motors at sigma (M,)."""
         task = self.task
         if self.sampled is not None:
             return self.sampled.evaluate(task.phi, sigma)
-        return demand(task.branch, task.phi, sigma, self.deflections, task.geometry)
+        return demand(task.branch, task.phi, sigma)
 
     def basis_on(self, cells: Array) -> SpeedBasis:
         """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
@@ -125,6 +127,8 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
 
     A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is in c, damping is linearised.
     """
+    if problem.response is not None:
+        return _responding_rows(problem.response, problem.specification, basis, xi)
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
     c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
@@ -138,6 +142,16 @@ def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: A
         torques.append(_remove_poles(torque, problem, conditions, xi))
     squared_speeds = _squared_speed_rows(required.speed, problem.specification.speed_limit, z)
     return MotorRows(tuple(torques), squared_speeds)
+
+
+def _responding_rows(
+    response: TorqueResponse, specification: Specification, basis: SpeedBasis, xi: Array
+) -> MotorRows:
+    """Compute rows of torques and squared speeds at xi (M,) from the response to the law's coefficients."""
+    torque, slopes, speed = response.evaluate(xi)
+    offset = torque - slopes @ response.y
+    torques = [Affine(sparse.csr_array(slopes[:, j]), offset[:, j].copy()) for j in range(torque.shape[1])]
+    return MotorRows(tuple(torques), _squared_speed_rows(speed, specification.speed_limit, basis.matrix(xi)))
 
 
 def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:
@@ -175,6 +189,9 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     constant + per_z z + per_u u + per_du u' = 0. z is a function of xi: dz/dsigma = xi' dz/dxi, d2z/dsigma2 =
     xi'^2 d2z/dxi2 + xi" dz/dxi.
     """
+    if problem.response is not None:
+        rows = problem.response.scalars
+        return Affine(sparse.csr_array(rows), -rows @ problem.response.y)
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))  # in xi
     dxi, ddxi = (problem.task.stretch(problem.crossings, order) for order in (1, 2))

@@ -68,7 +68,7 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
     robot = plan.robot
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
-    required = demand(branch, Smoothstep(0), s, None, "rigid")  # sigma = s; no deflections
+    required = demand(branch, Smoothstep(0), s)  # sigma = s
     constant, per_z, per_u = required.torque
     friction = required.friction(motor_friction(robot, plan.request.friction))
     return MotorDemand(constant + friction, required.damping, per_z, per_u, np.abs(required.speed))

@@ -116,7 +116,7 @@ def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
     task = problem.task
     limit = problem.specification.torque_limit
     ends = np.array([0.0, 1.0])
-    weight = demand(task.branch, task.phi, ends, problem.deflections, task.geometry).torque.constant
+    weight = demand(task.branch, task.phi, ends).torque.constant
     overloaded = np.argwhere(np.abs(weight) > limit)
     if not len(overloaded):
         return None

@@ -1,8 +1,8 @@
 """The best motion along a path: the law of a cone program and certified inverse dynamics in turn.
 
 A rigid robot needs each once. An elastic one follows the series nearest to the law whose deflections are in
-balance; then the law is sought again with these, as functions of the path parameter, as long as the certified
-motion becomes better.
+balance. Its torques are linear in the law about this motion. With these a better law is sought, as long as
+the certified motion becomes better.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ import numpy as np
 
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.result import InverseDynamics
+from framework.dynamics.torque_response import TorqueResponse, respond_to_law
 from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
@@ -30,19 +32,39 @@ from framework.planning.optimal.optimal_task import (
     find_crossing_points,
     other_law,
 )
-from framework.planning.optimal.phase_plane import DeflectionsOnPath
 from framework.planning.optimal.rest_of_springs import check_rest
-from framework.planning.optimal.undeformed_law import adapt_found_law, find_law
+from framework.planning.optimal.sampled_demand import SampledDemand, sample_demand
+from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.specification import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH
 
-MAX_PASSES = 8  # of optimising and resolving in turn
+MAX_PASSES = 12  # of optimising and resolving in turn
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
-# Of elastic robots: the share of the least cost that smoothness may take, in turn, until deflections are
-# resolved and at rest at both ends, with the degree of z as one series. A higher degree takes three times as
-# long and is tried before much of the cost is paid.
-ELASTIC_LAWS = ((4e-3, 40), (2e-2, 40), (8e-2, 40), (8e-2, 60), (0.3, 40), (1.0, 40), (3.0, 40))
+SERIES_DEGREE = 40  # of z as one series
+
+
+class ElasticStage(NamedTuple):
+    """How calm the law of an elastic robot is.
+
+    share: of the least cost, which smoothness may take.
+    max_squared_speed: of z times the duration squared. A law that is quick in sigma at its ends shakes
+        springs that carry inertia.
+    """
+
+    share: float
+    max_squared_speed: float
+
+
+# in turn, until deflections are resolved and at rest at both ends
+ELASTIC_STAGES = (
+    ElasticStage(4e-3, np.inf),
+    ElasticStage(4e-3, 100.0),
+    ElasticStage(1e-2, 20.0),
+    ElasticStage(2e-2, 8.0),
+    ElasticStage(0.3, 4.0),
+    ElasticStage(3.0, 4.0),
+)
 
 
 class OptimalMotion(NamedTuple):
@@ -62,7 +84,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         As `resolve`.
     """
     check_unfolded(task)
-    points = find_crossing_points(task, None, None)
+    points = find_crossing_points(task)
     robot = task.branch.robot
     if robot.n_e and robot.is_damped:
         raise NoLaw(
@@ -71,7 +93,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         )
     check_speeds(task, points)
     if robot.n_e:
-        return _ElasticSearch(task, task, points).run()
+        return _ElasticSearch(task, task, points, sample_demand(task)).run()
     best = find_law(task, points)
     for share in (None, *RIGID_SHARES):
         if share is not None:
@@ -105,21 +127,20 @@ def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> Opt
 
 @dataclass
 class _ElasticSearch:
-    """The search for the law of an elastic robot: optimise and resolve in turn, while the motion improves.
+    """The search for the law of an elastic robot.
 
-    Each law is sought with the deflections of the last motion, as functions of the path parameter. Where a
-    law's motion is not resolved, or not at rest at its ends, a smoother law follows, with more of its
-    derivatives zero there: rates of springs with inertia follow the fifth and their accelerations the sixth.
-    The first law knows no deflections: where its motion exceeds limits, a smoother law follows. Later ones
-    have limits scaled by the excess of the last motion.
+    First for a law whose motion is resolved, and at rest at its ends: stage by stage a calmer one, with more
+    of its derivatives zero at the ends. Rates of springs with inertia follow the fifth, their accelerations
+    the sixth. Then for better ones, by the torques that are linear in the law about the last motion.
 
     next_task: the task with the limits and the smoothness of the next law.
-    points: the crossing points with the deflections of the last motion.
-    stage: index into `ELASTIC_LAWS` for the next law.
+    points: the crossing points of the undeformed robot.
+    sampled: the demand on its motors.
+    stage: index into `ELASTIC_STAGES` for the next law.
     fits_splines: whether a series is fitted to splines, because no series was found twice.
-    last_law: the last law with the present `deflections`.
-    deflections: of the last motion, along the path; None before the first.
-    known: deflections that were in balance last, from which the next balance begins.
+    last_law: the last law found.
+    balance: of the last motion at this stage; None where deflections are those of `resolve`.
+    response: of the torques to the law, about that motion.
     best_motion: the best certified motion within the limits.
     first_failure: raised if no stage succeeds.
     """
@@ -127,11 +148,12 @@ class _ElasticSearch:
     task: Task
     next_task: Task
     points: Sequence[CrossingPoint]
+    sampled: SampledDemand | None
     stage: int = 0
     fits_splines: bool = False
     last_law: Best | None = None
-    deflections: DeflectionsOnPath | None = None
-    known: KnownDeflections | None = None
+    balance: BalanceSolution | None = None
+    response: TorqueResponse | None = None
     best_motion: OptimalMotion | None = None
     first_failure: NoAnswer | None = None
 
@@ -153,7 +175,9 @@ class _ElasticSearch:
                     return min(motion, self.best_motion, key=partial(_cost, self.task))
                 self.best_motion = motion
                 report_result()
-            self._prepare_next(motion, excess)
+                if self.balance is None or _has_predicted_peak(motion):
+                    return motion
+            self._prepare_next(excess)
         if self.best_motion is not None:
             return self.best_motion
         raise self.first_failure or NotConverged(
@@ -165,31 +189,39 @@ class _ElasticSearch:
     def _find_motion(self) -> OptimalMotion:
         """Find the next law and certify its motion; return the best motion if the law costs no less."""
         best = self._find_law()
+        self.last_law = best
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
         law = best.law
-        known = None
         robot = self.task.branch.robot
-        if self.task.geometry == "deformed" and robot.n_a == robot.n:
-            law, known = find_law_in_balance(self.task, law, self.known)
-        dynamics = _resolve_law(self.task, law, known)
-        self.known = known
+        if self.task.geometry == "rigid" or robot.n_a > robot.n:
+            dynamics = _resolve_law(self.task, law, None)
+        else:
+            previous = None if self.balance is None else self.balance.deflections
+            law, self.balance = find_law_in_balance(self.task, law, previous)
+            dynamics = _resolve_law(self.task, law, self.balance.deflections)
         check_rest(dynamics, law.smoothness)
         return OptimalMotion(dynamics, law, best)
 
     def _find_law(self) -> Best:
-        """Find the law of this stage, from the law found before if only the share has changed since."""
-        share, series_degree = ELASTIC_LAWS[self.stage]
-        degree = None if self.fits_splines else series_degree
-        if self.last_law is not None:
-            problem = self.last_law.program.problem
-            if problem.task is self.next_task and problem.degree == degree:
-                self.last_law = adapt_found_law(self.next_task, self.points, self.last_law, share=share)
-                return self.last_law
-        self.last_law = find_law(
-            self.next_task, self.points, deflections=self.deflections, share=share, degree=degree
+        """Find the law of this stage, from the last one if that was found with a response too."""
+        stage = ELASTIC_STAGES[self.stage]
+        problem = problem_of(self.next_task, self.points)._replace(
+            sampled=self.sampled, response=self.response
         )
-        return self.last_law
+        if self.response is not None:
+            problem = problem._replace(degree=len(self.response.y) - 1)
+        elif not self.fits_splines:
+            problem = problem._replace(degree=SERIES_DEGREE)
+        duration = self.task.specification.duration
+        if duration is None and self.last_law is not None:
+            duration = self.last_law.law.duration
+        if duration is not None:
+            problem = problem._replace(max_squared_speed=stage.max_squared_speed / duration**2)
+        similar = self.last_law if self.response is not None else None
+        if similar is not None and similar.program.problem.response is None:
+            similar = None
+        return solve_problem(problem, share=stage.share, similar=similar)
 
     def _improves(self, cost: float) -> bool:
         """Whether a cost is below that of the best motion by more than the error of peaks."""
@@ -201,29 +233,30 @@ class _ElasticSearch:
         if isinstance(failure, SearchEnded | SpringsTooSoft):
             raise failure
         self.first_failure = self.first_failure or failure
+        self.balance = self.response = None
         self.stage += 1
         if self.stage == 2 and self.last_law is None:  # no series twice: one is fitted to splines
             self.fits_splines = True
             self.first_failure = None
-        if self.stage == len(ELASTIC_LAWS):
+        if self.stage == len(ELASTIC_STAGES):
             raise self.first_failure or failure from None
         if self.next_task.specification.smoothness < HIGHEST_SMOOTHNESS:
             smoother = replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS)
             self.next_task = self.next_task._replace(specification=smoother)
 
-    def _prepare_next(self, motion: OptimalMotion, excess: float) -> None:
-        """Take over the deflections of a motion, and limits scaled by its excess.
+    def _prepare_next(self, excess: float) -> None:
+        """Linearise torques about the last motion, or lower limits by its excess where nothing is known."""
+        if self.balance is not None:
+            self.response = respond_to_law(self.balance.equations, self.balance.state)
+            return
+        scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
+        self.next_task = self.next_task._replace(specification=scaled)
 
-        A motion of least time is at a limit: limits follow its excess up and down.
-        """
-        if self.deflections is None and excess > 1.0:  # a smoother law shakes the springs less
-            self.stage = max(self.stage, 1)
-        if self.deflections is not None and (excess > 1.0 or self.task.specification.goal == "time"):
-            scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
-            self.next_task = self.next_task._replace(specification=scaled)
-        self.deflections = DeflectionsOnPath(motion.law, motion.dynamics.deflections)
-        self.last_law = None
-        self.points = find_crossing_points(self.task, self.deflections, self.points)
+
+def _has_predicted_peak(motion: OptimalMotion) -> bool:
+    """Whether the peak torque of a motion is that which its law was found with."""
+    peak = float((motor_peaks(motion.dynamics)[0] / motion.best.reference).max())
+    return abs(peak / motion.best.peak - 1.0) < PEAK_TORQUE_MISMATCH
 
 
 def _cost(task: Task, motion: OptimalMotion) -> float:

@@ -11,9 +11,9 @@ from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch, escape_error
 from framework.laws.optimal_law import Smoothstep, Stretch
 from framework.numerics.arrays import Array
-from framework.planning.condition import CrossingPoint, Deflection, coefficients_at, crossing_point
+from framework.planning.condition import CrossingPoint, coefficients_at, crossing_point
 from framework.planning.crossing_points import PathToCross
-from framework.planning.optimal.phase_plane import Deflections, SquaredSpeed, crossing_rows
+from framework.planning.optimal.phase_plane import SquaredSpeed, crossing_rows
 from framework.planning.refusals.refusal_proofs import UnmetCondition
 from framework.planning.request import Request
 from framework.planning.specification import Specification
@@ -62,32 +62,17 @@ def other_law(task: Task) -> str:
     return "law polynomial or " if task.request.kind == "optimal" else ""
 
 
-def find_crossing_points(
-    task: Task, deflections: Deflections | None, previous: Sequence[CrossingPoint] | None
-) -> list[CrossingPoint]:
-    """Find the crossing points of the deflected robot.
-
-    Args:
-        previous: the crossing points at other deflections, from which the search begins.
-    """
-    points = []
-    for k, target in enumerate(task.targets):
-        if not isinstance(target, SingularPoint):
-            points.append(target)
-            continue
-        guess = target.s if previous is None else previous[k].s
-        deflection = None
-        if deflections is not None and task.geometry == "deformed":
-            q_e = deflections(task.phi.inverse(np.array([guess])))[0]
-            deflection = Deflection(q_e, 0 * q_e, 0 * q_e)
-        points.append(crossing_point(task.branch, target, deflection, guess))
-    return points
+def find_crossing_points(task: Task) -> list[CrossingPoint]:
+    """Find the crossing points of the undeformed robot."""
+    return [
+        crossing_point(task.branch, target, None, target.s) if isinstance(target, SingularPoint) else target
+        for target in task.targets
+    ]
 
 
 def conditions_at(
     task: Task,
     points: Sequence[CrossingPoint],
-    deflections: Deflections | None,
     z0: SquaredSpeed | None = None,
 ) -> tuple[Array, Array]:
     """Return the conditions on a law: sigma (k,) and rows (k, 4) per (1, z, u, u').
@@ -97,11 +82,10 @@ def conditions_at(
     Args:
         z0: the squared speed about which viscous damping is linearised.
     """
-    acting_deflections = deflections if task.geometry == "deformed" else None
     sigmas = list[float]()
     rows = list[Array]()
     for point in points:
-        conditions = crossing_rows(task.branch, task.phi, point, acting_deflections, z0)
+        conditions = crossing_rows(task.branch, task.phi, point, z0)
         rows += list(conditions.rows)
         sigmas += [conditions.sigma] * len(conditions.rows)
     for point, speed in zip(points, task.speeds or (), strict=bool(task.speeds)):
@@ -120,7 +104,7 @@ def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
     if task.branch.robot.is_damped:
         return
     for point in points:
-        rows = crossing_rows(task.branch, task.phi, point, None).rows
+        rows = crossing_rows(task.branch, task.phi, point).rows
         if point.corank > 1:
             _check_common_speed(task, point, rows)
             continue

@@ -144,7 +144,7 @@ def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
     specification = task.specification
     counts = np.isfinite(reference)
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
-    required = demand(task.branch, Smoothstep(0), s, None, task.geometry)
+    required = demand(task.branch, Smoothstep(0), s)
     friction, friction_error = _mean_friction(required, specification.friction)
     torque = required.torque
     parts = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)

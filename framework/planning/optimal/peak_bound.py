@@ -76,7 +76,7 @@ def bound_duration(task: Task) -> PeakBound | None:
 
 def prove_no_law(problem: LawProblem) -> PeakBound | None:
     """Return a bound of the peak over the limits that is above 1, by which no law exists; None without."""
-    return None if problem.deflections is not None else find_refuting_bound(problem.task)
+    return None if problem.response is not None else find_refuting_bound(problem.task)
 
 
 def find_refuting_bound(task: Task) -> PeakBound | None:
@@ -209,6 +209,6 @@ def _peak_at_rest(task: Task, reference: Array) -> float:
     """
     if task.specification.smoothness < 2:
         return 0.0
-    required = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]), None, task.geometry)
+    required = demand(task.branch, Smoothstep(0), np.array([0.0, 1.0]))
     torque = required.torque.constant + required.friction(task.specification.friction)
     return float(np.abs(torque / reference).max())

@@ -1,6 +1,6 @@
 """Torques and condition (8) along a path, affine in z and u of the speed.
 
-On a path x(phi(sigma)) with deflections q_e(sigma) all coordinates are functions of sigma, and with
+On a path x(phi(sigma)) all coordinates of the undeformed robot are functions of sigma, and with
 z = (d sigma/dt)^2, u = z'/2 (see `optimal_law`)
 
     v = q' sqrt(z),     a = q" z + q' u,     torque = c0 + cz z + cu u,     t_s . W_p = likewise
@@ -29,14 +29,13 @@ import numpy as np
 from framework.dynamics.forces import balanced_forces, inertial_forces, motor_torque, static_forces
 from framework.dynamics.motor_friction import speed_signs
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, linearised_at
 from framework.kinematics.loop_matrices import passive_motion, type2_matrix
 from framework.kinematics.motion_rates import Motion, motion_at
-from framework.laws.optimal_law import OptimalLaw, Smoothstep
+from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import TimeFunction, coefficients, derivative_matrix, evaluate, nodes
+from framework.numerics.chebyshev import coefficients, derivative_matrix, evaluate, nodes
 from framework.planning.condition import CrossingPoint, bounds_of_terms, remove_rounding
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
@@ -44,38 +43,10 @@ from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 HALF_WIDTH, NODES = 0.02, 13  # in sigma, of the panel on which conditions are differentiated
 
 
-class Deflections(Protocol):
-    """q_e as a function of sigma, or its derivative: (M,) gives (M, n_e)."""
-
-    def __call__(self, sigma: Array, order: int = 0) -> Array: ...
-
-
 class SquaredSpeed(Protocol):
     """z (M,) [1/s^2] of a law at sigma (M,)."""
 
     def __call__(self, sigma: Array) -> Array: ...
-
-
-class DeflectionsOnPath(NamedTuple):
-    """Deflections of a motion as functions of sigma, where d sigma/dt = z^(1/2) and d2 sigma/dt2 = u."""
-
-    law: OptimalLaw
-    in_time: TimeFunction
-
-    def __call__(self, sigma: Array, order: int = 0) -> Array:
-        """Evaluate q_e or its derivative in sigma up to order 2, (M, n_e).
-
-        dq_e/dt = q_e' z^(1/2) and d2q_e/dt2 = q_e" z + q_e' u, solved for q_e' and q_e".
-        """
-        t = np.minimum(self.law.time(sigma), self.law.duration)
-        if order == 0:
-            return self.in_time(t)
-        z = self.law.squared_speed(sigma)[:, None]
-        first = self.in_time(t, 1) / np.sqrt(z)
-        if order == 1:
-            return first
-        u = 0.5 * self.law.squared_speed(sigma, 1)[:, None]
-        return (self.in_time(t, 2) - first * u) / z
 
 
 class AffineInSpeed(NamedTuple):
@@ -116,35 +87,26 @@ def demand(
     branch: Branch,
     phi: Smoothstep,
     sigma: Array,
-    deflections: Deflections | None,
-    geometry: str,
 ) -> Demand:
-    """Compute torques and speeds of the motors at sigma (M,).
-
-    As in `resolve`: with geometry "rigid" forces are those of the undeformed robot, and the deflections only
-    move the motors.
-    """
+    """Compute torques and speeds of the motors of the undeformed robot at sigma (M,)."""
     robot = branch.robot
     count = len(sigma)
-    motor_motion = _three_motions(branch, phi, sigma, deflections)
-    force_motion = motor_motion
-    if geometry == "rigid" and deflections is not None:
-        force_motion = _three_motions(branch, phi, sigma, None)
+    motion = _three_motions(branch, phi, sigma)
 
     def motor_torques(forces: Array) -> AffineInSpeed:
         """Compute the motors' torques, each (M, n_a), that balance forces (3, M, nv) of the tree."""
-        balanced = balanced_forces(robot, force_motion.linearised, forces.reshape(3 * count, -1))
-        torque = motor_torque(robot, motor_motion, balanced.joint_torque)
+        balanced = balanced_forces(robot, motion.linearised, forces.reshape(3 * count, -1))
+        torque = motor_torque(robot, motion, balanced.joint_torque)
         return AffineInSpeed(*torque.reshape(3, count, -1))
 
-    forces = _linearised_forces(branch, force_motion, sigma, phi(sigma), None)
+    forces = _linearised_forces(branch, motion, sigma, phi(sigma), None)
     torque = motor_torques(forces)
     damping = np.zeros_like(torque.constant)
     if robot.is_damped:
-        forces[0] += robot.joint_damping * _rates_per_root_z(force_motion)
+        forces[0] += robot.joint_damping * _rates_per_root_z(motion)
         damping = motor_torques(forces).constant - torque.constant
-    speed = _rates_per_root_z(motor_motion)[:, robot.actuated] * robot.gear_ratio
-    return Demand(torque, damping, speed, _motor_direction(branch, phi(sigma), motor_motion))
+    speed = _rates_per_root_z(motion)[:, robot.actuated] * robot.gear_ratio
+    return Demand(torque, damping, speed, _motor_direction(branch, phi(sigma), motion))
 
 
 def _rates_per_root_z(three: Motion) -> Array:
@@ -153,10 +115,7 @@ def _rates_per_root_z(three: Motion) -> Array:
 
 
 def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
-    """Return dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction.
-
-    The springs do not move here. Their rates would change a sign only beside a reversal.
-    """
+    """Return dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction."""
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
         return None
@@ -202,7 +161,6 @@ def crossing_rows(
     branch: Branch,
     phi: Smoothstep,
     crossing: CrossingPoint,
-    deflections: Deflections | None,
     z0: SquaredSpeed | None = None,
 ) -> CrossingConditions:
     """Compute the conditions on a law at a crossing.
@@ -218,7 +176,7 @@ def crossing_rows(
     sigma = float(phi.inverse(np.array([crossing.s]))[0])
     if crossing.corank > 1 or crossing.touches:
         return CrossingConditions(sigma, _rows_about(branch, phi, sigma, crossing, z0))
-    wrench_row = _wrench_row(branch, phi, crossing, deflections, z0)
+    wrench_row = _wrench_row(branch, phi, crossing, z0)
     per_du = 0.0  # u' enters at a touch alone
     return CrossingConditions(sigma, np.append(wrench_row, per_du)[None])
 
@@ -264,7 +222,7 @@ def _conditions_at_points(
     matrices = type2_matrix(robot, closed.linearised)
     eta = solve_bordered(matrices, Border.of(matrices[-1], corank)).eta
     escaping = passive_motion(robot, eta.transpose(0, 2, 1))  # (M, corank, nv)
-    three = _three_motions(branch, phi, sigma, None, closed)
+    three = _three_motions(branch, phi, sigma, closed)
     forces = _linearised_forces(branch, three, sigma, s, z0)
     terms = forces[:, :, None] * escaping  # (3, M, corank, nv)
     sizes = np.abs(terms).sum(axis=3).max(axis=(0, 1))[:, None]
@@ -285,7 +243,6 @@ def _wrench_row(
     branch: Branch,
     phi: Smoothstep,
     crossing: CrossingPoint,
-    deflections: Deflections | None,
     z0: SquaredSpeed | None,
 ) -> Array:
     """Compute t_s . W_p (3,) at a crossing: constant, per z and per u."""
@@ -295,7 +252,7 @@ def _wrench_row(
     q = crossing.q[None]
     x = branch.path(s)
     closed = ClosedStack(q, x, linearised_at(robot, q, x))
-    three = _three_motions(branch, phi, sigma, deflections, closed)
+    three = _three_motions(branch, phi, sigma, closed)
     terms = _linearised_forces(branch, three, sigma, s, z0)[:, 0] * crossing.motion  # (3, nv)
     bounds = _bound_wrench_terms(branch, phi, crossing, float(sigma[0]), _rates_per_root_z(three)[0])
     size = np.maximum(np.abs(terms).sum(axis=1), bounds)
@@ -322,7 +279,6 @@ def _three_motions(
     branch: Branch,
     phi: Smoothstep,
     sigma: Array,
-    deflections: Deflections | None,
     closed: ClosedStack | None = None,
 ) -> Motion:
     """Compute the motions (3 M,) of all joints for (z, u) = (0, 0), (1, 0) and (0, 1), stacked.
@@ -332,26 +288,13 @@ def _three_motions(
     robot = branch.robot
     s = phi(sigma)
     if closed is None:
-        closed = _close_deflected(branch, sigma, s, deflections)
+        closed = close_loops(robot, branch.path(s), branch.guess(s))
     dphi, ddphi = (phi(sigma, order)[:, None] for order in (1, 2))
     dx, ddx = (branch.path(s, order) for order in (1, 2))
     rates = _three_rates(dx * dphi, dx * ddphi + ddx * dphi**2)
-    if deflections is not None and robot.n_e:
-        rates += _three_rates(deflections(sigma, 1), deflections(sigma, 2))
     q = np.tile(closed.q, (3, 1))
     x = np.tile(closed.x, (3, 1))
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), *rates)
-
-
-def _close_deflected(branch: Branch, sigma: Array, s: Array, deflections: Deflections | None) -> ClosedStack:
-    """Close the loops of the deflected robot at sigma and s (M,), from the poses of the branch."""
-    robot = branch.robot
-    guess = branch.guess(s)
-    if deflections is not None:
-        step = np.zeros((len(sigma), robot.model.nv))
-        step[:, robot.elastic] = deflections(sigma)
-        guess = integrate(robot, guess, step)
-    return close_loops(robot, branch.path(s), guess)
 
 
 def _three_rates(first: Array, second: Array) -> tuple[Array, ...]:

@@ -68,7 +68,7 @@ def sample_demand(task: Task) -> SampledDemand | None:
     edges = uniform_cells(task, FIRST_CELLS)
     while len(edges) <= MAX_CELLS:
         grid = TimeGrid(edges, NODES)
-        required = demand(task.branch, Smoothstep(0), grid.times, None, task.geometry)
+        required = demand(task.branch, Smoothstep(0), grid.times)
         pole_product = _pole_product(grid.times, poles)
         torques = [part * pole_product for part in (*required.torque, required.damping)]
         series = grid.fit(np.concatenate([*torques, required.speed], axis=1))

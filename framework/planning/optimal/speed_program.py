@@ -229,7 +229,9 @@ class SpeedProgram:
         positive = self.positive[0]
         nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
         nonnegative += self._limit_rows(goal, bounds, units)
-        if cap is not None:
+        highest = np.full(positive.shape[0], self.problem.max_squared_speed)
+        cap = highest if cap is None else np.minimum(cap, highest)
+        if np.isfinite(cap).any():
             capped = np.flatnonzero(np.isfinite(cap))
             nonnegative.append(AffineRows({"y": -positive[capped]}, cap[capped] * scale))
         nonnegative += self._bound_integrals(bounds, units)

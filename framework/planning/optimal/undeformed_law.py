@@ -1,4 +1,4 @@
-"""The best law of an undeformed robot, or of one with known deflections: found, or the reason why not.
+"""The best law of an undeformed robot, or of torques linear in the law: found, or the reason why not.
 
 Viscous damping is linearised about the law before, until what the tangent leaves of its torque is little.
 """
@@ -25,7 +25,7 @@ from framework.planning.optimal.optimal_task import (
     find_crossing_points,
     other_law,
 )
-from framework.planning.optimal.phase_plane import Deflections, SquaredSpeed
+from framework.planning.optimal.phase_plane import SquaredSpeed
 from framework.planning.optimal.sampled_demand import sample_demand
 from framework.tolerances import DAMPING_TORQUE_ERROR, SMOOTHNESS_COST
 
@@ -40,40 +40,28 @@ def find_undeformed_law(task: Task) -> Best:
         NoLaw: none was found within the limits; NotConverged: law and damping do not settle, or the solver
             gave up.
     """
-    points = find_crossing_points(task, None, None)
+    points = find_crossing_points(task)
     check_speeds(task, points)
     return find_law(task, points)
 
 
-def find_law(
-    task: Task,
-    points: Sequence[CrossingPoint],
-    *,
-    deflections: Deflections | None = None,
-    share: float = SMOOTHNESS_COST,
-    degree: int | None = None,
-) -> Best:
-    """Find the best law through crossing points, with the deflections along the path if given.
+def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
+    """Find the best law through crossing points.
 
     Damping is linearised about the last law, until the error of the tangent is small.
-
-    Args:
-        share: of the least cost, which smoothness may take.
-        degree: of z as one series, in place of a spline.
 
     Raises:
         As `find_undeformed_law`.
     """
-    sampled = sample_demand(task) if deflections is None else None
-    problem = problem_of(task, points, deflections)._replace(degree=degree, sampled=sampled)
-    best = _require_law(problem, find_best_law(problem, share=share))
+    problem = problem_of(task, points)._replace(sampled=sample_demand(task))
+    best = solve_problem(problem)
     if not task.branch.robot.is_damped:
         return best
     for _ in range(MAX_TANGENTS):
         problem = _linearise_damping(problem, points, best.law.squared_speed)
         result = resume_law(best, problem)
         if isinstance(result, NoneFound):
-            result = find_best_law(problem, best.program.cells, share=share)
+            result = find_best_law(problem, best.program.cells)
         best = _require_law(problem, result)
         error = _tangent_error(problem, best)
         if error <= DAMPING_TORQUE_ERROR:
@@ -114,16 +102,31 @@ def adapt_found_law(
     return adapted._replace(law=_meet_conditions(adapted.program.problem, points, adapted.law))
 
 
-def problem_of(
-    task: Task, points: Sequence[CrossingPoint], deflections: Deflections | None = None
-) -> LawProblem:
+def problem_of(task: Task, points: Sequence[CrossingPoint]) -> LawProblem:
     """Return the problem of a task, without damping."""
-    return LawProblem(task, *conditions_at(task, points, deflections), deflections)
+    return LawProblem(task, *conditions_at(task, points))
+
+
+def solve_problem(
+    problem: LawProblem, *, share: float = SMOOTHNESS_COST, similar: Best | None = None
+) -> Best:
+    """Find the best law of a problem.
+
+    Args:
+        share: of the least cost, which smoothness may take.
+        similar: the law of a similar problem on the same cells, with the same share.
+
+    Raises:
+        As `find_undeformed_law`.
+    """
+    if similar is None:
+        return _require_law(problem, find_best_law(problem, share=share))
+    return _require_law(problem, resume_law(similar, problem))
 
 
 def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0: SquaredSpeed) -> LawProblem:
     """Return the problem with damping linearised about the squared speed z0 of a law."""
-    crossings, conditions = conditions_at(problem.task, points, problem.deflections, z0)
+    crossings, conditions = conditions_at(problem.task, points, z0)
     return problem._replace(crossings=crossings, conditions=conditions, z0=z0)
 
 

@@ -12,7 +12,7 @@ from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import _fit_series
 from framework.planning.optimal.law_problem import condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points
-from framework.planning.optimal.undeformed_law import find_law, problem_of
+from framework.planning.optimal.undeformed_law import problem_of, solve_problem
 from framework.planning.request import Request
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import search_path
@@ -24,8 +24,8 @@ def test_a_series_fitted_to_splines_keeps_duration_condition_and_speed(share):
     request = Request.of(robot, path, duration=1.5, law="optimal")
     searched = search_path(robot, path)
     task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
-    places = find_crossing_points(task, None, None)
-    law = find_law(task, places, share=share).law
+    places = find_crossing_points(task)
+    law = solve_problem(problem_of(task, places), share=share).law
     series = _fit_series(problem_of(task, places), law)
     assert not series.basis.is_spline
     duration = SpeedSpace(series.basis, series.stretch).duration(series.coefficients)

@@ -46,7 +46,7 @@ def motion(
     """The task of motors whose torques c, cz, cu over s are given: (M,) of one motor, (M, m) of m of them."""
     columns = lambda values: np.reshape(values, (len(values), -1))  # noqa: E731
 
-    def demand(branch, phi, sigma, deflections, geometry):
+    def demand(branch, phi, sigma):
         constant, per_z, per_u = (columns(part) for part in torque(sigma))
         speed = np.broadcast_to(np.abs(columns(direction(sigma))), constant.shape)
         turning = np.broadcast_to(columns(direction(sigma)), constant.shape)
@@ -313,9 +313,7 @@ def test_where_the_bound_does_not_hold_there_is_none():
     assert bound_peak(task_of(elastic, LINE, duration=1.5), np.ones(2)) is None
     robot = robots.load("five_bar")
     assert prove_no_law(problem_of(robot, duration=1.5)) is None  # no limit
-    assert (
-        prove_no_law(problem_of(robot, duration=1.5, torque_limit=0.01)._replace(deflections=np.sin)) is None
-    )
+    assert prove_no_law(problem_of(robot, duration=1.5, torque_limit=0.01)._replace(response=np.sin)) is None
 
 
 @pytest.mark.parametrize("name", ["flat", "upright"])
@@ -326,7 +324,7 @@ def test_the_multipliers_prove_the_value_on_many_points_of_a_robot(name):
     x = (np.arange(300) + 0.5) / 300
     width = np.diff(bound.edges)[:, None]
     s = (bound.edges[:-1, None] + width * x).ravel()
-    asked = demand(task.branch, Smoothstep(0), s, None, "rigid").torque
+    asked = demand(task.branch, Smoothstep(0), s).torque
     constant, per_z, per_u = (part / reference for part in asked)
     share = np.stack([(1 - x) ** 2, 2 * x * (1 - x), x**2])
     across = np.einsum("kij,iq->kqj", bound.across, share).reshape(-1, 2)

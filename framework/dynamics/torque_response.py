@@ -1,0 +1,183 @@
+"""The torques of an elastic robot beside a motion in balance, linear in the change of its law.
+
+With given deflections, functions of the law's parameter, load and torques are affine in z = (d sigma/dt)^2
+and u = z'/2 of the law. A small change of z changes the balance F by F_z dz + F_u du. Deflections follow so
+that F stays zero,
+
+    F_l dl + F_l' dl' + F_l" dl" = -(F_z dz + F_u du),
+
+and torques follow both. Where the loaded robot is singular, deflections stay smooth only if a scalar of the
+law follows too (see `restoration`): that this scalar does not change is condition (8) of the loaded robot.
+
+Torques are those of `forces_in_balance`, regular at Type 2 as long as F = 0.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from framework.dynamics.balance_equations import BalanceEquations, BalanceState
+from framework.dynamics.force_changes import force_changes, force_slopes
+from framework.dynamics.loaded_balance import (
+    LoadedBalance,
+    locked_columns,
+    motion_and_load,
+    row_weights,
+    spring_steps,
+)
+from framework.dynamics.tangent_stiffness import factor_transposed
+from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.motion_changes import motion_changes
+from framework.kinematics.motion_rates import motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.clock import OnParameter
+from framework.numerics.arrays import Array
+from framework.numerics.chebyshev import coefficients
+from framework.numerics.ordered_sums import solve
+
+
+class TorqueResponse(NamedTuple):
+    """Motor torques linear in the n coefficients y of the squared speed, about those of a motion.
+
+    The series are of M Chebyshev polynomials of xi on each panel.
+    """
+
+    edges: Array  # (panels + 1,) of xi
+    y: Array  # (n,) of the motion
+    torque: Array  # (panels, M, n_a) [N m] along the motion, motor side
+    slopes: Array  # (panels, M, n_a n) derivatives of the torque by y
+    speed: Array  # (panels, M, n_a) [rad] of the motors over d sigma/dt
+    scalars: Array  # (k, n) derivatives by y of the law's scalars
+
+    def evaluate(self, xi: Array) -> tuple[Array, Array, Array]:
+        """Evaluate torques (T, n_a), their slopes (T, n_a, n) and speeds (T, n_a) at xi (T,)."""
+        panels, M, n_a = self.torque.shape
+        panel = np.clip(np.searchsorted(self.edges, xi, side="right") - 1, 0, panels - 1)
+        low, high = self.edges[panel], self.edges[panel + 1]
+        values = chebyshev.chebvander((2.0 * xi - low - high) / (high - low), M - 1)
+        polynomials = np.zeros((len(xi), panels, M))
+        polynomials[range(len(xi)), panel] = values
+        series = (self.torque, self.slopes, self.speed)
+        torque, slopes, speed = (np.tensordot(polynomials, part, axes=2) for part in series)
+        return torque, slopes.reshape(len(xi), n_a, -1), speed
+
+
+def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueResponse:
+    """Compute the response of torques to each coefficient of an optimal law, at a state in balance."""
+    robot, balance = equations.branch.robot, state.balance
+    panels, N, n_e = state.series.shape
+    law_slopes = _slopes_by_law(equations, state)
+    dz, du, z, u = _law_at_nodes(state)
+    F_y = _along_law(law_slopes.F, dz, du)  # (T, n_e, n)
+    linear = equations.linearise(state, equations.slopes(state))
+    changes = linear.follow(F_y.reshape(len(dz) * n_e, -1))
+    series = changes[: state.series.size].reshape(panels, N, n_e, -1)
+    slopes = _along_law(law_slopes.torque, dz, du)  # (T, n_a, n)
+    by_springs = _torque_slopes_by_springs(robot, balance)
+    for order, basis in enumerate(state.samples.bases):
+        change = np.einsum("ptj,pjei->ptei", basis.reshape(panels, 2 * N, N), series)
+        slopes += by_springs[order] @ change.reshape(len(dz), n_e, -1)
+    at_rest, per_z, per_u = np.moveaxis(law_slopes.torque, 2, 0)
+    torque = at_rest + per_z * z[:, None] + per_u * u[:, None]
+    torque_series, slope_series, speed_series = (
+        coefficients(values.reshape(panels, 2 * N, -1)) for values in (torque, slopes, law_slopes.speed)
+    )
+    clock = state.samples.clock
+    assert isinstance(clock, OnParameter)
+    y = clock.law.coefficients
+    return TorqueResponse(
+        clock.edges, y, torque_series, slope_series, speed_series, changes[state.series.size :]
+    )
+
+
+def _law_at_nodes(state: BalanceState) -> tuple[Array, Array, Array, Array]:
+    """Return z and u of each function of the law's basis (T, n), and of the law (T,), at the nodes."""
+    clock = state.samples.clock
+    assert isinstance(clock, OnParameter)
+    law = clock.law
+    xi = state.samples.parameters
+    half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
+    dz = law.basis.matrix(xi).toarray()
+    du = half_rate * law.basis.matrix(xi, 1).toarray()
+    return dz, du, dz @ law.coefficients, du @ law.coefficients
+
+
+def _along_law(slopes: Array, dz: Array, du: Array) -> Array:
+    """Return changes (T, k, n) by changes (T, n) of z and u.
+
+    Args:
+        slopes: (T, k, 3) at rest, per z and per u.
+    """
+    return slopes[:, :, 1, None] * dz[:, None] + slopes[:, :, 2, None] * du[:, None]
+
+
+class _LawSlopes(NamedTuple):
+    """F and torques at given deflections, at rest, per z and per u of the law; and motor speeds."""
+
+    F: Array  # (T, n_e, 3)
+    torque: Array  # (T, n_a, 3) [N m], motor side
+    speed: Array  # (T, n_a) [rad] over d sigma/dt, motor side
+
+
+def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlopes:
+    """Compute F and torques for (z, u) = (0, 0), (1, 0) and (0, 1) at the configurations of a state."""
+    robot, balance = equations.branch.robot, state.balance
+    columns, units = locked_columns(robot)
+    loads, accelerations, speeds = [], [], []
+    for z, u in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
+        prescribed = equations.prescribe_at(state, z, u)
+        closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
+        loads.append(motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)[1])
+        moved = motion_at(robot, closed, prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
+        accelerations.append(moved.a[:, robot.actuated])
+        speeds.append(moved.v[:, robot.actuated])
+    load, acceleration = (
+        np.stack([values[0], values[1] - values[0], values[2] - values[0]], axis=2)
+        for values in (loads, accelerations)
+    )
+    F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
+    return _LawSlopes(F, _balance_motors(robot, balance, load, acceleration), speeds[1] * robot.gear_ratio)
+
+
+def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> Array:
+    """Compute slopes (3, T, n_a, n_e) of torques by deflections, in spring units, and two rates of them."""
+    n_e, units = robot.n_e, locked_columns(robot)[1][: robot.n_e]
+    prescribed = balance.prescribed
+    closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
+    moving = motion_at(robot, closed, prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
+    changes = motion_changes(robot, moving, spring_steps(robot, len(closed.q), 3))
+    load_changes = changes
+    if not robot.elastic_inertia:  # rates of deflections cause no forces
+        load_changes = motion_changes(robot, balance.motion, spring_steps(robot, len(closed.q), 1))
+    multipliers = balance.multipliers * row_weights(robot)
+    slopes = force_slopes(robot, balance.motion)
+    forces = np.zeros((len(closed.q), robot.model.nv, 3 * n_e))
+    loads = force_changes(robot, balance.motion, slopes, multipliers, load_changes).swapaxes(1, 2)
+    forces[..., : loads.shape[2]] = loads
+    forces[:, robot.elastic, range(n_e)] += balance.stiffer * robot.stiffness * units
+    torques = _balance_motors(robot, balance, forces, changes.a[..., robot.actuated].swapaxes(1, 2))
+    return np.moveaxis(torques.reshape(*torques.shape[:2], 3, n_e), 2, 0)
+
+
+def _balance_motors(
+    robot: ParallelRobot, balance: LoadedBalance, forces: Array, accelerations: Array
+) -> Array:
+    """Compute the torques (T, n_a, k) [N m] that balance forces of the tree with the loops, motor side.
+
+    The loops take what loads the joints that move while the motors are locked, J' lambda = forces in the
+    least squares; motors take the rest, and accelerate their rotors.
+
+    Args:
+        forces: (T, nv, k) of the open tree.
+        accelerations: (T, n_a, k) of the actuated joints.
+    """
+    columns, units = locked_columns(robot)
+    J = balance.motion.linearised.closures * row_weights(robot)[:, None]  # (T, m, nv)
+    Q, R, _ = factor_transposed(J[:, :, columns] * units)
+    multipliers = solve(R, Q.swapaxes(1, 2) @ (forces[:, columns] * units[:, None]))
+    joint_torque = forces[:, robot.actuated] - J[:, :, robot.actuated].swapaxes(1, 2) @ multipliers
+    gear = robot.gear_ratio[:, None]
+    return joint_torque / gear + robot.rotor_inertia[:, None] * gear * accelerations
