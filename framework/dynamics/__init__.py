@@ -7,6 +7,7 @@ Torques along a path, proved
     restoration             the same as a whole, law and deflections, if the passes do not converge: on
                             `balance_equations`, `loaded_balance` and `known_deflections`; `loaded_measure`
                             measures the distance of that balance from singularity
+    torque_response         torques beside such a motion, linear in the law
     singularity_crossings   instants in a Type 2 singularity, and condition (8) at these
     residuals, near_misses  measured on the finished motion; `refusals` are the errors
     result                  the result, with the numbers by which it proves itself

@@ -1,0 +1,80 @@
+"""Torques linear in the law about a motion in balance, against certified torques of laws beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.torque_response import respond_to_law
+from framework.planning.crossing_points import PathToCross
+from framework.planning.optimal.elastic_balance import find_law_in_balance
+from framework.planning.optimal.optimal_task import Task, find_crossing_points
+from framework.planning.optimal.undeformed_law import problem_of, solve_problem
+from framework.planning.request import Request
+from framework.planning import scenes
+from framework.planning.specification import specification_of
+from framework.singularity.points_on_path import search_path
+
+CASES = [
+    ("five_bar", "C", "flexible_links"),  # springs with inertia
+    ("five_bar", "C", "flexible_joints"),  # springs without
+    pytest.param("three_rpr", "crossing", "flexible_links", marks=pytest.mark.slow),
+    pytest.param("delta", "pick", "flexible_links", marks=pytest.mark.slow),
+]
+XI = np.linspace(-0.99, 0.99, 67)
+
+
+def certified(task, law, deflections):
+    """The certified motion of a law."""
+    return resolve(
+        task.to_cross.searched,
+        lambda *_: law,
+        geometry="deformed",
+        tolerance=1e-9,
+        friction="none",
+        known=deflections,
+    )
+
+
+def torques_of(task, law, deflections):
+    """Certified torques (67, n_a) of a law at XI."""
+    dynamics = certified(task, law, deflections)
+    return dynamics.torque(law.time(law.stretch.inverse(XI)))
+
+
+@pytest.mark.parametrize(("name", "scene", "flexibility"), CASES)
+def test_slopes_are_those_of_certified_torques(name, scene, flexibility):
+    robot = robots.load(name, flexibility=flexibility)
+    path = scenes.scene_path(scenes.scene(robot, scene))
+    request = Request.of(robot, path, duration=1.5, law="optimal", smoothness=6)
+    searched = search_path(robot, path)
+    task = Task(PathToCross(searched, searched.points), request, specification_of(robot, request))
+    problem = problem_of(task, find_crossing_points(task))._replace(degree=24)
+    law, balance = find_law_in_balance(task, solve_problem(problem, share=0.3).law, None)
+    response = respond_to_law(balance.equations, balance.state)
+    torque, slopes, speed = response.evaluate(XI)
+    planned = torques_of(task, law, balance.deflections)
+    assert np.abs(torque - planned).max() <= 1e-9 * np.abs(planned).max()
+
+    change = np.zeros(len(law.coefficients))
+    change[:8] = 1e-4 * np.abs(law.coefficients).max() * np.random.default_rng(1).normal(size=8)
+    conditions = response.scalars[:, :8]
+    change[:8] -= np.linalg.pinv(conditions) @ (conditions @ change[:8])
+    beside, moved = [], []
+    for sign in (1.0, -1.0):
+        shifted = replace(law, coefficients=law.coefficients + sign * change, duration=0.0)
+        followed = find_law_in_balance(task, shifted, balance.deflections)
+        beside.append(torques_of(task, followed[0], followed[1].deflections))
+        moved.append(followed[0].coefficients)
+    foreseen = slopes @ (moved[0] - moved[1])
+    assert np.abs(beside[0] - beside[1] - foreseen).max() <= 1e-4 * np.abs(foreseen).max()
+    sigma = law.stretch.inverse(XI)
+    motor_speed = certified(task, law, balance.deflections).motor_angle(law.time(sigma), 1)
+    assert (
+        np.abs(np.sqrt(law.squared_speed(sigma))[:, None] * speed - motor_speed).max()
+        <= 1e-7 * np.abs(motor_speed).max()
+    )
