@@ -108,7 +108,7 @@ def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) 
     spring_scale = spring_units(robot)
     load, multipliers, Y = _split_load(robot, motion, forces)
     residual = matvec(Y, matvec(Y.swapaxes(1, 2), load))  # Y Y' load: what motors and loops cannot balance
-    loop_forces = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * row_weights(robot))
+    loop_forces = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * loop_weights(robot))
     spring_force = residual[:, : robot.n_e] / spring_scale - robot.stiffness * deflections
     largest = float(np.abs(spring_force * spring_scale).max())
     change = float(np.abs(residual).max()) / largest if largest > 0.0 else 0.0
@@ -123,7 +123,7 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     columns, units = locked_columns(robot)
     motion, n_e = balance.motion, robot.n_e
     changes = motion_changes(robot, motion, spring_steps(robot, len(motion.q), orders))
-    multipliers = balance.multipliers * row_weights(robot)
+    multipliers = balance.multipliers * loop_weights(robot)
     forces = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
     slopes = (forces[..., columns] * units).swapaxes(1, 2)
     slopes[:, range(n_e), range(n_e)] += balance.stiffer * robot.stiffness * units[:n_e] ** 2  # K
@@ -181,7 +181,7 @@ def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> _SplitLo
     With J' = Q R of the loops lambda = R^-1 Q' load; Y is the null space of J.
     """
     columns, units = locked_columns(robot)
-    J = motion.linearised.closures[:, :, columns] * row_weights(robot)[:, None] * units  # (T, m, f)
+    J = motion.linearised.closures[:, :, columns] * loop_weights(robot)[:, None] * units  # (T, m, f)
     Q, R, Y = factor_transposed(J)
     load = forces[:, columns] * units
     return _SplitLoad(load, solve(R, matvec(Q.swapaxes(1, 2), load)), Y)
@@ -195,6 +195,6 @@ def locked_columns(robot: ParallelRobot) -> tuple[IntArray, Array]:
     return columns, units
 
 
-def row_weights(robot: ParallelRobot) -> Array:
+def loop_weights(robot: ParallelRobot) -> Array:
     """Return factors (m,) that bring the loop equations to unit size."""
     return 1.0 / robot.loop_lengths / robot.structure.row_sizes

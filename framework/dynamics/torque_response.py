@@ -25,7 +25,7 @@ from framework.dynamics.loaded_balance import (
     LoadedBalance,
     locked_columns,
     motion_and_load,
-    row_weights,
+    loop_weights,
     spring_steps,
 )
 from framework.dynamics.tangent_stiffness import factor_transposed
@@ -152,7 +152,7 @@ def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> A
     load_changes = changes
     if not robot.elastic_inertia:  # rates of deflections cause no forces
         load_changes = motion_changes(robot, balance.motion, spring_steps(robot, len(closed.q), 1))
-    multipliers = balance.multipliers * row_weights(robot)
+    multipliers = balance.multipliers * loop_weights(robot)
     slopes = force_slopes(robot, balance.motion)
     forces = np.zeros((len(closed.q), robot.model.nv, 3 * n_e))
     loads = force_changes(robot, balance.motion, slopes, multipliers, load_changes).swapaxes(1, 2)
@@ -175,7 +175,7 @@ def _balance_motors(
         accelerations: (T, n_a, k) of the actuated joints.
     """
     columns, units = locked_columns(robot)
-    J = balance.motion.linearised.closures * row_weights(robot)[:, None]  # (T, m, nv)
+    J = balance.motion.linearised.closures * loop_weights(robot)[:, None]  # (T, m, nv)
     Q, R, _ = factor_transposed(J[:, :, columns] * units)
     multipliers = solve(R, Q.swapaxes(1, 2) @ (forces[:, columns] * units[:, None]))
     joint_torque = forces[:, robot.actuated] - J[:, :, robot.actuated].swapaxes(1, 2) @ multipliers
