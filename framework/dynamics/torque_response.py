@@ -24,8 +24,8 @@ from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.loaded_balance import (
     LoadedBalance,
     locked_columns,
-    motion_and_load,
     loop_weights,
+    motion_and_load,
     spring_steps,
 )
 from framework.dynamics.tangent_stiffness import factor_transposed

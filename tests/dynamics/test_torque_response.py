@@ -10,12 +10,12 @@ import pytest
 import robots
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.torque_response import respond_to_law
+from framework.planning import scenes
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import find_law_in_balance
 from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
 from framework.planning.request import Request
-from framework.planning import scenes
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import search_path
 

@@ -63,6 +63,7 @@ ELASTIC_STAGES = (
     ElasticStage(1e-2, 20.0),
     ElasticStage(2e-2, 8.0),
     ElasticStage(0.3, 4.0),
+    ElasticStage(0.8, 4.0),
     ElasticStage(3.0, 4.0),
 )
 

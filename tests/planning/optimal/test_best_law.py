@@ -21,7 +21,7 @@ from framework import (
     plan_crossing,
     simulate,
 )
-from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, least_value
+from framework.laws.optimal_law import least_value
 from framework.planning.optimal import least_cost
 from framework.planning.optimal.peak_bound import bound_plan
 from framework.planning.saved import plan_document
@@ -304,12 +304,10 @@ def test_the_quickest_law_of_an_elastic_robot_is_nearly_that_of_the_rigid_one_wh
     flexibility, limit
 ):
     path = scene_path(robots.load("five_bar").description.scenes["C"])
-    rigid = plan_crossing(
-        robots.load("five_bar"), path, optimize="time", torque_limit=limit, smoothness=HIGHEST_SMOOTHNESS
-    )
+    rigid = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=limit)
     elastic = robots.load("five_bar", flexibility=flexibility)
     for longest in (None, 0.3, 1.0):
         plan = plan_crossing(elastic, path, optimize="time", torque_limit=limit, longest=longest)
-        # springs of the catalogue are stiff: their motion asks for some percent of time
-        assert rigid.duration < plan.duration < 1.05 * rigid.duration
-        assert 0.97 * limit < max(plan.peak_torque.values()) <= limit
+        # springs of the catalogue are stiff: their motion asks for two percent of time
+        assert rigid.duration < plan.duration < 1.025 * rigid.duration
+        assert 0.995 * limit < max(plan.peak_torque.values()) <= limit
