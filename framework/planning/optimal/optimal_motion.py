@@ -66,6 +66,7 @@ ELASTIC_STAGES = (
     ElasticStage(0.8, 4.0),
     ElasticStage(3.0, 4.0),
 )
+SPLINE_STAGES = (ElasticStage(8e-2, np.inf), ElasticStage(0.3, np.inf), ElasticStage(3.0, np.inf))
 
 
 class OptimalMotion(NamedTuple):
@@ -137,8 +138,8 @@ class _ElasticSearch:
     next_task: the task with the limits and the smoothness of the next law.
     points: the crossing points of the undeformed robot.
     sampled: the demand on its motors.
-    stage: index into `ELASTIC_STAGES` for the next law.
-    fits_splines: whether a series is fitted to splines, because no series was found twice.
+    stages: how calm laws are, in turn; those of splines, which a series is fitted to, if no series is found.
+    stage: index of the next law's.
     last_law: the last law found.
     balance: of the last motion at this stage; None where deflections are those of `resolve`.
     response: of the torques to the law, about that motion.
@@ -150,8 +151,8 @@ class _ElasticSearch:
     next_task: Task
     points: Sequence[CrossingPoint]
     sampled: SampledDemand | None
+    stages: tuple[ElasticStage, ...] = ELASTIC_STAGES
     stage: int = 0
-    fits_splines: bool = False
     last_law: Best | None = None
     balance: BalanceSolution | None = None
     response: TorqueResponse | None = None
@@ -206,13 +207,13 @@ class _ElasticSearch:
 
     def _find_law(self) -> Best:
         """Find the law of this stage, from the last one if that was found with a response too."""
-        stage = ELASTIC_STAGES[self.stage]
+        stage = self.stages[self.stage]
         problem = problem_of(self.next_task, self.points)._replace(
             sampled=self.sampled, response=self.response
         )
         if self.response is not None:
             problem = problem._replace(degree=len(self.response.y) - 1)
-        elif not self.fits_splines:
+        elif self.stages is ELASTIC_STAGES:
             problem = problem._replace(degree=SERIES_DEGREE)
         duration = self.task.specification.duration
         if duration is None and self.last_law is not None:
@@ -236,10 +237,11 @@ class _ElasticSearch:
         self.first_failure = self.first_failure or failure
         self.balance = self.response = None
         self.stage += 1
-        if self.stage == 2 and self.last_law is None:  # no series twice: one is fitted to splines
-            self.fits_splines = True
+        if self.stage == 2 and self.last_law is None and self.stages is ELASTIC_STAGES:
+            self.stages = SPLINE_STAGES
+            self.stage = 0
             self.first_failure = None
-        if self.stage == len(ELASTIC_STAGES):
+        if self.stage == len(self.stages):
             raise self.first_failure or failure from None
         if self.next_task.specification.smoothness < HIGHEST_SMOOTHNESS:
             smoother = replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS)
