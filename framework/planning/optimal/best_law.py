@@ -77,13 +77,22 @@ def find_best_law(
     return _search_smooth(SmoothSearch(program, units, least, share))
 
 
-def resume_law(best: Best, problem: LawProblem) -> Best | NoneFound:
-    """Find the law of a problem that differs little from that of `best`, on the same cells."""
+def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -> Best | NoneFound:
+    """Find the law of a problem that differs little from that of `best`, on the same cells.
+
+    Args:
+        share: of the least cost, which smoothness may take; as before by default.
+    """
     program = SpeedProgram.on_cells(problem, best.program.cells)
     least_cost = solve_least_cost(program, best.search.units)
     if isinstance(least_cost, NoneFound):
         return least_cost
-    search = best.search._replace(program=program, least=least_cost.speed, units=least_cost.units)
+    search = best.search._replace(
+        program=program,
+        least=least_cost.speed,
+        units=least_cost.units,
+        share=share or best.search.share,
+    )
     return _search_smooth(search, best.speed)
 
 

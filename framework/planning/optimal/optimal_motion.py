@@ -206,7 +206,7 @@ class _ElasticSearch:
         return OptimalMotion(dynamics, law, best)
 
     def _find_law(self) -> Best:
-        """Find the law of this stage, from the last one if that was found with a response too."""
+        """Find the law of this stage, from the last one if that has as many coefficients."""
         stage = self.stages[self.stage]
         problem = problem_of(self.next_task, self.points)._replace(
             sampled=self.sampled, response=self.response
@@ -220,8 +220,8 @@ class _ElasticSearch:
             duration = self.last_law.law.duration
         if duration is not None:
             problem = problem._replace(max_squared_speed=stage.max_squared_speed / duration**2)
-        similar = self.last_law if self.response is not None else None
-        if similar is not None and similar.program.problem.response is None:
+        similar = self.last_law
+        if similar is not None and similar.program.problem.degree != problem.degree:
             similar = None
         return solve_problem(problem, share=stage.share, similar=similar)
 

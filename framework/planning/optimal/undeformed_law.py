@@ -114,14 +114,14 @@ def solve_problem(
 
     Args:
         share: of the least cost, which smoothness may take.
-        similar: the law of a similar problem on the same cells, with the same share.
+        similar: the law of a similar problem, with z in the same functions.
 
     Raises:
         As `find_undeformed_law`.
     """
     if similar is None:
         return _require_law(problem, find_best_law(problem, share=share))
-    return _require_law(problem, resume_law(similar, problem))
+    return _require_law(problem, resume_law(similar, problem, share=share))
 
 
 def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0: SquaredSpeed) -> LawProblem:
