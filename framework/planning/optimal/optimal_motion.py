@@ -161,13 +161,17 @@ class _ElasticSearch:
 
     def run(self) -> OptimalMotion:
         """Return the best motion; raise as `optimal_motion`."""
+        calmest = 0
         for _ in range(MAX_PASSES):
             try:
                 motion = self._find_motion()
             except (NoLaw, NotConverged, UnboundedTorque, SearchEnded) as failure:
-                if self.best_motion is not None:
+                if self.best_motion is None:
+                    self._choose_smoother(failure)
+                    continue
+                if isinstance(failure, SearchEnded) or self.stage >= calmest:
                     return self.best_motion
-                self._choose_smoother(failure)
+                self.stage += 1  # a calmer law may still be better
                 continue
             if motion is self.best_motion:
                 return motion
@@ -175,6 +179,8 @@ class _ElasticSearch:
             if excess <= 1.0:
                 if self.best_motion is not None and not self._improves(_cost(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost, self.task))
+                if self.best_motion is None:
+                    calmest = min(self.stage + 1, len(self.stages) - 1)
                 self.best_motion = motion
                 report_result()
                 if self.balance is None or _has_predicted_peak(motion):
