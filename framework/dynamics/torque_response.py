@@ -40,7 +40,7 @@ from framework.numerics.ordered_sums import solve
 
 
 class TorqueResponse(NamedTuple):
-    """Motor torques linear in the n coefficients y of the squared speed, about those of a motion.
+    """Motor torques about a motion, linear in the coefficients y (n,) of the squared speed.
 
     The series are of M Chebyshev polynomials of xi on each panel.
     """
@@ -94,7 +94,7 @@ def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueRe
 
 
 def _law_at_nodes(state: BalanceState) -> tuple[Array, Array, Array, Array]:
-    """Return z and u of each function of the law's basis (T, n), and of the law (T,), at the nodes."""
+    """Return z and u at the nodes: of each function of the law's basis (T, n), and of the law (T,)."""
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
     law = clock.law
@@ -123,7 +123,7 @@ class _LawSlopes(NamedTuple):
 
 
 def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlopes:
-    """Compute F and torques for (z, u) = (0, 0), (1, 0) and (0, 1) at the configurations of a state."""
+    """Compute F and torques at rest, per z and per u, at the configurations of a state."""
     robot, balance = equations.branch.robot, state.balance
     columns, units = locked_columns(robot)
     loads, accelerations, speeds = [], [], []
@@ -143,7 +143,10 @@ def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlop
 
 
 def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> Array:
-    """Compute slopes (3, T, n_a, n_e) of torques by deflections, in spring units, and two rates of them."""
+    """Compute slopes (3, T, n_a, n_e) of torques by deflections, their rates and accelerations.
+
+    Deflections count in the units of the springs.
+    """
     n_e, units = robot.n_e, locked_columns(robot)[1][: robot.n_e]
     prescribed = balance.prescribed
     closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
