@@ -67,51 +67,77 @@ class TorqueResponse(NamedTuple):
 
 def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueResponse:
     """Compute the response of torques to each coefficient of an optimal law, at a state in balance."""
-    robot, balance = equations.branch.robot, state.balance
-    panels, N, n_e = state.series.shape
-    law_slopes = _slopes_by_law(equations, state)
-    dz, du, z, u = _law_at_nodes(state)
-    F_y = _along_law(law_slopes.F, dz, du)  # (T, n_e, n)
-    linear = equations.linearise(state, equations.slopes(state))
-    changes = linear.follow(F_y.reshape(len(dz) * n_e, -1))
-    series = changes[: state.series.size].reshape(panels, N, n_e, -1)
-    slopes = _along_law(law_slopes.torque, dz, du)  # (T, n_a, n)
-    by_springs = _torque_slopes_by_springs(robot, balance)
-    for order, basis in enumerate(state.samples.bases):
-        change = np.einsum("ptj,pjei->ptei", basis.reshape(panels, 2 * N, N), series)
-        slopes += by_springs[order] @ change.reshape(len(dz), n_e, -1)
-    at_rest, per_z, per_u = np.moveaxis(law_slopes.torque, 2, 0)
-    torque = at_rest + per_z * z[:, None] + per_u * u[:, None]
-    torque_series, slope_series, speed_series = (
-        coefficients(values.reshape(panels, 2 * N, -1)) for values in (torque, slopes, law_slopes.speed)
-    )
-    clock = state.samples.clock
-    assert isinstance(clock, OnParameter)
-    y = clock.law.coefficients
-    return TorqueResponse(
-        clock.edges, y, torque_series, slope_series, speed_series, changes[state.series.size :]
-    )
+    clock = _clock_of(state)
+    law = _law_at_nodes(state)
+    by_law = _slopes_by_law(equations, state)
+    series, scalars = _follow_law(equations, state, _along_law(by_law.F, law))
+    slopes = _along_law(by_law.torque, law) + _torques_of_deflections(equations.branch.robot, state, series)
+    at_rest, per_z, per_u = np.moveaxis(by_law.torque, 2, 0)
+    torque = at_rest + per_z * law.z[:, None] + per_u * law.u[:, None]
+    parts = [_fit_panels(state, values) for values in (torque, slopes, by_law.speed)]
+    return TorqueResponse(clock.edges, clock.law.coefficients, *parts, scalars)
 
 
-def _law_at_nodes(state: BalanceState) -> tuple[Array, Array, Array, Array]:
-    """Return z and u at the nodes: of each function of the law's basis (T, n), and of the law (T,)."""
+def _clock_of(state: BalanceState) -> OnParameter:
+    """Return the clock of a state under an optimal law."""
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
-    law = clock.law
-    xi = state.samples.parameters
+    return clock
+
+
+def _fit_panels(state: BalanceState, values: Array) -> Array:
+    """Return the series (panels, M, k) through values (T, ...) at the nodes."""
+    return coefficients(values.reshape(len(state.series), 2 * state.series.shape[1], -1))
+
+
+class _LawAtNodes(NamedTuple):
+    """The law at the nodes: dz and du of each function of its basis (T, n), and its own z and u (T,)."""
+
+    dz: Array
+    du: Array
+    z: Array
+    u: Array
+
+
+def _law_at_nodes(state: BalanceState) -> _LawAtNodes:
+    """Evaluate an optimal law and its basis at the nodes."""
+    law, xi = _clock_of(state).law, state.samples.parameters
     half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
     dz = law.basis.matrix(xi).toarray()
     du = half_rate * law.basis.matrix(xi, 1).toarray()
-    return dz, du, dz @ law.coefficients, du @ law.coefficients
+    return _LawAtNodes(dz, du, dz @ law.coefficients, du @ law.coefficients)
 
 
-def _along_law(slopes: Array, dz: Array, du: Array) -> Array:
-    """Return changes (T, k, n) by changes (T, n) of z and u.
+def _along_law(slopes: Array, law: _LawAtNodes) -> Array:
+    """Return the changes (T, k, n) by each function of the law's basis.
 
     Args:
         slopes: (T, k, 3) at rest, per z and per u.
     """
-    return slopes[:, :, 1, None] * dz[:, None] + slopes[:, :, 2, None] * du[:, None]
+    return slopes[:, :, 1, None] * law.dz[:, None] + slopes[:, :, 2, None] * law.du[:, None]
+
+
+def _follow_law(equations: BalanceEquations, state: BalanceState, F_y: Array) -> tuple[Array, Array]:
+    """Compute how deflections and scalars follow changes F_y (T, n_e, n) of the balance.
+
+    Returns:
+        Series (panels, N, n_e, n) of the deflections, in units of the springs, and scalars (k, n).
+    """
+    linear = equations.linearise(state, equations.slopes(state))
+    changes = linear.follow(F_y.reshape(-1, F_y.shape[2]))
+    size = state.series.size
+    return changes[:size].reshape(*state.series.shape, -1), changes[size:]
+
+
+def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: Array) -> Array:
+    """Compute changes (T, n_a, n) of torques by those of deflections, series (panels, N, n_e, n)."""
+    panels, N, n_e, n = series.shape
+    slopes = _torque_slopes_by_springs(robot, state.balance)
+    torque = np.zeros((*slopes.shape[1:3], n))
+    for slope, basis in zip(slopes, state.samples.bases, strict=True):  # value, rate, acceleration
+        changes = np.einsum("ptj,pjei->ptei", basis.reshape(panels, 2 * N, N), series)
+        torque += slope @ changes.reshape(-1, n_e, n)
+    return torque
 
 
 class _LawSlopes(NamedTuple):
