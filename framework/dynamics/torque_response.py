@@ -74,8 +74,14 @@ def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueRe
     slopes = _along_law(by_law.torque, law) + _torques_of_deflections(equations.branch.robot, state, series)
     at_rest, per_z, per_u = np.moveaxis(by_law.torque, 2, 0)
     torque = at_rest + per_z * law.z[:, None] + per_u * law.u[:, None]
-    parts = [_fit_panels(state, values) for values in (torque, slopes, by_law.speed)]
-    return TorqueResponse(clock.edges, clock.law.coefficients, *parts, scalars)
+    return TorqueResponse(
+        edges=clock.edges,
+        y=clock.law.coefficients,
+        torque=_fit_panels(state, torque),
+        slopes=_fit_panels(state, slopes),
+        speed=_fit_panels(state, by_law.speed),
+        scalars=scalars,
+    )
 
 
 def _clock_of(state: BalanceState) -> OnParameter:
@@ -151,10 +157,9 @@ class _LawSlopes(NamedTuple):
 def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlopes:
     """Compute F and torques at rest, per z and per u, at the configurations of a state."""
     robot, balance = equations.branch.robot, state.balance
-    columns, units = locked_columns(robot)
     loads, accelerations, speeds = [], [], []
-    for z, u in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
-        prescribed = equations.prescribe_at(state, z, u)
+    for z_and_u in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
+        prescribed = equations.prescribe_at(state, *z_and_u)
         closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
         loads.append(motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)[1])
         moved = motion_at(robot, closed, prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
@@ -164,6 +169,7 @@ def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlop
         np.stack([values[0], values[1] - values[0], values[2] - values[0]], axis=2)
         for values in (loads, accelerations)
     )
+    columns, units = locked_columns(robot)
     F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
     return _LawSlopes(F, _balance_motors(robot, balance, load, acceleration), speeds[1] * robot.gear_ratio)
 
