@@ -29,5 +29,6 @@ The platform
 
 At rest
     stiffness            of the platform, with locked motors
+    static_fold          how soft springs may be before they give way at rest
     loading              a load put on little by little; `vibrations` has the frequencies with free motors
 """

@@ -18,8 +18,9 @@ from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
 from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.result import InverseDynamics
+from framework.dynamics.static_fold import find_static_fold
 from framework.dynamics.torque_response import TorqueResponse, respond_to_law
-from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque
+from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque, round_up
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.condition import CrossingPoint
@@ -35,6 +36,7 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.sampled_demand import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
+from framework.planning.refusals.refusal_proofs import StaticFold
 from framework.planning.specification import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH
 
@@ -42,6 +44,9 @@ MAX_PASSES = 12  # of optimising and resolving in turn
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 SERIES_DEGREE = 40  # of z as one series
+
+
+STIFFER_THAN_FOLD = 1.02  # of springs that are advised
 
 
 class ElasticStage(NamedTuple):
@@ -201,8 +206,7 @@ class _ElasticSearch:
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
         law = best.law
-        robot = self.task.branch.robot
-        if self.task.geometry == "rigid" or robot.n_a > robot.n:
+        if not self._follows_balance:
             dynamics = _resolve_law(self.task, law, None)
         else:
             previous = None if self.balance is None else self.balance.deflections
@@ -210,6 +214,12 @@ class _ElasticSearch:
             dynamics = _resolve_law(self.task, law, self.balance.deflections)
         check_rest(dynamics, law.smoothness)
         return OptimalMotion(dynamics, law, best)
+
+    @property
+    def _follows_balance(self) -> bool:
+        """Whether law and deflections are sought together."""
+        robot = self.task.branch.robot
+        return self.task.geometry == "deformed" and robot.n_a == robot.n
 
     def _find_law(self) -> Best:
         """Find the law of this stage, from the last one if that has as many coefficients."""
@@ -247,11 +257,29 @@ class _ElasticSearch:
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
+        if self.stage == 2:
+            self._check_ends()
         if self.stage == len(self.stages):
             raise self.first_failure or failure from None
         if self.next_task.specification.smoothness < HIGHEST_SMOOTHNESS:
             smoother = replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS)
             self.next_task = self.next_task._replace(specification=smoother)
+
+    def _check_ends(self) -> None:
+        """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""
+        branch = self.task.branch
+        if not self._follows_balance:
+            return
+        for s in (0.0, 1.0):
+            compliance = find_static_fold(branch, s)
+            if compliance is not None:
+                stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)
+                raise NoLaw(
+                    f"{branch.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
+                    f"deflections turn back at {1.0 / compliance:.3g} times their stiffness; no law passes on "
+                    f"the branch of the rigid robot, and springs {stiffer:.3g} times as stiff hold there",
+                    evidence=StaticFold(s, compliance),
+                )
 
     def _prepare_next(self, excess: float) -> None:
         """Linearise torques about the last motion, or lower limits by its excess where nothing is known."""

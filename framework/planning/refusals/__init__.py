@@ -64,6 +64,8 @@ The optimal law:
         planning.optimal.limit_refusals.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
+    NoLaw: the springs give way at an end, at rest
+        planning.optimal.optimal_motion.optimal_motion
     NotConverged: law and springs do not settle together
         planning.optimal.optimal_motion.optimal_motion
     NotConverged: springs do not start or stop at rest

@@ -31,6 +31,17 @@ class UnmetCondition:
     stop: bool
 
 
+@dataclass(frozen=True)
+class StaticFold:
+    """Deflections at rest at an end s of the path end in a fold as the springs get softer.
+
+    compliance: of the softest springs that reach, over that of the robot's.
+    """
+
+    s: float
+    compliance: float
+
+
 class LeastLimits(NamedTuple):
     """Limits (n_a,) within which a law was found, in proportion to the limits asked for.
 
