@@ -276,8 +276,8 @@ class _ElasticSearch:
                 stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)
                 raise NoLaw(
                     f"{branch.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
-                    f"deflections turn back at {1.0 / compliance:.3g} times their stiffness; no law passes on "
-                    f"the branch of the rigid robot, and springs {stiffer:.3g} times as stiff hold there",
+                    f"deflections turn back at {1.0 / compliance:.3g} times their stiffness; no law passes "
+                    f"on the branch of the rigid robot, and springs {stiffer:.3g} times as stiff hold there",
                     evidence=StaticFold(s, compliance),
                 )
 
