@@ -1,8 +1,8 @@
 """The torques of an elastic robot beside a motion in balance, linear in the change of its law.
 
 With given deflections, functions of the law's parameter, load and torques are affine in z = (d sigma/dt)^2
-and u = z'/2 of the law. A small change of z changes the balance F by F_z dz + F_u du. Deflections follow so
-that F stays zero,
+and u = z'/2 of the law, but for viscous damping, which follows z^(1/2). A small change of z changes the
+balance F by F_z dz + F_u du. Deflections follow so that F stays zero,
 
     F_l dl + F_l' dl' + F_l" dl" = -(F_z dz + F_u du),
 
@@ -72,8 +72,8 @@ def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueRe
     by_law = _slopes_by_law(equations, state)
     series, scalars = _follow_law(equations, state, _along_law(by_law.F, law))
     slopes = _along_law(by_law.torque, law) + _torques_of_deflections(equations.branch.robot, state, series)
-    at_rest, per_z, per_u = np.moveaxis(by_law.torque, 2, 0)
-    torque = at_rest + per_z * law.z[:, None] + per_u * law.u[:, None]
+    parts = np.stack([np.ones_like(law.z), law.z, law.u, np.sqrt(law.z)], axis=1)
+    torque = (by_law.torque @ parts[:, :, None])[..., 0]
     return TorqueResponse(
         edges=clock.edges,
         y=clock.law.coefficients,
@@ -118,9 +118,10 @@ def _along_law(slopes: Array, law: _LawAtNodes) -> Array:
     """Return the changes (T, k, n) by each function of the law's basis.
 
     Args:
-        slopes: (T, k, 3) at rest, per z and per u.
+        slopes: (T, k, 4) at rest, per z, per u and per z^(1/2).
     """
-    return slopes[:, :, 1, None] * law.dz[:, None] + slopes[:, :, 2, None] * law.du[:, None]
+    by_z = slopes[:, :, 1] + slopes[:, :, 3] * (0.5 / np.sqrt(law.z))[:, None]
+    return by_z[..., None] * law.dz[:, None] + slopes[:, :, 2, None] * law.du[:, None]
 
 
 def _follow_law(equations: BalanceEquations, state: BalanceState, F_y: Array) -> tuple[Array, Array]:
@@ -147,31 +148,39 @@ def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: A
 
 
 class _LawSlopes(NamedTuple):
-    """F and torques at given deflections, at rest, per z and per u of the law; and motor speeds."""
+    """F and torques at given deflections: at rest, per z, u and z^(1/2) of the law; and motor speeds."""
 
-    F: Array  # (T, n_e, 3)
-    torque: Array  # (T, n_a, 3) [N m], motor side
+    F: Array  # (T, n_e, 4)
+    torque: Array  # (T, n_a, 4) [N m], motor side
     speed: Array  # (T, n_a) [rad] over d sigma/dt, motor side
 
 
 def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlopes:
-    """Compute F and torques at rest, per z and per u, at the configurations of a state."""
+    """Compute F and torques at the configurations of a state.
+
+    At (z, u) = (1, 0) and (4, 0) they have once and four times what is per z, and once and twice what is per
+    z^(1/2).
+    """
     robot, balance = equations.branch.robot, state.balance
     loads, accelerations, speeds = [], [], []
-    for z_and_u in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
+    for z_and_u in ((0.0, 0.0), (1.0, 0.0), (4.0, 0.0), (0.0, 1.0)):
         prescribed = equations.prescribe_at(state, *z_and_u)
         closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
         loads.append(motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)[1])
         moved = motion_at(robot, closed, prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
         accelerations.append(moved.a[:, robot.actuated])
         speeds.append(moved.v[:, robot.actuated])
-    load, acceleration = (
-        np.stack([values[0], values[1] - values[0], values[2] - values[0]], axis=2)
-        for values in (loads, accelerations)
-    )
+    load, acceleration = (_split_by_law(values) for values in (loads, accelerations))
     columns, units = locked_columns(robot)
     F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
     return _LawSlopes(F, _balance_motors(robot, balance, load, acceleration), speeds[1] * robot.gear_ratio)
+
+
+def _split_by_law(values: list[Array]) -> Array:
+    """Return what is (T, k, 4) at rest, per z, u and z^(1/2), of values (T, k) at the four (z, u)."""
+    at_rest, once, fourfold, per_u = values
+    per_root = 0.5 * (4.0 * (once - at_rest) - (fourfold - at_rest))
+    return np.stack([at_rest, once - at_rest - per_root, per_u - at_rest, per_root], axis=2)
 
 
 def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> Array:

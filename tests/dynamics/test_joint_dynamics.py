@@ -17,6 +17,7 @@ from framework import (
     assemble,
     dynamics_at,
     plan_crossing,
+    plan_scene,
     simulate,
 )
 from framework.cli import main
@@ -129,12 +130,28 @@ def test_a_damped_robot_crosses_with_the_torques_of_lagrange(options):
         assert peak <= 0.165
 
 
-def test_an_optimal_law_of_an_elastic_robot_with_damping_is_refused_by_that_word():
-    joints = {"left_elbow": JointDynamics(damping=0.4)}
-    description = replace(robots.load("five_bar").description, joints=joints)
-    robot = ParallelRobot.from_description(description, flexibility="flexible_links")
-    with pytest.raises(NoLaw, match="damping"):
-        plan_crossing(robot, Line(START, END), law="optimal", optimize="peak_torque", duration=1.5)
+def test_an_elastic_robot_with_damping_crosses_with_little_more_torque_than_the_rigid_one():
+    options = {"law": "optimal", "optimize": "peak_torque", "duration": 1.5}
+    rigid = five_bar(left_elbow=JointDynamics(damping=0.4))
+    elastic = ParallelRobot.from_description(rigid.description, flexibility="flexible_links")
+    plans = [plan_crossing(robot, Line(START, END), **options) for robot in (rigid, elastic)]
+    defects = defects_of(plans[1])
+    assert defects.force < 1e-9 and defects.open < 1e-12
+    peaks = [max(plan.peak_torque.values()) for plan in plans]
+    assert peaks[1] < 1.05 * peaks[0]
+
+
+def test_limits_hold_the_dry_friction_of_elastic_robots_too():
+    rigid = five_bar(left_motor=JointDynamics(damping=0.1, friction=0.2))
+    elastic = ParallelRobot.from_description(rigid.description, flexibility="flexible_joints")
+    plan = plan_crossing(elastic, Line(START, END), optimize="time", torque_limit=2.0)
+    assert 1.99 < max(plan.peak_torque.values()) <= 2.0
+
+
+def test_an_optimal_law_with_springs_damping_and_redundant_motors_is_refused_by_these_words():
+    robot = robots.load("two_arms", flexibility="flexible_links")
+    with pytest.raises(NoLaw, match="damping are not supported with geometry rigid or redundant motors"):
+        plan_scene(robot, "lift", law="optimal")
 
 
 def test_the_condition_of_a_damped_robot_names_delta():

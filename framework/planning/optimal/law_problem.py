@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
+from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_response import TorqueResponse
 from framework.laws.speed_basis import ONE_CELL, SpeedBasis
 from framework.numerics.arrays import Array
@@ -149,7 +150,7 @@ def _responding_rows(
 ) -> MotorRows:
     """Compute rows of torques and squared speeds at xi (M,) from the response to the law's coefficients."""
     torque, slopes, speed = response.evaluate(xi)
-    offset = torque - slopes @ response.y
+    offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
     torques = [Affine(sparse.csr_array(slopes[:, j]), offset[:, j].copy()) for j in range(torque.shape[1])]
     return MotorRows(tuple(torques), _squared_speed_rows(speed, specification.speed_limit, basis.matrix(xi)))
 

@@ -93,10 +93,10 @@ def optimal_motion(task: Task) -> OptimalMotion:
     check_unfolded(task)
     points = find_crossing_points(task)
     robot = task.branch.robot
-    if robot.n_e and robot.is_damped:
+    if robot.n_e and robot.is_damped and not _follows_balance(task):
         raise NoLaw(
-            f"{robot.name}: optimal laws of elastic robots with damping are not supported; use "
-            f"{other_law(task)}flexibility rigid"
+            f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
+            f"rigid or redundant motors; use {other_law(task)}flexibility rigid"
         )
     check_speeds(task, points)
     if robot.n_e:
@@ -206,7 +206,7 @@ class _ElasticSearch:
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
         law = best.law
-        if not self._follows_balance:
+        if not _follows_balance(self.task):
             dynamics = _resolve_law(self.task, law, None)
         else:
             previous = None if self.balance is None else self.balance.deflections
@@ -214,12 +214,6 @@ class _ElasticSearch:
             dynamics = _resolve_law(self.task, law, self.balance.deflections)
         check_rest(dynamics, law.smoothness)
         return OptimalMotion(dynamics, law, best)
-
-    @property
-    def _follows_balance(self) -> bool:
-        """Whether law and deflections are sought together."""
-        robot = self.task.branch.robot
-        return self.task.geometry == "deformed" and robot.n_a == robot.n
 
     def _find_law(self) -> Best:
         """Find the law of this stage, from the last one if that has as many coefficients."""
@@ -268,7 +262,7 @@ class _ElasticSearch:
     def _check_ends(self) -> None:
         """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""
         branch = self.task.branch
-        if not self._follows_balance:
+        if not _follows_balance(self.task):
             return
         for s in (0.0, 1.0):
             compliance = find_static_fold(branch, s)
@@ -288,6 +282,12 @@ class _ElasticSearch:
             return
         scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
         self.next_task = self.next_task._replace(specification=scaled)
+
+
+def _follows_balance(task: Task) -> bool:
+    """Whether law and deflections of an elastic robot are sought together."""
+    robot = task.branch.robot
+    return task.geometry == "deformed" and robot.n_a == robot.n
 
 
 def _has_predicted_peak(motion: OptimalMotion) -> bool:
