@@ -188,9 +188,9 @@ class _Iteration:
             if np.isfinite(last_change):
                 contraction = change / last_change
             if change <= self.tolerance and change * contraction <= SETTLED_SHARE * self.tolerance:
-                return self._result(current, following)
+                return self._solution_of_pass(current, following)
             if change <= truncation:
-                return self._result(current, current.function)
+                return self._solution_of_pass(current, current.function)
             if contraction > GOOD_CONTRACTION:
                 break
             previous, last_change = current, change
@@ -199,7 +199,7 @@ class _Iteration:
             except NoAnswer:
                 break
         current = self._newton(current if contraction < 1 else previous)
-        return replace(self._result(current, current.function), plain=False)
+        return replace(self._solution_of_pass(current, current.function), plain=False)
 
     def _newton(self, current: Pass) -> Pass:
         """Take steps of Newton's method on a growing number of coefficients."""
@@ -236,7 +236,7 @@ class _Iteration:
 
         Smaller ones are noise of the iteration. The count is at least FEWEST_COEFFICIENTS.
         """
-        series = np.abs(self.grid.fit(current.caused * self._weights(current)).coefficients)
+        series = np.abs(self.grid.fit(current.caused * self._unit_weights(current)).coefficients)
         above = (series > self._relative_size(current.residual, current) * series.max()).any(axis=(0, 2))
         return min(self.grid.resolvable, int(np.flatnonzero(above).max(initial=FEWEST_COEFFICIENTS - 1)) + 1)
 
@@ -281,7 +281,7 @@ class _Iteration:
         The unknowns are the first `count` coefficients times weights; `accuracy` is the linear residual over
         the right side.
         """
-        weights = self._weights(current)
+        weights = self._unit_weights(current)
 
         def to_unknowns(values: Array) -> Array:
             """Return the weighted coefficients of values (T, n_e) as one vector."""
@@ -333,9 +333,9 @@ class _Iteration:
         """Return a residual (T, n_e) over the largest deflection, or its force over the largest if larger."""
         if np.abs(residual / spring_scale(self.branch.robot)).max(initial=0.0) <= DEFLECTION_ROUNDING:
             return 0.0
-        return float((np.abs(residual) * self._weights(current)).max())
+        return float((np.abs(residual) * self._unit_weights(current)).max())
 
-    def _weights(self, current: Pass) -> Array:
+    def _unit_weights(self, current: Pass) -> Array:
         """Return weights (n_e,) at which the largest deflection, and the largest spring force, count as 1."""
         scale, stiffness = spring_scale(self.branch.robot), self.branch.robot.stiffness
         caused = np.abs(current.caused)
@@ -343,7 +343,7 @@ class _Iteration:
         largest_force = float((caused * stiffness * scale).max())  # as a moment
         return np.maximum(1.0 / (scale * largest_deflection), stiffness * scale / largest_force)
 
-    def _result(self, current: Pass, deflections: TimeFunction) -> DeflectionSolution:
+    def _solution_of_pass(self, current: Pass, deflections: TimeFunction) -> DeflectionSolution:
         """Return the solution of a pass, with its relative change and the obstacle to a smaller one."""
         return DeflectionSolution(
             grid=self.grid,

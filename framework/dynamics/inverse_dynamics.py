@@ -279,7 +279,7 @@ class _Refinement:
             return True  # they have a pole
         robot = self.searched.branch.robot
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
-        return _tails(robot, grid, at_rest, torques) <= self.tolerance
+        return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
     def evaluate(self, state: DeflectionSolution) -> InverseDynamics:
         """Return the result on one grid without residuals and friction; prepare the next grid.
@@ -312,7 +312,7 @@ class _Refinement:
             wrenches=branch.wrenches,
             certificate=Certificate(
                 nodes=len(grid.times),
-                tail=_tails(robot, grid, state, torques),
+                tail=_largest_tail(robot, grid, state, torques),
                 passes=self.passes,
                 change=state.change,
                 max_closure_error=0.0,
@@ -387,20 +387,23 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
     return True
 
 
-def _tail(function: TimeFunction, rounding: Array) -> float:
+def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
     """Compute the tail of a function (k) without components that are zero but for `rounding` (k,)."""
     size = np.abs(function.coefficients).max(axis=(0, 1))
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
-def _tails(
+def _largest_tail(
     robot: ParallelRobot, grid: TimeGrid, state: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
     """Compute the tail of the motor torques or of the caused deflections, the larger one."""
     # rounding of motor torques (n_a,) [N m] that are zero, as at constant speed
     torque_rounding = 1e-15 * robot.mass * (robot.length / state.law.duration) ** 2 / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
-    return max(_tail(torques, torque_rounding), _tail(grid.fit(state.caused), deflection_rounding))
+    return max(
+        _tail_above_rounding(torques, torque_rounding),
+        _tail_above_rounding(grid.fit(state.caused), deflection_rounding),
+    )
 
 
 def _end_speed(robot: ParallelRobot, state: DeflectionSolution) -> float:

@@ -134,7 +134,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     preload = spring_torques(robot, q, robot.all_stiffness)
     load = Load(check_wrench(robot, wrench), np.zeros(len(q)), preload)
     unloaded = balance(robot, q, load)
-    current = _Points(q.copy(), load.share, _tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
+    current = _Points(q.copy(), load.share, _curve_tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
     step = np.full(len(q), MAX_STEP)
     reason = np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     live = np.arange(len(q))
@@ -145,7 +145,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         ends = _take_steps(robot, start, live_load, step[live])
         step[live] = np.where(ends.accepted, np.minimum(2.0 * ends.size, MAX_STEP), 0.5 * ends.size)
         assign(current, live[ends.accepted], select(ends.points, ends.accepted))
-        reason[live] = _reasons(robot, ends)
+        reason[live] = _stop_reasons(robot, ends)
         folding = np.flatnonzero(ends.has_fold)
         if len(folding):
             folds = _find_folds(robot, select(start, folding), live_load.select(folding))
@@ -158,7 +158,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
     return _loaded_stack(robot, q, current, reason, load)
 
 
-def _reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
+def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
     """Return the reason (T,) to stop after each step, NOT_CONVERGED to go on."""
     reasons = np.full(len(ends.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     share = ends.points.share
@@ -180,7 +180,7 @@ def _loaded_stack(
     return LoadedStack(reached.q, reason, reached.share, free)
 
 
-def _tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
+def _curve_tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
     """Compute rates (T, f) by the share along the curve; return whether the stiffness is positive definite.
 
     H dz/dshare = -drive on the null space of the closures, by eigenvalues of H. Eigenvalues of the size of
@@ -200,8 +200,8 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
     the next step leads back. Between its ends a step has no fold unseen if the share grows by the mean of its
     slopes along the tangent at both ends.
     """
-    ahead = _predict(start, step)
-    end = _correct(robot, start, ahead, load)
+    ahead = _predict_steps(start, step)
+    end = _correct_steps(robot, start, ahead, load)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = 1.0 / dot(ahead.tangent, start.rate)  # of the share along the tangent, at the start
         end_slope = 1.0 / dot(ahead.tangent, end.points.rate)
@@ -215,7 +215,7 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
     return _StepEnds(end.points, ahead.size, on_curve & end.is_stable, is_unstable, is_unstable & turns_back)
 
 
-def _predict(start: _Points, step: Array) -> _Prediction:
+def _predict_steps(start: _Points, step: Array) -> _Prediction:
     """Compute steps of size (T,) [rad, lengths] along the tangents, as far as the whole load."""
     remaining = 1.0 - start.share
     size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)
@@ -229,7 +229,7 @@ def _predict(start: _Points, step: Array) -> _Prediction:
     )
 
 
-def _correct(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
+def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
     """Lead steps back to the curve by Newton's method.
 
     A step under the whole load keeps its share; another one keeps the joints' motion along the tangent, and
@@ -254,7 +254,7 @@ def _correct(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Loa
         done = on_branch & is_small & (ahead.is_whole[live] | was_small[live])
         was_small[live] = is_small
         converged[live[done]] = True
-        end.rate[live[done]], is_stable[live[done]] = _tangents(
+        end.rate[live[done]], is_stable[live[done]] = _curve_tangents(
             state.H[done], state.drive[done], state.null[done]
         )
         live = live[on_branch & ~done]

@@ -71,6 +71,7 @@ ELASTIC_STAGES = (
     ElasticStage(0.8, 4.0),
     ElasticStage(3.0, 4.0),
 )
+CALM_STAGES = ELASTIC_STAGES[3:]  # of redundant motors, whose deflections passes alone have to resolve
 SPLINE_STAGES = (ElasticStage(8e-2, np.inf), ElasticStage(0.3, np.inf), ElasticStage(3.0, np.inf))
 
 
@@ -100,7 +101,9 @@ def optimal_motion(task: Task) -> OptimalMotion:
         )
     check_speeds(task, points)
     if robot.n_e:
-        return _ElasticSearch(task, task, points, sample_demand(task)).run()
+        is_redundant = task.geometry == "deformed" and not _follows_balance(task)
+        stages = CALM_STAGES if is_redundant else ELASTIC_STAGES
+        return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
     best = find_law(task, points)
     for share in (None, *RIGID_SHARES):
         if share is not None:
@@ -156,7 +159,7 @@ class _ElasticSearch:
     next_task: Task
     points: Sequence[CrossingPoint]
     sampled: SampledDemand | None
-    stages: tuple[ElasticStage, ...] = ELASTIC_STAGES
+    stages: tuple[ElasticStage, ...]
     stage: int = 0
     last_law: Best | None = None
     balance: BalanceSolution | None = None
@@ -182,8 +185,8 @@ class _ElasticSearch:
                 return motion
             excess = limit_excess(motion.dynamics, self.task.specification)
             if excess <= 1.0:
-                if self.best_motion is not None and not self._improves(_cost(self.task, motion)):
-                    return min(motion, self.best_motion, key=partial(_cost, self.task))
+                if self.best_motion is not None and not self._improves(_cost_of_motion(self.task, motion)):
+                    return min(motion, self.best_motion, key=partial(_cost_of_motion, self.task))
                 if self.best_motion is None:
                     calmest = min(self.stage + 1, len(self.stages) - 1)
                 self.best_motion = motion
@@ -223,7 +226,7 @@ class _ElasticSearch:
         )
         if self.response is not None:
             problem = problem._replace(degree=len(self.response.y) - 1)
-        elif self.stages is ELASTIC_STAGES:
+        elif self.stages is not SPLINE_STAGES:
             problem = problem._replace(degree=SERIES_DEGREE)
         duration = self.task.specification.duration
         if duration is None and self.last_law is not None:
@@ -238,7 +241,7 @@ class _ElasticSearch:
     def _improves(self, cost: float) -> bool:
         """Whether a cost is below that of the best motion by more than the error of peaks."""
         assert self.best_motion is not None
-        return cost < (1.0 - PEAK_TORQUE_MISMATCH) * _cost(self.task, self.best_motion)
+        return cost < (1.0 - PEAK_TORQUE_MISMATCH) * _cost_of_motion(self.task, self.best_motion)
 
     def _choose_smoother(self, failure: NoAnswer) -> None:
         """Go on to the next stage; raise the failure if no smoother law can help, or no stage is left."""
@@ -247,7 +250,7 @@ class _ElasticSearch:
         self.first_failure = self.first_failure or failure
         self.balance = self.response = None
         self.stage += 1
-        if self.stage == 2 and self.last_law is None and self.stages is ELASTIC_STAGES:
+        if self.stage == 2 and self.last_law is None and self.stages is not SPLINE_STAGES:
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
@@ -296,7 +299,7 @@ def _has_predicted_peak(motion: OptimalMotion) -> bool:
     return abs(peak / motion.best.peak - 1.0) < PEAK_TORQUE_MISMATCH
 
 
-def _cost(task: Task, motion: OptimalMotion) -> float:
+def _cost_of_motion(task: Task, motion: OptimalMotion) -> float:
     """Return the cost of a certified motion by the goal of the task.
 
     The duration [s], the peak torque over the reference, or the integral of (torque / reference)^2 [s].

@@ -121,7 +121,7 @@ class SmoothSearch(NamedTuple):
             floors = floors[floors <= 10.0 * similar.floor]
         for floor in floors:
             law = self.program.minimise(goal, bounds, self.units, floor=floor)
-            if _lasts(law, 0.0):
+            if _takes_at_least(law, 0.0):
                 return law, floor
             status = law.status if isinstance(law, Unsolved) else "z is not positive"
         return NoneFound(self.program, status), 0.0
@@ -139,7 +139,7 @@ class SmoothSearch(NamedTuple):
         for width in WAITING_WIDTHS:
             cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
             slow = self.program.minimise("curvature", bounds, self.units, floor=floor, cap=cap)
-            if _lasts(slow, duration):
+            if _takes_at_least(slow, duration):
                 return slow
         return self._slow_down(duration, bounds, floor)
 
@@ -152,15 +152,15 @@ class SmoothSearch(NamedTuple):
         weights = np.ones(self.program.z.shape[0])
         for _ in range(MAX_SLOW_STEPS):
             slow = self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights)
-            if _lasts(slow, duration):
+            if _takes_at_least(slow, duration):
                 return slow
             if isinstance(slow, Unsolved):
                 return NoneFound(self.program, slow.status)
             z = self.program.z @ slow.y
             weights = (z / z.max()) ** -1.5
-        return self._none_lasts(duration)
+        return self._refuse_duration(duration)
 
-    def _none_lasts(self, duration: float) -> NoneFound:
+    def _refuse_duration(self, duration: float) -> NoneFound:
         """Return the result that no law takes so long."""
         return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
 
@@ -172,7 +172,7 @@ class SmoothSearch(NamedTuple):
         duration = law.duration
         bounds = bounds._replace(longest=4.0 * duration)
         slow = self.program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, duration))
-        if _lasts(slow, duration * (1.0 - BLENDED_DURATION)):
+        if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
             return self._blend(quick, slow, duration)
         return law
 
@@ -196,15 +196,17 @@ class SmoothSearch(NamedTuple):
         if law.duration < least_duration:
             starts = list(self._find_starts(quick, duration, floor))
             if not starts:
-                return self._none_lasts(duration)
+                return self._refuse_duration(duration)
             law = self._descend(min(starts, key=_energy_of), quick, floor)
         bounds = limits._replace(energy=(1.0 + self.share) * law.energy)
         smooth = self.program.minimise(
             "curvature", bounds._replace(longest=duration), self.units, floor=floor
         )
-        if _lasts(smooth, least_duration):
+        if _takes_at_least(smooth, least_duration):
             return smooth
-        return self._improve("curvature", law, smooth if _lasts(smooth, 0.0) else quick, bounds, floor)
+        return self._improve(
+            "curvature", law, smooth if _takes_at_least(smooth, 0.0) else quick, bounds, floor
+        )
 
     def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
         """Lower the energy of a law step by step, as long as that pays.
@@ -229,7 +231,7 @@ class SmoothSearch(NamedTuple):
             for waiting in self._choose_waits(width):
                 cap = _cap_speed(waiting, width, duration, floor)
                 slow = self.program.minimise("energy", limits, self.units, floor=floor, cap=cap)
-                if _lasts(slow, duration):
+                if _takes_at_least(slow, duration):
                     laws.append(self._blend(quick, slow, duration))
             yield from laws
             if laws:
@@ -264,7 +266,7 @@ class SmoothSearch(NamedTuple):
             yield np.abs(sigma - sigma[k]) < 0.5 * width
 
 
-def _lasts(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
+def _takes_at_least(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
     """Whether a law was found that takes at least a duration [s], and not forever."""
     return isinstance(law, Speed) and duration <= law.duration < np.inf
 

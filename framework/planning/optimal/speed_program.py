@@ -119,19 +119,19 @@ class SpeedProgram:
         return SpeedSpace(self.basis, self.problem.task.stretch)
 
     @cached_property
-    def _integrated(self) -> slice:
+    def _inner_points(self) -> slice:
         """The points with a weight: all but the ends."""
         return slice(1, len(self.xi) - 1)
 
     @property
     def _inner_weights(self) -> Array:
         """Weights (P,) of the points with a weight."""
-        return self.weights[self._integrated]
+        return self.weights[self._inner_points]
 
     @cached_property
     def z(self) -> Any:
         """Values (P, n) of z at the points with a weight."""
-        return self.basis.matrix(self.xi[self._integrated])
+        return self.basis.matrix(self.xi[self._inner_points])
 
     @cached_property
     def positive(self) -> tuple[Any, Array]:
@@ -150,7 +150,7 @@ class SpeedProgram:
         d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the points, times the root of their weights.
         """
         stretch = self.problem.task.stretch
-        inside = self._integrated
+        inside = self._inner_points
         sigma = self.problem.sigma(self.xi)[inside]
         first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
         curvature = (
@@ -162,7 +162,7 @@ class SpeedProgram:
         return AffineRows({"y": rows / size}, np.zeros(rows.shape[0]))
 
     @cached_property
-    def _fine(self) -> tuple[Any, Array]:
+    def _fine_quadrature(self) -> tuple[Any, Array]:
         """Values (F, n) of z and weights (F,) in sigma with which a duration is integrated."""
         parts = np.linspace(0.0, 1.0, FINE_PARTS + 1)[:-1]
         starts = (self.cells[:-1, None] + np.diff(self.cells)[:, None] * parts).ravel()
@@ -181,12 +181,12 @@ class SpeedProgram:
 
         The duration is the integral of z^(-1/2) over sigma, the energy that of |torque|^2 z^(-1/2).
         """
-        fine_z, fine_weights = self._fine
+        fine_z, fine_weights = self._fine_quadrature
         z = fine_z @ y
         duration = float(fine_weights @ z**-0.5) if z.min() > 0 else np.inf
         torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
         slowness = np.maximum(self.z @ y, np.finfo(float).tiny) ** -0.5  # dt/d sigma
-        power = (torque[self._integrated] ** 2).sum(axis=1) * slowness
+        power = (torque[self._inner_points] ** 2).sum(axis=1) * slowness
         energy = float(self._inner_weights @ power)
         peak = float(np.abs(torque).max(initial=0.0))
         squared_speeds = [float((rows @ y).max()) for rows in self.rows.squared_speed]
@@ -319,7 +319,7 @@ class SpeedProgram:
             parts = {"y": -(matrix / scale)}
             largest = bounds.share**2
             if goal in ("peak_speed", "limits"):
-                parts["peak"] = _column(matrix, 1.0)
+                parts["peak"] = _constant_column(matrix, 1.0)
                 largest = 0.0
             rows.append(_limit_entries(AffineRows(parts, np.full(matrix.shape[0], largest))))
         return rows
@@ -354,7 +354,7 @@ class SpeedProgram:
             two = AffineRows({}, np.full(count, 2.0))
             cones.append(product_cone({"v": identity}, {"r": identity}, [two]))
         if powered:
-            inside = self._integrated
+            inside = self._inner_points
             scale = units.time**2
             unit = self.problem.reference * units.torque
             twice_torque = [
@@ -433,13 +433,13 @@ def _bound_size(
 ) -> list[AffineRows]:
     """Return |torque| <= largest + peak_share * peak as rows that may not be negative."""
     matrix = torque.parts["y"]
-    peak = {} if peak_share is None else {"peak": _column(matrix, peak_share)}
+    peak = {} if peak_share is None else {"peak": _constant_column(matrix, peak_share)}
     return [
         _limit_entries(AffineRows({"y": sign * matrix, **peak}, sign * torque.offset + largest))
         for sign in (-1.0, 1.0)
     ]
 
 
-def _column(matrix: Any, value: float) -> Any:
+def _constant_column(matrix: Any, value: float) -> Any:
     """Return a sparse column of one value with as many rows as a matrix."""
     return sparse.csr_array(np.full((matrix.shape[0], 1), value))
