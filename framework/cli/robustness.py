@@ -30,7 +30,7 @@ from framework.control.study import KeptRuns, Study, run_study
 from framework.control.study_setup import FILE, StudySetup, load_study, versions
 from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
-from framework.model.documents import naming
+from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.output import Document, json_text
 from framework.numerics.tasks import executor_of
@@ -313,7 +313,7 @@ def replay_run(options: Namespace) -> Report:
         if key not in OF_A_REPLAY and value != defaults[key]:
             raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
-    with naming(Path(options.robot) / FILE, InvalidInput):
+    with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
     name, failures = _chosen_study(options.controller, stated["studies"])
     number, runs = options.replay, stated["runs"]

@@ -18,7 +18,7 @@ from framework.control.reference import Reference, reference_of
 from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
-from framework.model.documents import naming
+from framework.model.documents import prefix_errors
 from framework.numerics.fields import (
     Table,
     list_of,
@@ -107,7 +107,7 @@ class StudySetup:
         Raises:
             InvalidInput: the document is another one, or the robot has changed since.
         """
-        with naming(file, InvalidInput):
+        with prefix_errors(file, InvalidInput):
             stated = read_table("", saved, _STUDY, others=None)
             loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
         plan = plan_from_document(stated["plan"], file, robot_file=robot_file)

@@ -17,9 +17,9 @@ import numpy as np
 from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.documents import origin_of
-from framework.model.placement import about, placement
-from framework.model.urdf_edits import ChainJoint, joint_element, origin_element
+from framework.model.documents import read_origin
+from framework.model.placement import placement, rotation_about
+from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ReadOnlyArrays
 
 ERRORS = "errors"  # end of the name of a virtual joint
@@ -117,7 +117,7 @@ def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) 
     ElementTree.SubElement(urdf, "link", name=link)
     parent = joint.find("parent")
     origin = joint.find("origin")
-    fixed = joint_element(ChainJoint(name, "fixed"), _end(joint, "parent"), link)
+    fixed = joint_element(NewJoint(name, "fixed"), _end(joint, "parent"), link)
     if parent is not None:
         parent.set("link", link)
     if origin is not None:
@@ -133,9 +133,9 @@ def _move_origin(joint: ElementTree.Element, move: Array) -> None:
     As the virtual joint of `geometry_of` does: three slides, then three hinges.
     """
     old = joint.find("origin")
-    pose = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
+    pose = read_origin(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
     for axis, angle in zip(np.eye(3), move[3:], strict=True):
-        pose = pose @ placement(about(axis, angle))
+        pose = pose @ placement(rotation_about(axis, angle))
     if old is not None:
         joint.remove(old)
     joint.append(origin_element(pose))

@@ -25,7 +25,7 @@ from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS,
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.documents import attribute, child_element, origin_of, remove_children
+from framework.model.documents import attribute, child_element, read_origin, remove_children
 from framework.model.urdf_edits import inertial_element
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
@@ -101,7 +101,7 @@ def inertial_parameters(link: ElementTree.Element) -> Array:
     mass = attribute(child_element(inertial, where, "mass"), where, "value")
     inertia = child_element(inertial, where, "inertia")
     entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
-    pose = origin_of(inertial.find("origin"), where)
+    pose = read_origin(inertial.find("origin"), where)
     return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
 
 

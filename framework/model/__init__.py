@@ -14,8 +14,8 @@ The robot file (YAML)
 
 The URDF
     urdf_elements       where it is; its joints, links and inertias, read and checked
-    urdf_edits          its elements, written; changes by a robot file, by springs, and for pinocchio
     visuals             the solids that it shows
+    urdf_edits          its elements, written; changes by a robot file, by springs, and for pinocchio
     documents           XML and YAML within limits; attributes of an element
 
 Springs

@@ -32,7 +32,10 @@ CLOSURE_KINDS = _LOCKED.keys()
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """Return the locked axes of a closure kind, in the frame of the first body, and rows with a length.
+    """Return the locked axes of a closure kind, in the first body's frame.
+
+    Rows that need a length, such as distance, come last. `axis` in {x, y, z} is the axis of the joint; the
+    kinds are tabled for z and turned cyclically.
 
     `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
 
@@ -47,14 +50,14 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     return (*(name for name in AXES if name in axes), *with_length)
 
 
-def measured_kinds() -> tuple[str, ...]:
+def kinds_with_length() -> tuple[str, ...]:
     """Return the closure kinds that need a length."""
     return tuple(kind for kind, axes in _LOCKED.items() if not set(axes) <= set(AXES))
 
 
 @dataclass(frozen=True)
 class Platform:
-    """The prescribed motion: of a frame on axes of the base frame, or of joints.
+    """The prescribed motion: of a frame on base axes, or of joints.
 
     Of two turns the order counts, see `framework.kinematics.attitude`.
     """
@@ -124,6 +127,7 @@ class Spring:
     stiffness: tuple[float, ...]
 
     def exists_in(self, flexibility: str) -> bool:
+        """Return whether a robot of this flexibility has the spring."""
         first = "flexible_joints" if self.part == "joint" else "flexible_links"
         return FLEXIBILITIES.index(flexibility) >= FLEXIBILITIES.index(first)
 
@@ -151,8 +155,8 @@ class JointDynamics:
     stiffness: float = 0.0
     rest: float = 0.0
 
-    def seen_through(self, ratio: float) -> JointDynamics:
-        """Return the dynamics on a coordinate whose motion times `ratio` is that of this one."""
+    def reflect_through(self, ratio: float) -> JointDynamics:
+        """Reflect the dynamics through a gear: onto x where this coordinate is q = ratio x."""
         square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
         friction = abs(ratio) * self.friction
         return JointDynamics(
@@ -160,7 +164,7 @@ class JointDynamics:
         )
 
     def __add__(self, other: JointDynamics) -> JointDynamics:
-        """Return the sum of both."""
+        """Return the dynamics of two in parallel, their springs as one."""
         stiffness = self.stiffness + other.stiffness
         moment = self.stiffness * self.rest + other.stiffness * other.rest
         return JointDynamics(
@@ -174,9 +178,10 @@ class JointDynamics:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A loop equation between two joints of one degree of freedom: q_joint = ratio q_of + offset.
+    """A loop equation q_joint = ratio q_of + offset of two joints.
 
-    `ratio` and `offset` are in the units of the joints [rad, m]. Gears, mirrored fingers, <mimic>.
+    Each joint has one degree of freedom; `ratio` and `offset` are in the units of the joints [rad, m]. Gears,
+    mirrored fingers, <mimic>.
     """
 
     joint: str
@@ -190,8 +195,8 @@ class Coupling:
         return f"{self.joint}_of_{self.of}"
 
 
-def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the joints that couplings lock with `locked` ones, and their values [rad, m]."""
+def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the joints that locked ones lock through couplings, with values [rad, m]."""
     further = {}
     for coupling in couplings:
         if coupling.of in locked and coupling.joint not in locked:
@@ -203,7 +208,10 @@ def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, floa
 
 @dataclass(frozen=True)
 class KeptLevel:
-    """The least level of fidelity that is enough for a scene, to a tolerance (a share)."""
+    """The stored result of a fidelity study: a scene's least sufficient level.
+
+    `tolerance` is relative to the largest torque.
+    """
 
     level: str
     tolerance: float

@@ -24,7 +24,7 @@ TABLE_DEGREE = 3  # of the spline through a table: the torque of an elastic robo
 
 @dataclass(frozen=True, eq=False)
 class FrameWrench(ReadOnlyArrays):
-    """A wrench on the body of one frame.
+    """A wrench of the world on the body of one frame.
 
     `rows` are (force, moment) (6,), or a table (K, 7) of rows with the path coordinate s before it, from 0
     to 1: a cubic spline leads through it, twice continuously differentiable (of less degree through fewer
@@ -75,7 +75,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @staticmethod
     def of(frame: str, given: Any, where: str = "wrenches") -> FrameWrench:
-        """Return the wrench in 6 numbers, a table, or {wrench: ..., axes: base or tool}.
+        """Read a wrench: 6 numbers, a table, or {wrench: ..., axes: base or tool}.
 
         `where` names the mapping that it stands in.
 

@@ -20,7 +20,7 @@ import numpy as np
 from framework.errors import check_name
 from framework.model.description import Spring
 from framework.model.documents import child_element, remove_children
-from framework.model.placement import about, placement, to_rpy
+from framework.model.placement import placement, rotation_about, to_rpy
 from framework.model.urdf_elements import (
     ENTRIES,
     JOINT_TYPES,
@@ -50,7 +50,7 @@ _NUMBERS = {
 
 
 def vector_text(values: Iterable[float]) -> str:
-    """Write numbers to their last digit, and zero without a sign."""
+    """Write numbers with all digits, and zero without a sign."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
@@ -61,8 +61,12 @@ def origin_element(matrix: Array) -> ElementTree.Element:
     )
 
 
-class ChainJoint(NamedTuple):
-    """A joint to write: `origin` (4, 4) is its placement in the link before."""
+class NewJoint(NamedTuple):
+    """A joint to write.
+
+    `origin` (4, 4) is its placement in the parent link, `axis` (3,) is in the joint's frame, `limits` are the
+    lower and the upper one [rad, m].
+    """
 
     name: str
     kind: str
@@ -71,8 +75,8 @@ class ChainJoint(NamedTuple):
     limits: Sequence[float] | None = None
 
 
-def joint_element(joint: ChainJoint, parent: str, child: str) -> ElementTree.Element:
-    """Return a `<joint>`, with limits that nothing reaches if URDF requires some.
+def joint_element(joint: NewJoint, parent: str, child: str) -> ElementTree.Element:
+    """Return a `<joint>`; where URDF requires limits and none are given, huge ones.
 
     A continuous joint with limits is a revolute one.
     """
@@ -92,12 +96,12 @@ def joint_element(joint: ChainJoint, parent: str, child: str) -> ElementTree.Ele
 
 
 def chain_elements(
-    parent: str, motions: Sequence[ChainJoint], body: str, end: Array, taken: set[str]
+    parent: str, motions: Sequence[NewJoint], body: str, end: Array, taken: set[str]
 ) -> Iterator[ElementTree.Element]:
-    """Yield joints between two links, with massless links between joints.
+    """Yield a chain of joints from `parent` to `body`, and the massless links between.
 
     Args:
-        end: (4, 4) placement of the body behind the last joint; a fixed joint where it is none.
+        end: (4, 4) placement of the body behind the last joint; unless the identity, a fixed joint more.
         taken: names of links, which grow by those of the chain.
     """
     for motion in motions:
@@ -108,11 +112,11 @@ def chain_elements(
         yield joint_element(motion, parent, child)
         parent = child
     if parent != body:
-        yield joint_element(ChainJoint(free_name(f"{body}_mount", taken), "fixed", end), parent, body)
+        yield joint_element(NewJoint(free_name(f"{body}_mount", taken), "fixed", end), parent, body)
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Return the wanted name with underscores until free, and mark the name as taken."""
+    """Append underscores to a name until free, and mark the result as taken."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)
@@ -155,7 +159,7 @@ def add_frame(
     box of even density with this mass and inertia: edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on.
     """
     link = ElementTree.SubElement(root, "link", name=name)
-    root.append(joint_element(ChainJoint(f"{name}_mount", "fixed", origin), parent, name))
+    root.append(joint_element(NewJoint(f"{name}_mount", "fixed", origin), parent, name))
     if not mass:
         return
     link.append(inertial_element(mass, np.zeros(3), np.diag(inertia)))
@@ -168,11 +172,7 @@ def add_frame(
 
 
 def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
-    """Fix some joints of a URDF at given values [rad, m]; a locked joint mimics no other.
-
-    Raises:
-        RobotFileError: a name is not that of a revolute, continuous or prismatic joint.
-    """
+    """Fix joints of one freedom at given values [rad, m]; remove their mimics."""
     tree = read_tree(root)
     for name, value in locked.items():
         check_name(f"locked.{name}", "joint", name, tree.movable)
@@ -180,15 +180,15 @@ def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
 
 
 def fix_joint(joint: Joint, *values: float) -> None:
-    """Make a joint fixed, its origin moved along with its coordinates [rad, m]."""
+    """Make a joint fixed at the values [rad, m] of its coordinates."""
     if joint.kind in SEVERAL:
         *along, x, y, z = values
         angle = math.hypot(x, y, z)
-        motion = placement(about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
+        motion = placement(rotation_about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
     elif joint.kind == "prismatic":
         motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
     else:
-        motion = placement(about(joint.axis, values[0]))
+        motion = placement(rotation_about(joint.axis, values[0]))
     joint.origin = joint.origin @ motion
     joint.kind = "fixed"
     joint.element.set("type", "fixed")
@@ -197,14 +197,14 @@ def fix_joint(joint: Joint, *values: float) -> None:
 
 
 def free_root(root: ElementTree.Element) -> None:
-    """Stand a URDF on a new root link `ground` by six joints, ROOT_JOINTS.
+    """Mount a URDF on a new root link `ground` by six joints, ROOT_JOINTS.
 
     Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
     90 degrees.
     """
     tree = read_tree(root)
     motions = [
-        ChainJoint(
+        NewJoint(
             name, "revolute" if "_r" in name else "prismatic", np.eye(4), np.eye(3)["xyz".index(name[-1])]
         )
         for name in ROOT_JOINTS
@@ -218,8 +218,8 @@ def free_root(root: ElementTree.Element) -> None:
 # ------------------------------------------------------------------ for pinocchio
 
 
-def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
-    """Return a checked URDF without shapes, its numbers parsed by Python.
+def copy_without_shapes(root: ElementTree.Element) -> ElementTree.Element:
+    """Copy a checked URDF without shapes, its numbers parsed by Python.
 
     Pinocchio's parser prints errors in visuals and collisions to the console, and reads numbers by rules of
     its own.
@@ -257,13 +257,13 @@ def make_continuous_joints_revolute(root: ElementTree.Element) -> None:
 # ------------------------------------------------------------------ springs
 
 
-def virtual_link(name: str) -> str:
+def virtual_link_name(name: str) -> str:
     """Name of the massless link in front of a virtual joint."""
     return f"{name}_base"
 
 
 def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None:
-    """Put one virtual joint for each coordinate of each spring into a URDF.
+    """Insert the virtual joints of springs into a URDF.
 
     The springs' names and `after` must be valid for this URDF, as `read_robot_file` checks. Several
     springs behind one joint follow it in the order given.
@@ -277,9 +277,9 @@ def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None
         kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
         motions = [("revolute" if "r" in axis else "prismatic", AXIS[axis[-1]]) for axis in spring.motion]
         for name, (kind_of_motion, axis) in zip(spring.coordinates, motions or [(kind, own)], strict=True):
-            end, middle = child_element(last[spring.after], "", "child"), virtual_link(name)
+            end, middle = child_element(last[spring.after], "", "child"), virtual_link_name(name)
             ElementTree.SubElement(root, "link", name=middle)
-            motion = ChainJoint(name, kind_of_motion, axis=np.array(axis.split(), dtype=float))
+            motion = NewJoint(name, kind_of_motion, axis=np.array(axis.split(), dtype=float))
             joint = joint_element(motion, middle, end.get("link", ""))
             end.set("link", middle)
             root.append(joint)
