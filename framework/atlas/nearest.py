@@ -8,8 +8,8 @@ to the nearest point to x on the plane of g linearised at y,
     y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
 
 The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
-radius of the ball in which `regular_ball` proves that no pose is singular, of Type 1 or Type 2. The bounds
-differ where that ball ends at Type 1, or the proof at its largest number of cells.
+radius of the ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
+bounds differ where that ball ends at Type 1, or the proof at its largest number of cells.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
-from framework.proofs.regular_ball import MAX_CELLS, regular_ball
+from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
@@ -82,7 +82,7 @@ def nearest_singular_pose(
     Args:
         within: largest distance of the search [m if all coordinates are translations, rad if all are turns,
             else robot lengths and rad], by default half a robot length or 0.5 rad.
-        max_cells: largest number of cells of the proof, see `regular_ball`.
+        max_cells: largest number of cells of the proof, see `prove_regular_ball`.
 
     Raises:
         InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
@@ -105,7 +105,7 @@ def nearest_singular_pose(
     nearest = _nearest_foot(robot, crossed, centre, reach)
     leg_end = _leg_end_distance(robot, ended, centre)
     radius = reach if nearest is None else nearest.distance
-    proved = regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
+    proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
     margin = NearestSingularPose(
         distance=np.inf,
         at_least=proved * unit_length,

@@ -27,7 +27,7 @@ from framework.cli.writing import written_stepwise
 from framework.control.controllers import CONTROLLERS
 from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.study import KeptRuns, Study, run_study
-from framework.control.study_setup import FILE, StudySetup, load_study, versions
+from framework.control.study_setup import FILE, StudySetup, library_versions, load_study
 from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
 from framework.model.documents import prefix_errors
@@ -329,7 +329,7 @@ def replay_run(options: Namespace) -> Report:
         "peak_torque": run.peak_torque.max(),
         "payload": run.payload[0],
         "as_written": written == ([] if run.passed[0] else [_failure(run, 0, seed)]),
-        "versions": {"then": stated["versions"], "now": versions()},
+        "versions": {"then": stated["versions"], "now": library_versions()},
     }
     return document, _describe_replay(document)
 

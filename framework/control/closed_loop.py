@@ -11,7 +11,7 @@ import numpy as np
 from framework.control.estimation import Controller, Measurement, RobotState
 from framework.control.reference import Reference
 from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, RunMonitor
-from framework.control.variation import Spread, Variation, draw_noise, vary
+from framework.control.variation import Spread, Variation, apply_variation, draw_noise
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.frames import integrate
 from framework.numerics.arrays import Array, BoolArray, IntArray
@@ -26,7 +26,7 @@ MIN_SPEED = 1e-12  # [rad/s] instead of 0 for motors that stand still all the ti
 
 
 class DelayLine(NamedTuple):
-    """A buffer that delays the torques of each run by its own number of sampling periods."""
+    """A buffer that delays the torques of each run by its own number of periods."""
 
     delays: IntArray  # (R,) [sampling periods]
     past: deque[Array]  # torques (R, n_a) of the last periods
@@ -40,7 +40,10 @@ class DelayLine(NamedTuple):
         return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return the delayed torques, until then the first ones."""
+        """Store commanded torques (R, n_a); return the delayed ones (R, n_a).
+
+        Until a run's delay has passed, these are the first torques.
+        """
         self.past.append(torque)
         if len(self.past) == 1:
             return torque
@@ -49,7 +52,9 @@ class DelayLine(NamedTuple):
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
-    """Return the largest motor torques (n_a,) [N m]: of the loop, of the robot file, or 10 times the plan's.
+    """Return the largest motor torques (n_a,) [N m] of the loop.
+
+    By default those of the robot file, or 10 times the plan's peaks.
 
     Raises:
         InvalidInput: a limit that is no torque.
@@ -88,7 +93,7 @@ def run_closed_loop(
     """
     ref = controller.reference
     limit = torque_limit(controller.reference, loop)
-    robots = _Robots.of(controller, spread, variations)
+    robots = _VariedRobots.of(controller, spread, variations)
     last = len(ref.times) - 1
     delay_line = DelayLine.of(controller, variations)
     monitor = RunMonitor.of(len(variations), ref.robot)
@@ -100,26 +105,26 @@ def run_closed_loop(
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         torque = delay_line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
-        monitor.note_torque(torque, record=record)
+        monitor.add_torque(torque, record=record)
         if k == last or not monitor.alive.any():
             break
         q, v = robots.step(k, q, v, torque)
-        monitor.end(ref.times[k + 1], _find_lost(ref, q, v))
+        monitor.end(ref.times[k + 1], _are_lost(ref, q, v))
         # NaN of one run would spoil the stacked solutions of all: put ended runs back to their start
         is_running = monitor.alive[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
-    return monitor.judge(loop, variations)
+    return monitor.conclude(loop, variations)
 
 
-def _find_lost(ref: Reference, q: Array, v: Array) -> BoolArray:
-    """Return a mask (R,) of the runs whose joints are not finite, or move too far in one period."""
+def _are_lost(ref: Reference, q: Array, v: Array) -> BoolArray:
+    """Return which runs (R,) have joints that are not finite or too fast."""
     is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
     return np.asarray(~(np.isfinite(q).all(axis=1) & is_slow.all(axis=1)))
 
 
-class _Robots(NamedTuple):
-    """R varied robots with their encoders, friction of motors and wrenches of the world."""
+class _VariedRobots(NamedTuple):
+    """R varied robots with encoders, motor friction and wrenches of the world."""
 
     reference: Reference
     stepper: Stepper
@@ -130,13 +135,13 @@ class _Robots(NamedTuple):
     noise: Array | None  # (K, R, 2, nv) of the encoders
 
     @staticmethod
-    def of(controller: Controller, spread: Spread, variations: Sequence[Variation]) -> _Robots:
-        """Return the robots at rest at the start of the plan, loops closed."""
+    def of(controller: Controller, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
+        """Place the robots at rest at the start of the plan, loops closed."""
         ref = controller.reference
         count = len(variations)
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
-            varied_robots = [vary(ref.robot, variation) for variation in variations]
+            varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
             stepper = Stepper.of(varied_robots, like=ref.robot)
             torque = np.tile(ref.torque[0], (count, 1))
             q = np.tile(ref.motion.q[0], (count, 1))
@@ -150,14 +155,14 @@ class _Robots(NamedTuple):
         shares = np.array([variation.friction for variation in variations])
         friction = shares * np.abs(ref.torque).max(axis=0)
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return _Robots(ref, stepper, start, world, friction, smoothing_speed, noise)
+        return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k."""
         return self.reference.robot.platform.unwrap(self.stepper.platform(q, v)[0], self.reference.x[k])
 
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
-        """Return the readings of the encoders at instant k, with their noise.
+        """Read the encoders at instant k, with their noise.
 
         With encoders on all joints their noise moves the measured platform by dx/dq, the pseudo-inverse of
         the planned N = dq/dx.
@@ -178,7 +183,7 @@ class _Robots(NamedTuple):
         return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
-        """Return the states one period after instant k under motor torques (R, n_a).
+        """Compute the states one period after instant k under motor torques (R, n_a).
 
         Wrenches of the world are those in the middle of the period, where the present rates lead.
         """

@@ -40,18 +40,19 @@ class Controller(Protocol):
     """A controller for one reference, without internal state."""
 
     @property
-    def reference(self) -> Reference: ...
+    def reference(self) -> Reference:
+        """The planned motion that the controller follows."""
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m], motor side, at sampling instant k."""
         ...
 
 
-def estimated_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
-    """Return the state at sampling instant k: measured, or estimated by one Newton step from the plan.
+def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
+    """Return the measured state at instant k, or estimate it from the motors.
 
-    G dx = (measured - planned motor angles) gives the step of the platform, N dx that of the joints; rates
-    alike.
+    The estimate is one Newton step from the plan. G dx = (measured - planned motor angles) gives the step of
+    the platform, N dx that of the joints; rates alike.
     """
     if measurement.state is not None:
         return measurement.state
@@ -62,7 +63,7 @@ def estimated_state(reference: Reference, k: int, measurement: Measurement, *, a
     speed_error = measurement.motor_speed - reference.motor_speed[k]
     errors = np.stack([angle_error, speed_error])
     if aware:
-        x_step, dx_step = consistent_solution(G[None], errors)
+        x_step, dx_step = solve_damped(G[None], errors)
     else:
         inverse = solve(G[None], np.eye(len(G))[None])
         x_step, dx_step = matvec(inverse, errors)
@@ -74,8 +75,8 @@ def estimated_state(reference: Reference, k: int, measurement: Measurement, *, a
     )
 
 
-def consistent_solution(matrices: Array, right: Array) -> Array:
-    """Compute damped least-squares solutions (R, k) of systems (R, m, k) with right-hand sides (R, m).
+def solve_damped(matrices: Array, right: Array) -> Array:
+    """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
 
     Instead of 1 / sigma a singular value below t = FADING_RATIO times the largest has the factor sigma / t^2:
     it is continuous at t and falls to zero with sigma. NaN where a matrix is not finite.

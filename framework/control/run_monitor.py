@@ -89,7 +89,7 @@ class RunMonitor:
         )
 
     def check(self, time: float, x: Array, planned: Array) -> None:
-        """Compare platforms x (R, n) with the plan (n,); end runs far from the plan or not finite."""
+        """Compare platforms x (R, n) with the plan (n,); end runs far from it."""
         scale = self.robot.platform_scale
         self.error = np.nan_to_num(np.abs((x - planned) / scale), nan=MAX_DEVIATION).max(axis=1)
         self.end(time, ~(self.error < MAX_DEVIATION))
@@ -102,13 +102,13 @@ class RunMonitor:
             self.why[run] = f"lost at t = {time:.4g} s"
         self.alive = self.alive & ~runs
 
-    def note_torque(self, torque: Array, *, record: bool) -> None:
-        """Update the peaks by the torques (R, n_a) of one sampling period; `record` keeps all torques."""
+    def add_torque(self, torque: Array, *, record: bool) -> None:
+        """Update the peaks by torques (R, n_a) of one period; store them if `record`."""
         self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
         if record:
             self.torques.append(torque)
 
-    def judge(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
+    def conclude(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
         """Return the runs with the reasons why some did not pass."""
         error = np.where(self.alive, self.error, MAX_DEVIATION)
         is_near_plan = self.worst <= loop.tolerance

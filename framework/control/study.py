@@ -53,7 +53,7 @@ class Study(Outcomes):
 
     @property
     def failures(self) -> list[tuple[int, int]]:
-        """Seeds of the runs that failed; `draw(robot, spread, seed)` returns the same robot again."""
+        """Seeds of the failed runs; `draw(robot, spread, seed)` returns the same robot again."""
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
@@ -112,11 +112,11 @@ def run_study(
 def _join_chunks(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
     """Join the runs of all chunks, in order, into one study."""
     arrays = {name: np.concatenate([getattr(run, name) for run in chunks]) for name in _stored_arrays(0, 0)}
-    return Study(controller=controller, spread=spread, seed=seed, **_with_reasons(arrays), seconds=seconds)
+    return Study(controller=controller, spread=spread, seed=seed, **_run_fields(arrays), seconds=seconds)
 
 
 def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
-    """Return stored chunks within the first `runs` runs that overlap no earlier chunk."""
+    """Select stored chunks within the first `runs` runs that overlap no earlier one."""
     chunks: dict[range, Run] = {}
     end = 0
     for part, run in sorted(stored, key=lambda item: item[0].start):
@@ -127,7 +127,7 @@ def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Ru
 
 
 def _missing_chunks(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
-    """Return the first `runs` runs without the finished ones, in chunks of at most `chunk` runs."""
+    """List the unfinished of the first `runs` runs, in chunks of at most `chunk`."""
     missing: list[range] = []
     end = 0
     end_of_all = range(runs, runs)  # closes the last gap
@@ -156,7 +156,7 @@ def run_chunk(
 
 
 def _stored_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
-    """Return types and shapes of the arrays of a chunk that are stored, by field of `Run`."""
+    """Return types and shapes of a chunk's stored arrays, by field of `Run`."""
     numbers = ArrayField("f", (runs,))
     return {
         "passed": ArrayField("b", (runs,)),
@@ -170,20 +170,20 @@ def _stored_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
 
 @dataclass(frozen=True)
 class KeptRuns:
-    """Chunks of one controller's runs in a folder."""
+    """The stored chunks of one controller's runs, in a folder."""
 
     chunks: KeptChunks
     motors: int  # of the robot
 
     @staticmethod
     def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
-        """Return the store in the folder `out` for runs of this setup, a document of JSON."""
+        """Return the store in the folder `out` for runs of this setup (JSON)."""
         plan = dict(setup["plan"])
         plan.pop("seconds", None)  # the same plan, made in another time
         return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
 
     def read(self) -> list[tuple[range, Run]]:
-        """Return the stored runs with the range of their numbers; other files are ignored."""
+        """Read the stored runs with the range of their numbers; ignore other files."""
         runs = []
         for name, arrays in self.chunks.read().items():
             try:
@@ -192,7 +192,7 @@ class KeptRuns:
                 continue
             if fits(arrays, _stored_arrays(stop - first, self.motors)):
                 x = np.empty((0, 0, 0))  # not stored
-                runs.append((range(first, stop), Run(**_with_reasons(arrays), x=x)))
+                runs.append((range(first, stop), Run(**_run_fields(arrays), x=x)))
         return runs
 
     def keep(self, chunk: range, run: Run) -> None:
@@ -205,6 +205,6 @@ class KeptRuns:
         self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
 
 
-def _with_reasons(arrays: Arrays) -> dict[str, Any]:
-    """Return stored arrays as fields of `Run` and `Study`, with the reasons as a tuple of strings."""
+def _run_fields(arrays: Arrays) -> dict[str, Any]:
+    """Convert stored arrays to fields of `Run` and `Study`."""
     return {**arrays, "why": tuple(arrays["why"].tolist())}

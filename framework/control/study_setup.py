@@ -41,7 +41,7 @@ FILE = "robustness.json"
 
 @dataclass(frozen=True, eq=False)
 class StudySetup:
-    """A plan with its sampling, its loop and the spread of robots about their model."""
+    """A plan with its sampling, its control loop and the spread of robots."""
 
     plan: CrossingPlan  # as read from its own document
     period: float  # [s]
@@ -51,7 +51,7 @@ class StudySetup:
 
     @staticmethod
     def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
-        """Return the setup of a new study.
+        """Make the setup of a new study.
 
         The plan is written to a document and read again, so that its torques are those of a later rerun to
         the last bit.
@@ -69,7 +69,10 @@ class StudySetup:
         return reference_of(self.plan, period=self.period)
 
     def controller(self, name: str) -> Controller:
-        """Return the controller of this name with its default gains; raises as `tuned_controller`."""
+        """Return the controller of this name with its default gains.
+
+        Raises as `tuned_controller`.
+        """
         return tuned_controller(name, self.reference)
 
     def run(self, controller: str, number: int) -> Run:
@@ -94,7 +97,7 @@ class StudySetup:
             **asdict(self.loop),
             "spread": asdict(self.spread),
             "plan": plan_document(self.plan, folder),
-            "versions": versions(),
+            "versions": library_versions(),
         }
 
     @staticmethod
@@ -126,7 +129,7 @@ _STUDY: Table = {
 }
 
 
-def versions() -> dict[str, str]:
+def library_versions() -> dict[str, str]:
     """Return the versions on which the last bit of a run depends."""
     return {**package_versions(), "python": platform.python_version(), "machine": platform.machine()}
 

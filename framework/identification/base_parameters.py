@@ -9,12 +9,12 @@ import numpy as np
 from framework.errors import NotAssembled, NotConverged
 from framework.identification.combinations import (
     Combinations,
-    combination_text,
-    determined_combinations,
+    find_combinations,
+    format_combination,
 )
 from framework.identification.torque_parameters import (
     TorqueParameters,
-    gravity_of,
+    gravity_scale,
     parameter_regressor,
     torque_parameters,
 )
@@ -65,7 +65,11 @@ class BaseParameters(ReadOnlyArrays):
 
 
 def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int = 0) -> BaseParameters:
-    """Compute the combinations of inertial and motor parameters that motor torques determine.
+    """Compute the parameter combinations that motor torques determine.
+
+    These are the combinations that all motions near the reference determine together; a single line
+    determines fewer. Their number is the rank of the closed robot's regressor (`parameter_regressor`) at
+    random instants. Several sets of instants must have the same rank.
 
     They are the combinations that all motions near the reference determine together; a single line determines
     fewer. Their number is the rank of the closed robot's regressor (`parameter_regressor`) at random
@@ -88,7 +92,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
         # equal weights of instants, as forces are large near a singularity of the inverse kinematics
         matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2))[:, None, None]
-        sets.append(determined_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
+        sets.append(find_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
     ranks = [combinations.rank for combinations in sets]
     least = min(sets, key=lambda combinations: combinations.gap)
     if len(set(ranks)) > 1:
@@ -102,7 +106,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
         robot=robot,
         rank=least.rank,
         gap=least.gap,
-        names=tuple(combination_text(described.names, row) for row in least.coefficients),
+        names=tuple(format_combination(described.names, row) for row in least.coefficients),
         parameters=described.names,
         without_effect=tuple(described.names[k] for k in least.without_effect),
         left_out=tuple(link for link in all_links if link not in described.links),
@@ -113,7 +117,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
 
 
 def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator) -> Motion:
-    """Draw poses, rates and accelerations near the reference at `count` random instants.
+    """Draw poses, rates and accelerations near the reference at `count` instants.
 
     Rates are of the size sqrt(g / length), accelerations g: inertial forces are as large as the weight.
 
@@ -123,14 +127,14 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
     """
     require_square(robot)
     q, x = _random_poses(robot, count, random)
-    rate = np.sqrt(gravity_of(robot) / robot.length)
+    rate = np.sqrt(gravity_scale(robot) / robot.length)
     dx = rate * robot.platform_scale * random.standard_normal((count, robot.n))
     ddx = rate**2 * robot.platform_scale * random.standard_normal((count, robot.n))
     return motion_at(robot, close_loops(robot, x, q), dx, ddx)
 
 
 def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
-    """Draw assembled configurations (count, nq) and platform coordinates (count, n).
+    """Draw assembled configurations q (count, nq) and platform coordinates x (count, n).
 
     Each is the end of a random walk from the reference. A step is rejected if the loops do not close at its
     end, or if the end is near a singularity. After STEPS steps only walks without an accepted step continue,

@@ -28,7 +28,9 @@ PLACED = "placed"  # end of the name of the fixed joint that takes the origin of
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ReadOnlyArrays):
-    """A robot with errors of its joint origins: `model` has an elastic virtual joint for each parameter.
+    """A robot with errors of its joint origins as parameters.
+
+    In `model` each parameter is an elastic virtual joint.
 
     joints: those whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
     turning: (p,) true for an angle [rad], false for a length [m].
@@ -41,7 +43,7 @@ class Geometry(ReadOnlyArrays):
     turning: np.ndarray
 
     def description(self, values: Array) -> RobotDescription:
-        """Return the robot's description with its joint origins moved by parameters (p,)."""
+        """Return the robot's description, joint origins moved by parameters (p,)."""
         description = self.robot.description
         urdf = ElementTree.fromstring(description.urdf_text)
         elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
@@ -51,8 +53,8 @@ class Geometry(ReadOnlyArrays):
         return replace(description, urdf_text=ElementTree.tostring(urdf, encoding="unicode"))
 
 
-def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
-    """Return a robot with its geometric parameters, six of each joint's origin.
+def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
+    """Add six geometric parameters to each joint's origin.
 
     Each joint gets a spring of six virtual joints behind its origin: behind the joint itself if it is fixed,
     else behind a fixed joint that takes over its origin.
@@ -88,36 +90,36 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
 
 
 def _joints_to_frames(description: RobotDescription, elements: dict[str, ElementTree.Element]) -> list[str]:
-    """Return the joints between the base and the frames of the platform and of closures, in the URDF's order.
+    """Return the joints between the base and all platform and closure frames.
 
-    A frame is the name of a link, or of a joint for its child link.
+    In the URDF's order. A frame is the name of a link, or of a joint for its child link.
     """
-    joint_of_link = {_end(joint, "child"): joint for joint in elements.values()}
+    joint_of_link = {_link_name(joint, "child"): joint for joint in elements.values()}
     frames = {description.platform.frame, *(name for c in description.closures for name in c.frames)}
     joints = set()
     for frame in frames:
         is_joint = frame not in joint_of_link and frame in elements
-        link = _end(elements[frame], "child") if is_joint else frame
+        link = _link_name(elements[frame], "child") if is_joint else frame
         while link in joint_of_link:
             joints.add(joint_of_link[link].get("name", ""))
-            link = _end(joint_of_link[link], "parent")
+            link = _link_name(joint_of_link[link], "parent")
     return [name for name in elements if name in joints]
 
 
-def _end(joint: ElementTree.Element, end: str) -> str:
+def _link_name(joint: ElementTree.Element, end: str) -> str:
     """Return the name of the joint's link "parent" or "child"; empty without one."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
 
 def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
-    """Insert a fixed joint with the origin of a moving joint before this joint; return its name."""
+    """Insert a fixed joint before a moving one, with its origin; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     ElementTree.SubElement(urdf, "link", name=link)
     parent = joint.find("parent")
     origin = joint.find("origin")
-    fixed = joint_element(NewJoint(name, "fixed"), _end(joint, "parent"), link)
+    fixed = joint_element(NewJoint(name, "fixed"), _link_name(joint, "parent"), link)
     if parent is not None:
         parent.set("link", link)
     if origin is not None:
@@ -128,9 +130,9 @@ def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) 
 
 
 def _move_origin(joint: ElementTree.Element, move: Array) -> None:
-    """Move a joint's origin by displacements along its axes, then turns about x, y and z in turn (6,).
+    """Move a joint's origin by translations, then turns about x, y, z, move (6,).
 
-    As the virtual joint of `geometry_of` does: three slides, then three hinges.
+    [m, rad] As the virtual joint of `parametrise_geometry` does: three slides, then three hinges.
     """
     old = joint.find("origin")
     pose = read_origin(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])

@@ -41,7 +41,7 @@ class TorqueParameters(NamedTuple):
 
 
 def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> TorqueParameters:
-    """Return the parameters of a robot's torques, with the values of its file.
+    """Collect the parameters of a robot's torques, with the values of its file.
 
     Args:
         massless: whether bodies without mass in the file are parameters too.
@@ -76,34 +76,37 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
 
 
 def _motor_sizes(robot: ParallelRobot) -> Array:
-    """Return typical sizes (n_a, 3) of rotor inertia, viscous and dry friction.
+    """Compute typical sizes (n_a, 3) of rotor inertia, viscous and dry friction.
 
     A hinge has the inertia I = mass length^2, a slide the mass. With w = sqrt(g / length) viscous friction
     has the size I w, dry friction I w^2.
     """
     scale = robot.column_scale[robot.actuated]  # 1 for a hinge, the robot's length for a slide
     inertia = (robot.mass or 1.0) * (robot.length / scale) ** 2
-    rate = np.sqrt(gravity_of(robot) / robot.length)
+    rate = np.sqrt(gravity_scale(robot) / robot.length)
     return np.stack([inertia / robot.gear_ratio**2, inertia * rate, inertia * rate**2], axis=1)
 
 
-def gravity_of(robot: ParallelRobot) -> float:
-    """Return the size of gravity [m/s^2], or 1 without gravity: with the robot's length a scale of time."""
+def gravity_scale(robot: ParallelRobot) -> float:
+    """Return the size of gravity [m/s^2]; 1 without gravity.
+
+    With the robot's length this is a scale of time.
+    """
     return float(np.linalg.norm(robot.model.gravity.linear)) or 1.0
 
 
 class ParameterRegressor(NamedTuple):
-    """Y of N' Y theta + known = N' S tau at T instants, rows on the platform's axes."""
+    """Y of N' Y theta + constant = N' S tau at T instants, on platform axes."""
 
     matrix: Array  # (T, n, p)
-    known: Array  # (T, n) springs, armature and damping of joints without a motor
+    constant: Array  # (T, n) springs, armature and damping of joints without a motor
     motors: Array  # (T, n, n_a) N' S on the motor side: G' of `platform_wrench`
 
 
 def parameter_regressor(
     robot: ParallelRobot, motion: Motion, parameters: TorqueParameters, *, signs: Array | None = None
 ) -> ParameterRegressor:
-    """Compute the regressor of the closed robot at T instants of a motion, along its parameters.
+    """Compute the regressor of the closed robot at T instants of a motion.
 
     On its joint a motor has the torque n^2 I a + damping v + friction sign(v), with the gear ratio n. The
     known part is N' r of `tree_forces` less what the regressor explains: r contains bodies and damping, but
@@ -125,5 +128,5 @@ def parameter_regressor(
     in_tree_forces = parameters.values.copy()  # without rotors and dry friction
     motor_values = in_tree_forces[of_bodies.shape[2] :].reshape(-1, len(OF_MOTORS))  # a view
     motor_values[:, [OF_MOTORS.index("rotor_inertia"), OF_MOTORS.index("friction")]] = 0.0
-    known = np.matvec(N.swapaxes(1, 2), tree_forces(robot, motion)) - matrix @ in_tree_forces
-    return ParameterRegressor(matrix, known, G.transpose(0, 2, 1))
+    constant = np.matvec(N.swapaxes(1, 2), tree_forces(robot, motion)) - matrix @ in_tree_forces
+    return ParameterRegressor(matrix, constant, G.transpose(0, 2, 1))

@@ -19,11 +19,11 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.proofs.branch_and_bound import Boxes
 from framework.proofs.completeness import KnownSolutions, has_no_others
-from framework.proofs.homotopy import PathEnds, path_ends, refine
+from framework.proofs.homotopy import PathEnds, find_path_ends, refine_solutions
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.krawczyk import Enclosures, are_apart, chart_for, enclosures
+from framework.proofs.krawczyk import Enclosures, are_apart, choose_chart, enclose_solutions
 from framework.proofs.rounding import REACH_MARGIN, ROUND_UP, gamma
-from framework.proofs.study_quadric import ComplexArray, Displacements, QuadricFamily, is_first
+from framework.proofs.study_quadric import ComplexArray, Displacements, QuadricFamily, first_occurrences
 from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING
 
 MAX_ATTEMPTS = 4  # on other ways, while paths are lost
@@ -35,7 +35,7 @@ Status = Literal["proved", "numerically complete", "at least", "architecturally 
 
 @dataclass(frozen=True)
 class PathCount:
-    """The number of paths of a homotopy to one system, by kinds of ends."""
+    """The number of paths of a homotopy, by kinds of ends."""
 
     paths: int
     finite: int  # at single solutions that are apart
@@ -44,12 +44,12 @@ class PathCount:
 
     @property
     def lost(self) -> int:
-        """Paths whose ends are not known."""
+        """Number of paths whose ends are not known."""
         return self.paths - self.finite - self.infinite - self.multiple
 
     @property
     def sentence(self) -> str:
-        """The count in words."""
+        """The numbers of paths, in words."""
         ends = {
             "end at single solutions": self.finite,
             "end at infinity": self.infinite,
@@ -61,7 +61,7 @@ class PathCount:
 
 @dataclass(frozen=True, eq=False)
 class RealSolutions(ReadOnlyArrays):
-    """The real solutions of a system of leg conditions."""
+    """The k real solutions of a system of leg conditions."""
 
     z: Array  # (k, N) in the coordinates of the family
     R: Array  # (k, 3, 3) rotations of the displacements
@@ -72,14 +72,16 @@ class RealSolutions(ReadOnlyArrays):
     status: Status  # in which sense they are all
 
 
-def real_solutions(
+def find_real_solutions(
     group: Displacements,
     coefficients: Array,
     rounding: float = LEG_COEFFICIENT_ROUNDING,
     *,
     pave: bool = False,
 ) -> RealSolutions:
-    """Find all real displacements that meet conditions (K, M), known up to rounding.
+    """Find all real displacements that meet conditions (K, M).
+
+    Coefficients are known up to `rounding`, relative to the largest of their condition.
 
     Args:
         pave: where fewer than the bound are found, pave all displacements in space, which may take a minute.
@@ -98,14 +100,19 @@ def real_solutions(
         attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
-    best = min(reversed(attempts), key=_doubts)  # of equal ones the last
-    if pave and best.status != "proved" and best.proved.all() and are_all_real(group, rows, slack, best.z):
+    best = min(reversed(attempts), key=_count_doubts)  # of equal ones the last
+    if (
+        pave
+        and best.status != "proved"
+        and best.proved.all()
+        and has_no_other_real_solutions(group, rows, slack, best.z)
+    ):
         return replace(best, status="proved")
     return best
 
 
-def _doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
-    """Return the doubts that an attempt leaves: of its status, lost paths, multiple solutions."""
+def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
+    """Return the sort key of an attempt: unproved status, lost paths, multiple solutions."""
     return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
 
 
@@ -121,14 +128,14 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
     """
     family = group.family
     quadrics = group.family.quadrics(coefficients)
-    ends = path_ends(family, coefficients, seed)
-    chart = chart_for(ends.z[ends.arrived])
-    z = refine(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
+    ends = find_path_ends(family, coefficients, seed)
+    chart = choose_chart(ends.z[ends.arrived])
+    z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
     norms = np.linalg.norm(z, axis=1, keepdims=True)
     is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms[:, 0]
     z[is_real] = z[is_real].real
-    is_new = is_first(z / norms)
-    proof = enclosures(quadrics, family.quadrics_slack(slack), chart, z)
+    is_new = first_occurrences(z / norms)
+    proof = enclose_solutions(quadrics, family.quadrics_slack(slack), chart, z)
     count = _count_paths(family, ends, z, is_real, is_new, proof)
 
     is_not_real = (np.abs(z.imag) > proof.radii).any(axis=1)
@@ -159,19 +166,19 @@ def _count_paths(
     """
     proved = proof.proved
     at_infinity = ends.infinite[ends.arrived] & ~proved
-    at_infinity[proved] = ~_are_finite(family.members[0], z[proved], proof.radii[proved])
+    at_infinity[proved] = ~_have_no_infinite_point(family.members[0], z[proved], proof.radii[proved])
     vague = real & ~proved & ~at_infinity  # a real solution beside another one
     never_arrived = ends.last[ends.infinite & ~ends.arrived]
     return PathCount(
         len(ends.z),
         finite=int(np.sum(first & ~at_infinity & ~vague)),
-        infinite=int(np.sum(first & at_infinity) + np.sum(is_first(never_arrived))),
+        infinite=int(np.sum(first & at_infinity) + np.sum(first_occurrences(never_arrived))),
         multiple=int(np.sum(ends.multiple) + np.sum(first & vague)),
     )
 
 
-def _are_finite(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
-    """Return where polydiscs of `radii` (S, N) about z (S, N) are proved to hold no point at infinity.
+def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
+    """Return whether polydiscs about z (S, N) provably hold no point at infinity.
 
     At infinity z^T A z = 0, with the `quadric` A (N, N). A polydisc holds no zero if |z^T A z| at the middle
     is greater than the bound 2 |A z| . r + r^T |A| r of its change, and than rounding.
@@ -187,19 +194,19 @@ def _are_finite(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
 # ------------------------------------------------------------------ no others
 
 
-def are_all_real(group: Displacements, coefficients: Array, slack: Array, z: Array) -> bool:
-    """Whether z (k, 8) are proved to be all real solutions of conditions (K, M).
+def has_no_other_real_solutions(group: Displacements, coefficients: Array, slack: Array, z: Array) -> bool:
+    """Return whether conditions (K, M) provably have no real solutions but z (k, 8).
 
     The first condition has |p|^2 once and the others have none (`Displacements.eliminate_square`).
     """
-    reach = farthest_displacement(group, coefficients, slack)
+    reach = bound_translation(group, coefficients, slack)
     if group.family.size != 8 or reach is None:
         return False
-    return all(Chart(group, coefficients, slack, k).has_no_others(z, reach) for k in range(4))
+    return all(DualQuaternionChart(group, coefficients, slack, k).has_no_others(z, reach) for k in range(4))
 
 
-def farthest_displacement(group: Displacements, coefficients: Array, slack: Array) -> float | None:
-    """Bound |p| by the first condition; None without a term |p|^2.
+def bound_translation(group: Displacements, coefficients: Array, slack: Array) -> float | None:
+    """Bound |p| over all solutions by the first condition; None without |p|^2.
 
     |p|^2 <= b |p| + c with the coefficients b of p and R'p, and c of 1 and R, whose entries are at most 1: so
     |p| <= b / 2 + (b^2 / 4 + c)^(1/2).
@@ -214,13 +221,14 @@ def farthest_displacement(group: Displacements, coefficients: Array, slack: Arra
     return REACH_MARGIN * (b / 2 + float(np.sqrt(b * b / 4 + c)))
 
 
-class Chart:
+class DualQuaternionChart:
     """The conditions where one coordinate of z is 1, in the other seven."""
 
     def __init__(self, group: Displacements, coefficients: Array, slack: Array, unit_coordinate: int) -> None:
-        """Build the quadrics Q (E, 8, 8), with |Q| of the free coordinates, and bounds on errors of Q.
+        """Build the quadrics Q (E, 8, 8), and bounds on their errors.
 
-        These two are kept as rows, (E, 49) and (E, 64).
+        `curvature` (E, 49) is |Q| of the free coordinates and `uncertainty` (E, 64) bounds errors of Q, as
+        rows.
         """
         self.unit_coordinate = unit_coordinate
         self.free = np.delete(np.arange(8), unit_coordinate)
@@ -240,15 +248,15 @@ class Chart:
         z[:, self.free] = middle
         largest[:, self.free] = np.abs(middle) + radii
         gradients = (self.Q.reshape(-1, 8) @ z.T).T.reshape(len(middle), -1, 8)  # (B, E, 8) Q z
-        second_order = _outer_rows(radii) @ self.curvature.T  # (B, E)
-        errors = second_order + _outer_rows(largest) @ self.uncertainty.T
+        second_order = _pair_products(radii) @ self.curvature.T  # (B, E)
+        errors = second_order + _pair_products(largest) @ self.uncertainty.T
         return LinearEnclosure(np.matvec(gradients, z), 2 * gradients[:, :, self.free], errors)
 
     def has_no_others(self, z: Array, reach: float) -> bool:
-        """Whether the chart holds no real solutions but z (k, 8), |p| at most reach.
+        """Return whether the chart provably holds no solutions but z (k, 8).
 
-        The region is |x_i| <= 1 for the three other coordinates of x, and |y_i| <= reach: |y| = |p| |x| / 2
-        with |x| <= 2.
+        Solutions with |p| <= reach. The region is |x_i| <= 1 for the three other coordinates of x, and |y_i|
+        <= reach: |y| = |p| |x| / 2 with |x| <= 2.
         """
         unit = z[:, [self.unit_coordinate]]  # (k, 1)
         is_near = np.abs(z[:, :4]).max(axis=1) <= CHART_OVERLAP * np.abs(unit[:, 0])
@@ -258,6 +266,6 @@ class Chart:
         return has_no_others(self, region, solutions, MAX_BOXES)
 
 
-def _outer_rows(vectors: Array) -> Array:
-    """Compute the products of all pairs of entries of vectors (B, k), as rows (B, k^2)."""
+def _pair_products(vectors: Array) -> Array:
+    """Compute products of all pairs of entries of vectors (B, k), as rows (B, k^2)."""
     return (vectors[:, :, None] * vectors[:, None]).reshape(len(vectors), -1)

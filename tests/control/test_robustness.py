@@ -28,7 +28,7 @@ from framework.control import (
 from framework.control import study as study_module
 from framework.control.controllers import FeedforwardPD
 from framework.control.study import run_chunk
-from framework.control.variation import vary
+from framework.control.variation import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
 
@@ -208,7 +208,7 @@ def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
     nothing = draw(nominal, Spread(), (0, 0))
 
     def energy(factor):
-        model = vary(nominal, Variation(**{**vars(nothing), "payload": factor})).model
+        model = apply_variation(nominal, Variation(**{**vars(nothing), "payload": factor})).model
         return pin.computeKineticEnergy(model, model.createData(), q, v)
 
     assert energy(1.0) == pytest.approx(
