@@ -26,7 +26,7 @@ from framework.singularity.distances import Distances, singularity_distances
 
 @dataclass(frozen=True, eq=False)
 class Poses(ReadOnlyArrays):
-    """T assembled configurations with the values that several quantities share."""
+    """T assembled configurations, with values that several quantities share."""
 
     robot: ParallelRobot
     q: Array  # (T, nq)
@@ -35,24 +35,30 @@ class Poses(ReadOnlyArrays):
 
     @cached_property
     def distances(self) -> Distances:
+        """Distances from singularities."""
         return singularity_distances(self.robot, self.linearised)
 
     @cached_property
-    def free(self) -> CompliantMotions:
+    def compliance(self) -> CompliantMotions:
+        """Motions that springs allow with locked motors."""
         return compliant_motions(self.robot, self.linearised, self.q)
 
     @cached_property
     def loaded(self) -> LoadedStack:
+        """The poses deflected by weight and wrench."""
         return loaded_stack(self.robot, self.q, wrench=self.wrench)
 
     def mask_loaded(self, values: Array) -> Array:
-        """Return values (T,) of the loaded poses, NaN where the load is not carried."""
+        """Return values (T,), NaN where the load is not carried."""
         return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a map: `name` in words, `unit` as printed, and the function `of` of its values (T,)."""
+    """A quantity of a map, with the function `of` that computes its values (T,).
+
+    `name` is in words, `unit` as printed.
+    """
 
     key: str
     name: str
@@ -72,19 +78,19 @@ class Quantity:
         return self.loaded or self.holding
 
     def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
-        return quantity_of_key, (self.key, self.wrench)  # lambdas cannot be pickled
+        return restore_quantity, (self.key, self.wrench)  # lambdas cannot be pickled
 
 
-def quantity_of_key(key: str, wrench: tuple[float, ...] | None) -> Quantity:
-    """Return the quantity of this key with a wrench; KeyError for an unknown key."""
+def restore_quantity(key: str, wrench: tuple[float, ...] | None) -> Quantity:
+    """Return the quantity of this key with a wrench, when unpickled."""
     return replace(QUANTITIES[key], wrench=wrench)
 
 
-def holding_share(poses: Poses) -> Array:
-    """Compute the largest motor torque at rest over its limit (T,); motors without a limit do not count.
+def holding_torque_ratio(poses: Poses) -> Array:
+    """Compute the largest motor torque at rest over its limit (T,).
 
-    The torques balance weight, springs and wrench at the deflections of q, without dry friction. They grow
-    without bound towards Type 2.
+    Motors without a limit do not count. The torques balance weight, springs and wrench at the deflections of
+    q, without dry friction. They grow without bound towards Type 2.
     """
     robot, forces = poses.robot, static_forces(poses.robot, poses.q)
     if poses.wrench is not None:
@@ -139,7 +145,7 @@ QUANTITIES = {
             "holding",
             "largest motor torque at rest over its limit",
             "1",
-            holding_share,
+            holding_torque_ratio,
             large_is_good=False,
             holding=True,
         ),
@@ -147,7 +153,7 @@ QUANTITIES = {
             "stiffness",
             "stiffness in the softest direction, motors locked",
             "N/m",
-            lambda poses: least_stiffness(poses.robot, poses.free),
+            lambda poses: least_stiffness(poses.robot, poses.compliance),
             decades=True,
             springs=True,
         ),
@@ -155,7 +161,7 @@ QUANTITIES = {
             "frequency",
             "first natural frequency, motors locked",
             "Hz",
-            lambda poses: locked_motor_frequency(poses.free),
+            lambda poses: locked_motor_frequency(poses.compliance),
             springs=True,
         ),
         Quantity(
@@ -182,7 +188,7 @@ QUANTITIES = {
 def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return g, from which the locus is drawn, and the quantities named.
+    """Return the named quantities, and g, from which the locus is drawn.
 
     By default conditioning, torque of a platform that translates, and stiffness and frequency of a robot with
     springs.
@@ -229,12 +235,15 @@ def choose_quantities(
 
 
 def has_torque_limits(robot: ParallelRobot) -> bool:
-    """Whether any motor has a limit of torque."""
+    """Return whether any motor has a limit of torque."""
     return any(actuator.torque_limit is not None for actuator in robot.description.actuators)
 
 
-def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
-    """Return the unit of a quantity for this robot: motors may slide, and a platform may only turn."""
+def quantity_unit(robot: ParallelRobot, quantity: Quantity) -> str:
+    """Return the unit of a quantity for this robot.
+
+    Motors may slide, and a platform may only turn.
+    """
     if quantity.key.endswith("torque"):
         if quantity.key == "joint_torque":
             units = {"N" if slides else "N m" for slides in robot.sliding[robot.actuated]}
@@ -249,7 +258,7 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
 def quantity_values(
     robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, linearised: LinearisedLoops
 ) -> dict[str, Array]:
-    """Compute the values (T,) of quantities at assembled configurations q (T, nq), by key.
+    """Compute the values (T,) of quantities at configurations q (T, nq), by key.
 
     If a quantity is under load, the key "load" has the `LoadReason` of each configuration.
     """

@@ -23,7 +23,7 @@ TOO_WEAK = "beyond the torque limits at rest"
 
 
 def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
-    """Return the map with values only at poses that neighbours within all limits join to the reference.
+    """Keep values at poses that steps within all limits join to the reference.
 
     Limits are the ranges of joints and, if motors have torque limits, these at rest, by the quantity
     `holding`. The reason of a pose beyond several ranges is the joint farthest beyond its range, as a share
@@ -69,7 +69,7 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
 
 
 def check_reference(robot: ParallelRobot) -> None:
-    """Raise LimitsExceeded where the reference is beyond the range of a joint."""
+    """Refuse a robot whose reference is beyond the range of a joint."""
     beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if beyond:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in beyond.items())
@@ -77,27 +77,27 @@ def check_reference(robot: ParallelRobot) -> None:
 
 
 def check_window(robot: ParallelRobot, window: Window) -> None:
-    """Raise InvalidInput where no pose of a window is within one step of the reference."""
-    if not _steps_from_reference(robot, window).min() <= 1.0:
+    """Refuse a window without a pose within one step of the reference."""
+    if not _reference_distances(robot, window).min() <= 1.0:
         raise InvalidInput(
             f"window: it does not contain the reference {point(robot.reference.x)} of {robot.name}, to which "
             f"poses within limits have to be joined; take one that does, or leave the limits out"
         )
 
 
-def _steps_from_reference(robot: ParallelRobot, window: Window) -> Array:
-    """Compute distances (I, J) of poses from the reference, over the longer edge of the window's cells."""
+def _reference_distances(robot: ParallelRobot, window: Window) -> Array:
+    """Compute distances (I, J) of poses from the reference, in longest cell edges."""
     offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
     return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
 
 
 def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
-    """Mark poses (I, J) that neighbours within limits join to the one nearest to the reference.
+    """Mark poses (I, J) joined to the reference by neighbours within limits.
 
     Raises:
         LimitsExceeded: the nearest pose is more than one step away from the reference.
     """
-    distance = np.where(within, _steps_from_reference(workspace.robot, workspace.window), np.inf)
+    distance = np.where(within, _reference_distances(workspace.robot, workspace.window), np.inf)
     nearest = np.argmin(distance)
     if not distance.flat[nearest] <= 1.0:
         raise LimitsExceeded(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.atlas.sweep import PoseReason, fill_grid
-from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
+from framework.atlas.window import MAX_EDGE_POSES, Window, map_axes, map_point
 from framework.errors import InvalidInput, NoAnswer, OutOfReach
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -32,7 +32,10 @@ def survey_window(
     size: int = EDGE_POSES,
     keep_limits: bool = False,
 ) -> Window:
-    """Find the smallest window that contains all poses that the reference's working mode reaches.
+    """Find the smallest window with all poses of the reference's working mode.
+
+    Looks at coarse poses, then at those of the window found, twice. The bounds are `SURVEY_REACH` robot
+    lengths and `SURVEY_TURN` about the point `at`.
 
     Looks at coarse poses, then at those of the window found, twice.
     The bounds are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
@@ -47,7 +50,7 @@ def survey_window(
         InvalidInput: see `map_axes`; or `at` has the wrong length.
         OutOfReach: no pose near the reference is reached.
     """
-    over, held = map_axes(robot, axes), held_coordinates(robot, at)
+    over, held = map_axes(robot, axes), map_point(robot, at)
     half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
     about = held[list(over)]
     bounds = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
@@ -58,23 +61,27 @@ def survey_window(
 
 
 def _reached_window(robot: ParallelRobot, look: Window, bounds: Window, keep_limits: bool) -> Window:
-    """Return the window, within bounds, about the poses of a look that are reached."""
+    """Return the window about the reached poses of a coarse look, within bounds."""
     q, reason = seed_poses(robot, look, 1)
     is_reached = reason == PoseReason.REACHED
     within = is_reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     reached = np.argwhere(within if keep_limits and within.any() else is_reached)
     first, last = look.lower + reached.min(axis=0) * look.cell, look.lower + reached.max(axis=0) * look.cell
-    return _add_margin(replace(look, lower=first, upper=last), bounds, SURVEY_MARGIN * look.cell)
+    return _widen_window(replace(look, lower=first, upper=last), bounds, SURVEY_MARGIN * look.cell)
 
 
-def _add_margin(window: Window, bounds: Window, margin: Array) -> Window:
+def _widen_window(window: Window, bounds: Window, margin: Array) -> Window:
     """Widen a window by a margin (2,), within bounds."""
     lower = np.maximum(window.lower - margin, bounds.lower)
     return replace(window, lower=lower, upper=np.minimum(window.upper + margin, bounds.upper))
 
 
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
-    """Compute configurations (I, J, nq) and reasons at every `stride`-th pose, reached from the reference.
+    """Compute every `stride`-th pose of a window, reached from the reference.
+
+    Return configurations (I, J, nq) and reasons (I, J). The poses nearest to the reference are assembled from
+    it until one succeeds; the others are reached from their neighbours. Where cells are longer than a step
+    may be, `subdivisions` of them are computed and left out.
 
     The poses nearest to the reference are assembled from it until one succeeds; the others are reached from
     their neighbours. Where cells are longer than a step may be, `subdivisions` of them are computed and left
@@ -120,6 +127,6 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
 
 
 def longest_cell_edge(robot: ParallelRobot, window: Window) -> float:
-    """Return the longer edge of a window's cell [robot lengths, rad]."""
+    """Return the longer edge [robot lengths, rad] of a window's cell."""
     lengths = robot.platform_scale[list(window.axes)]
     return float((window.cell / lengths).max())

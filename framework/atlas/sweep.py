@@ -33,7 +33,7 @@ DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 class PoseReason(IntEnum):
-    """The reason why a pose has no value; the largest of all its neighbours' steps."""
+    """Reasons why a pose has no value; a larger one replaces a smaller."""
 
     REACHED = 0
     NO_NEIGHBOUR = 1  # no neighbour is reached
@@ -73,13 +73,13 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8
     for stride in strides:
         lattice = np.s_[::stride, ::stride]
         parts = STEP_PARTS if stride == strides[-1] else 1
-        _fill(robot, x[lattice], q[lattice], reason[lattice], missing[lattice], parts)
+        _fill_lattice(robot, x[lattice], q[lattice], reason[lattice], missing[lattice], parts)
 
 
-def _fill(
+def _fill_lattice(
     robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], wanted: BoolArray, parts: int
 ) -> None:
-    """Fill one lattice of a grid (views of the whole), wave by wave; see `fill_grid`.
+    """Fill one lattice of a grid (views of the whole), wave by wave.
 
     In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
     not been tried yet, in a number of equal parts. Of several reasons for failure the larger one stays.
@@ -90,7 +90,7 @@ def _fill(
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)
         for k, (down, right) in enumerate(DIRECTIONS):
-            chosen = _shift(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
+            chosen = _neighbour_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
             untried[k] &= ~chosen
             is_target |= chosen
             sources[chosen] = np.argwhere(chosen) - (down, right)
@@ -103,14 +103,14 @@ def _fill(
         reason[target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[target], step.reason))
 
 
-def _shift(mask: BoolArray, down: int, right: int) -> BoolArray:
+def _neighbour_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
     """Return the mask (I, J) of poses whose neighbour at -(down, right) is in `mask`."""
     rows, columns = mask.shape
     return np.pad(mask, 1)[1 - down :, 1 - right :][:rows, :columns]
 
 
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
-    """Assemble configurations at platform coordinates `end` (T, n), from q (T, nq) at `start` (T, n).
+    """Continue configurations q (T, nq) at `start` (T, n) to platform `end` (T, n).
 
     A step that closes the loops but is not trusted is tried again in `parts` equal steps.
     """
@@ -132,7 +132,7 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 
 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
-    """Assemble configurations at `end` (T, n), from q (T, nq) at `start` (T, n), in one step each.
+    """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 
     A step is accepted if its correction is small beside the prediction, if the working mode is the same at
     both ends, and if the tangent turns no more than the correction explains, or no branches cross there.
@@ -148,31 +148,24 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
         correction = np.abs(difference(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
         has_same_sign = keeps_sign(linearised.factors.slogdet, end_linearised.factors.slogdet)
-        same_mode = np.array(
-            [
-                k
-                for k in np.flatnonzero(closed & is_small(correction, advance)).tolist()
-                if has_same_sign[k]
-                or keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
-            ],
-            dtype=np.intp,
-        )
-        turn = _tangent_turn(
-            robot, end_linearised, same_mode, robot.platform.twist(end, end - start)[0], move
-        )
-        refused = ~is_straight(turn, correction[same_mode], advance[same_mode])
-        refused[refused] = (
-            count_lost_ranks(robot, end_linearised.select(same_mode[refused]), BRANCHES_CROSS) > 0
-        )
+        is_same_mode = closed & is_small(correction, advance)
+        for k in np.flatnonzero(is_same_mode & ~has_same_sign).tolist():
+            is_same_mode[k] = keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
+        same_mode = np.flatnonzero(is_same_mode)
+        end_twist = robot.platform.twist(end, end - start)[0]
+        change = _tangent_change(robot, end_linearised, same_mode, end_twist, move)
+        refused = ~is_straight(change, correction[same_mode], advance[same_mode])
+        bent = end_linearised.select(same_mode[refused])
+        refused[refused] = count_lost_ranks(robot, bent, BRANCHES_CROSS) > 0  # else no branches cross there
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     reason[same_mode[~refused]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
 
 
-def _tangent_turn(
+def _tangent_change(
     robot: ParallelRobot, linearised: LinearisedLoops, steps: IntArray, twist: Array, move: Array
 ) -> Array:
-    """Return the largest change (k,) of joint moves between the tangents at start and end."""
+    """Return the largest change (k,) of joint moves between start and end tangents."""
     no_deflection = np.zeros((len(steps), robot.n_e))
     end_move = joint_rates(robot, linearised.select(steps), twist[steps], no_deflection)
     return np.abs((end_move - move[steps]) / robot.column_scale).max(axis=1)

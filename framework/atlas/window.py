@@ -15,13 +15,16 @@ MAX_EDGE_POSES = 4000  # poses along an edge
 
 @dataclass(frozen=True, eq=False)
 class Window(ReadOnlyArrays):
-    """`shape` poses between `lower` and `upper` (2,), both included, of the platform coordinates `axes`."""
+    """A grid of poses over two platform coordinates, the others constant.
+
+    `shape` poses between `lower` and `upper` (2,), both included, of the platform coordinates `axes`.
+    """
 
     axes: tuple[int, int]
     lower: Array  # (2,) [m, rad]
     upper: Array  # (2,)
     shape: tuple[int, int]
-    held: Array  # (n,) platform coordinates, constant over the map but for those of `axes`
+    constants: Array  # (n,) platform coordinates, constant over the map but for those of `axes`
 
     def __post_init__(self) -> None:
         """Check the numbers of poses and the order of the ends."""
@@ -36,7 +39,7 @@ class Window(ReadOnlyArrays):
 
     @property
     def spans(self) -> tuple[Array, Array]:
-        """The values of both coordinates along the edges of the grid."""
+        """Values of both coordinates along the edges of the grid."""
         first, second = (
             np.linspace(low, high, count)
             for low, high, count in zip(self.lower, self.upper, self.shape, strict=True)
@@ -45,19 +48,21 @@ class Window(ReadOnlyArrays):
 
     @property
     def cell(self) -> Array:
-        """Distance of neighbours along either axis (2,)."""
+        """Distance (2,) of neighbours along either axis."""
         return (self.upper - self.lower) / (np.array(self.shape) - 1)
 
     def points(self) -> Array:
         """Return platform coordinates (I, J, n) of all poses."""
-        x = np.tile(self.held, (*self.shape, 1))
+        x = np.tile(self.constants, (*self.shape, 1))
         first, second = self.spans
         x[..., self.axes[0]], x[..., self.axes[1]] = first[:, None], second
         return x
 
 
 def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tuple[int, int]:
-    """Return the two platform coordinates of a map, by default the first two, translations first.
+    """Return the two platform coordinates of a map, by index.
+
+    By default the first two, translations first.
 
     Raises:
         InvalidInput: the robot has fewer than two coordinates, or not those of `names`.
@@ -76,6 +81,6 @@ def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tupl
     return int(order[0]), int(order[1])
 
 
-def held_coordinates(robot: ParallelRobot, point: ArrayLike | None) -> Array:
-    """Return the point about which a map lies: `point` (n,), the reference by default."""
+def map_point(robot: ParallelRobot, point: ArrayLike | None) -> Array:
+    """Return the point (n,) about which a map lies, the reference by default."""
     return robot.reference.x if point is None else finite_numbers("at", point, robot.n)

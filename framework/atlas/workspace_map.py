@@ -41,7 +41,7 @@ Chunk = Mapping[str, NDArray]
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap(ReadOnlyArrays):
-    """Values over a window on the working mode of the reference; NaN where a pose is not reached."""
+    """Quantities over a window on the reference's working mode; NaN where not reached."""
 
     robot: ParallelRobot
     window: Window
@@ -59,11 +59,12 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def reached(self) -> BoolArray:
+        """Mask (I, J) of the poses reached."""
         return self.reason == PoseReason.REACHED
 
     @cached_property
     def locus(self) -> MapLocus:
-        """The singular locus over the window in this working mode, traced at the first use."""
+        """Singular locus over the window in this working mode, traced at the first use."""
         window = self.window
         poses = MapPoses(
             axes=window.axes,
@@ -79,13 +80,13 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Step q (T, nq) from start to end (T, n); return the ends and a mask: on the same branch."""
+        """Step q (T, nq) from start to end (T, n); return ends and a mask of accepted ones."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
     @property
     def counts(self) -> dict[str, int]:
-        """The numbers of poses by reason in words; the first is `reached`."""
+        """Numbers of poses by reason in words; the first is `reached`."""
         return {word: int(np.sum(self.reason == code)) for code, word in enumerate(self.reason_words)}
 
     @property
@@ -113,7 +114,7 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def load_counts(self) -> dict[str, int]:
-        """The numbers of reached poses by `LoadReason` in words; empty without a load."""
+        """Numbers of reached poses by `LoadReason` in words; empty without a load."""
         if self.load is None:
             return {}
         load = self.load[self.reached]
@@ -133,6 +134,7 @@ class RowBand(NamedTuple):
 
     @property
     def name(self) -> str:
+        """Name of the band's stored chunk."""
         return f"{self.first:05d}-{self.stop:05d}"
 
 
@@ -146,7 +148,7 @@ def workspace_map(
     keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> WorkspaceMap:
-    """Compute quantities over a window, at the poses that continuation from the reference reaches.
+    """Compute quantities over a window, at the poses reached from the reference.
 
     Args:
         window: by default all that is reached over the first two translations, see `survey_window`.
@@ -165,7 +167,7 @@ def workspace_map(
     started = time.perf_counter()
     choice = choose_quantities(robot, quantities, wrench)
     window = survey_window(robot) if window is None else window
-    bands = {band.name: band for band in _bands(robot, window)}
+    bands = {band.name: band for band in _make_bands(robot, window)}
     width = window.shape[1]
     grids = complete_chunks(
         partial(fill_band, robot, window, choice),
@@ -177,7 +179,7 @@ def workspace_map(
     )
     x = window.points()
     _join_bands(robot, x, choice, grids)
-    _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _stride(robot, window))
+    _mark_out_of_reach(robot, x, grids["q"], grids["reason"], _coarse_stride(robot, window))
     return WorkspaceMap(
         robot=robot,
         window=window,
@@ -196,25 +198,28 @@ def fill_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, 
     """Compute the poses and quantities of one band."""
     x = window.points()[band.first : band.first + len(band.q)]
     q, reason = band.q.copy(), band.reason.copy()
-    coarse_stride = _stride(robot, window)
+    coarse_stride = _coarse_stride(robot, window)
     strides = np.array([stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)])
     fill_grid(robot, x, q, reason, strides)
     rows = band.stop - band.first  # without the next band's row
-    return _evaluate(robot, quantities, q[:rows], reason[:rows])
+    return _evaluate_poses(robot, quantities, q[:rows], reason[:rows])
 
 
 # ------------------------------------------------------------------ the parts
 
 
-def _stride(robot: ParallelRobot, window: Window) -> int:
-    """Return the stride of coarse poses: a power of 2 of at most MAX_NEIGHBOUR_DISTANCE and BAND_ROWS."""
+def _coarse_stride(robot: ParallelRobot, window: Window) -> int:
+    """Return the stride of coarse poses, a power of 2.
+
+    At most MAX_NEIGHBOUR_DISTANCE and BAND_ROWS.
+    """
     largest = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)
     return int(2 ** np.clip(np.floor(np.log2(largest)), 0, np.log2(BAND_ROWS)))
 
 
-def _bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
+def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     """Return the bands of a window with their coarse poses."""
-    q, reason = seed_poses(robot, window, _stride(robot, window))
+    q, reason = seed_poses(robot, window, _coarse_stride(robot, window))
     reason[reason != PoseReason.REACHED] = PoseReason.NO_NEIGHBOUR  # try again from nearer neighbours
     bands = []
     for first in range(0, len(q), BAND_ROWS):
@@ -240,10 +245,10 @@ def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, A
     return arrays | {quantity.key: ArrayField("f", shape) for quantity in quantities}
 
 
-def _evaluate(
+def _evaluate_poses(
     robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: NDArray[np.uint8]
 ) -> dict[str, NDArray]:
-    """Compute quantities and assembly modes of poses q (I, J, nq); return all arrays, with q and reason."""
+    """Compute quantities and assembly modes at poses q (I, J, nq), with q and reason."""
     reached = reason == PoseReason.REACHED
     chunk: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": np.zeros(reason.shape, dtype=np.int8)}
     chunk |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
@@ -260,7 +265,7 @@ def _evaluate(
 def _join_bands(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], grids: dict[str, NDArray]
 ) -> None:
-    """Reach the poses that only steps across the border of two bands reach, in place.
+    """Reach the poses that only steps across a border of bands reach, in place.
 
     First unfilled poses with a filled neighbour across a border are tried. If one is reached, all unfilled
     poses are tried, as it may lead to them.
@@ -276,7 +281,7 @@ def _join_bands(
         if not (reason[border] == PoseReason.REACHED).any():
             return
     i, j = np.nonzero((reason == PoseReason.REACHED) & ~was_filled)
-    chunk = _evaluate(robot, quantities, grids["q"][i, j][None], reason[i, j][None])
+    chunk = _evaluate_poses(robot, quantities, grids["q"][i, j][None], reason[i, j][None])
     for key, values in chunk.items():
         grids[key][i, j] = values[0]
 
@@ -284,7 +289,7 @@ def _join_bands(
 def _mark_out_of_reach(
     robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], stride: int
 ) -> None:
-    """Set in place the reason of poses that do not close or are in other modes.
+    """Set the reason of poses that do not close or are in other modes, in place.
 
     Newton's method looks for a pose of any working mode at every `stride`-th of them, from the nearest pose
     reached and from others beside it; those that it finds are continued to their neighbours.

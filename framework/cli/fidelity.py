@@ -10,7 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
 from framework.cli.writing import written_out
-from framework.fidelity.fidelity_indicators import percent
+from framework.fidelity.fidelity_indicators import format_percent
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
@@ -146,7 +146,7 @@ def _percent(share: float) -> str:
         return "-"
     if share >= 10.0:
         return "> 1000 %"
-    return percent(share if share >= ERROR_ROUNDING else 0.0)
+    return format_percent(share if share >= ERROR_ROUNDING else 0.0)
 
 
 def _largest_error(study: FidelityStudy, errors: Array) -> str:

@@ -73,7 +73,7 @@ class Recording(ReadOnlyArrays):
         return Recording(self.source, self.names, self.values[index])
 
 
-def column_names(robot: ParallelRobot) -> tuple[str, ...]:
+def recording_columns(robot: ParallelRobot) -> tuple[str, ...]:
     """Return the column names that a recording of this robot may have."""
     joints = robot.actuator_names
     passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
@@ -97,7 +97,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(reader, [])]
-    valid = column_names(robot)
+    valid = recording_columns(robot)
     if not set(header) & set(valid):
         raise InvalidInput(
             f"{file}: the first line has no column of {robot.name}: "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from framework.errors import InvalidInput, check_choice
-from framework.identification.recording import Recording, column_names
+from framework.identification.recording import Recording, recording_columns
 from framework.numerics.arrays import Array
 from framework.simulation.result import Simulation
 
@@ -77,7 +77,7 @@ def record_sensors(
         _add_sensor_errors(random, simulation.platform(times), platform_noise, 0.0),
     ]
     values = np.concatenate(columns, axis=1)
-    return Recording(f"sensors of {robot.name}", column_names(robot)[: values.shape[1]], values)
+    return Recording(f"sensors of {robot.name}", recording_columns(robot)[: values.shape[1]], values)
 
 
 def _add_sensor_errors(

@@ -1,6 +1,6 @@
 """Proofs by interval arithmetic and continuation: modes, margins, singular sets.
 
-No plan stands on it.
+No plan depends on these proofs.
 
 Open first `assembly_modes` (all poses for given motors) or `singular_paving` (all singular poses): each leads
 down to one of the tools.

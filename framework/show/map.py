@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.transforms import ScaledTranslation
 
-from framework.atlas.quantities import Quantity, unit_of
+from framework.atlas.quantities import Quantity, quantity_unit
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.laws.path import Path
@@ -110,7 +110,7 @@ def _draw_values(
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
     axes: Style = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
     bar = ax.figure.colorbar(mesh, extend=extend, **axes)
-    unit = unit_of(workspace.robot, quantity)
+    unit = quantity_unit(workspace.robot, quantity)
     bar.set_label(f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
 
 
@@ -182,7 +182,7 @@ def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
 def path_on_map(workspace: WorkspaceMap, path: Path) -> tuple[Array, str]:
     """Return points (m, 2) of a path, and a word if coordinates change that the map holds."""
     x, axes = path(np.linspace(0.0, 1.0, PATH_SAMPLES)), list(workspace.window.axes)
-    offset = np.delete((x - workspace.window.held) / workspace.robot.platform_scale, axes, axis=1)
+    offset = np.delete((x - workspace.window.constants) / workspace.robot.platform_scale, axes, axis=1)
     return x[:, axes], "" if np.abs(offset).max(initial=0.0) < SAME_PLACE else ", projected"
 
 
@@ -226,7 +226,7 @@ def title(workspace: WorkspaceMap) -> str:
     robot, axes = workspace.robot, workspace.window.axes
     coordinates = [
         f"{robot.axis_names[k]}\u00a0=\u00a0{round(value, 9) + 0.0:.4g}\u00a0{robot.axis_units[k]}"
-        for k, value in enumerate(workspace.window.held)
+        for k, value in enumerate(workspace.window.constants)
         if k not in axes
     ]
     flexible = "" if robot.flexibility == "rigid" else f", {display_name(robot.flexibility)}"
@@ -324,7 +324,7 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     return {
         "key": quantity.key,
         "name": quantity.name,
-        "unit": unit_of(workspace.robot, quantity),
+        "unit": quantity_unit(workspace.robot, quantity),
         "reading": _reading(quantity),
         "values": pack(workspace.values[quantity.key].astype("<f4")),
         "range": [norm.vmin or 0.0, norm.vmax or 0.0],

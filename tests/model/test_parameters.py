@@ -10,7 +10,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, ParallelRobot, RobotFileError, load_plan, load_robot, velocity_matrices
-from framework.atlas.design_study import designs_of
+from framework.atlas.design_study import read_designs
 from framework.cli import main
 from framework.model.parameters import declared_parameters, fill_parameters, fill_placeholders
 from framework.show.report import command_line
@@ -121,10 +121,10 @@ def test_a_file_with_parameters_is_the_robot_with_these_numbers(tmp_path):
 
 def test_the_designs_are_the_grid_of_all_values_or_the_rows_of_a_table(tmp_path):
     file = parametric_five_bar(tmp_path)
-    assert designs_of(file).values.tolist() == [[a, b] for a in (0.25, 0.23) for b in (0.25, 0.27, 0.6)]
+    assert read_designs(file).values.tolist() == [[a, b] for a in (0.25, 0.23) for b in (0.25, 0.27, 0.6)]
     table = tmp_path / "table.csv"
     table.write_text("l2,l1\n0.26,0.24\n0.27,0.25\n")
-    names, values = designs_of(file, table)
+    names, values = read_designs(file, table)
     assert (names, values.tolist()) == (("l2", "l1"), [[0.26, 0.24], [0.27, 0.25]])
     for content, told in (
         ("l3\n1\n", "unknown parameter"),
@@ -136,6 +136,6 @@ def test_the_designs_are_the_grid_of_all_values_or_the_rows_of_a_table(tmp_path)
     ):
         table.write_text(content)
         with pytest.raises(InvalidInput, match=told):
-            designs_of(file, table)
+            read_designs(file, table)
     with pytest.raises(InvalidInput, match="needs named parameters"):
-        designs_of(robots.load("five_bar").description.file)
+        read_designs(robots.load("five_bar").description.file)
