@@ -61,11 +61,11 @@ def run(options: Namespace) -> Report:
         study, document, lines = _report_study(options)
         if folder is not None:
             from framework.show.fidelity import plot_fidelity
-            from framework.show.plots import save
+            from framework.show.plots import save_figure
 
             options.progress.start("drawing the figure")
             (folder / STUDY_FILE).write_text(json_text(document))
-            save(lambda: plot_fidelity(study), folder / "fidelity")
+            save_figure(lambda: plot_fidelity(study), folder / "fidelity")
     return document, lines
 
 

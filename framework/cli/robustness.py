@@ -266,7 +266,7 @@ def _lines(document: Document) -> list[str]:
 
 def _write(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
     """Write studies into a folder: document, table of runs, and figure."""
-    from framework.show.plots import save
+    from framework.show.plots import save_figure
     from framework.show.robustness import plot_robustness
 
     (folder / FILE).write_text(json_text(document))
@@ -280,7 +280,7 @@ def _write(setup: StudySetup, studies: list[Study], document: Document, folder: 
                 [study.controller, study.seed, k, int(passed), *numbers[k].tolist(), study.why[k]]
                 for k, passed in enumerate(study.passed)
             )
-    save(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
+    save_figure(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
 
 
 _STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}

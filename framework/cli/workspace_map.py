@@ -297,11 +297,11 @@ def report_design_study(options: Namespace) -> Report:
             study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:
             from framework.show.design_study import plot_study
-            from framework.show.plots import save
+            from framework.show.plots import save_figure
 
             write_study(study, folder)
             options.progress.start("drawing the figure")
-            save(lambda: plot_study(study), folder / "study")
+            save_figure(lambda: plot_study(study), folder / "study")
     return _report_study(study, robot.name)
 
 

@@ -64,7 +64,7 @@ class BaseParameters(ReadOnlyArrays):
         return self.gap >= MIN_RANK_GAP
 
 
-def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int = 0) -> BaseParameters:
+def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BaseParameters:
     """Compute the parameter combinations that motor torques determine.
 
     These are the combinations that all motions near the reference determine together; a single line
@@ -77,7 +77,6 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
 
     Args:
         massless: whether bodies without mass in the file have parameters, too.
-        seed: of the random instants.
 
     Raises:
         InvalidInput: a robot with springs, or whose platform does not determine its joints.
@@ -85,7 +84,7 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False, seed: int =
     """
     expect_robot(robot)
     described = torque_parameters(robot, massless=massless)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     count = int(np.ceil(ROWS_PER_PARAMETER * len(described.names) / robot.n))
     sets = []
     for _ in range(RANDOM_SETS):

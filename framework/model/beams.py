@@ -79,7 +79,7 @@ class Section:
         _check_positive(**{name: value for name, value in asdict(self).items() if value is not None})
 
     @staticmethod
-    def tube(outer: float, inner: float = 0.0, shear: float | None = None) -> Section:
+    def tube(outer: float, inner: float = 0.0) -> Section:
         """Return the section of a round bar or tube with radii [m].
 
         Raises:
@@ -89,10 +89,10 @@ class Section:
         if not 0.0 <= inner < outer:
             raise InvalidInput(f"inner: must be from 0 to below outer ({outer!r}), got {inner!r}")
         area, bend = math.pi * (outer**2 - inner**2), math.pi / 4.0 * (outer**4 - inner**4)
-        return Section(area, bend, bend, 2.0 * bend, shear, shear)
+        return Section(area, bend, bend, 2.0 * bend)
 
     @staticmethod
-    def rectangle(width: float, height: float, shear: float | None = None) -> Section:
+    def rectangle(width: float, height: float) -> Section:
         """Return a full rectangle, `width` [m] along y, `height` [m] along z.
 
         By Saint-Venant's series J = a b^3 / 3 (1 - 192 b / (pi^5 a) sum tanh(n pi a / (2 b)) / n^5) over
@@ -104,7 +104,7 @@ class Section:
         series = float(np.sum(np.tanh(odd * math.pi * a / (2.0 * b)) / odd**5.0))
         torsion = a * b**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * b / a * series)
         bend_y, bend_z = width * height**3 / 12.0, height * width**3 / 12.0
-        return Section(width * height, bend_y, bend_z, torsion, shear, shear)
+        return Section(width * height, bend_y, bend_z, torsion)
 
 
 class SplitBeam(NamedTuple):

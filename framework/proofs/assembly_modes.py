@@ -7,8 +7,9 @@ its complex solutions are led from those of a random system (`homotopy`), and ea
 Krawczyk: one solution there and no other, for all coefficients within their rounding. In which sense the real
 ones are all is the `status`:
 
-proved                     as many as the bound are proved and apart, or all is paved: there are no others
-numerically complete       as many paths as the bound end at solutions that are apart, the real ones proved,
+proved                     as many as the bound are proved and apart, or all joints are paved: there are no
+others numerically complete       as many paths as the bound end at solutions that are apart, the real ones
+proved,
                            or leave for infinity by their growth (symmetric platforms have fewer poses than
                            the bound); up to four times tried, and paths are followed without a proof
 at least                   paths end at solutions that are not single, or are lost; or there is no known bound
@@ -89,17 +90,13 @@ class AssemblyModes:
         return f"{count}, each proved to exist and to be single{rest}; {self.method}"
 
 
-def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) -> AssemblyModes:
+def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     """Find all poses of the robot with motor joints q_a (n_a,) [rad, m].
 
     Joint side of the gears, springs at rest. Poses of the platform count: joints inside a leg that turn over
     while it stays are one mode.
 
     Poses of the platform count: joints inside a leg that turn over while it stays are one mode.
-
-    Args:
-        pave: prove that there are no others by paving, too, where the bound is not reached in space: some ten
-            seconds of one core for `gough_stewart` at its reference.
 
     Raises:
         InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
@@ -113,7 +110,7 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike, *, pave: bool = False) 
     conditions = find_leg_conditions(robot, q[0])
     if conditions is None:
         return _search_modes(robot, q)
-    solutions = find_real_solutions(conditions.group, conditions.coefficients, conditions.rounding, pave=pave)
+    solutions = find_real_solutions(conditions.group, conditions.coefficients, conditions.rounding)
     return _modes_at_displacements(robot, q, conditions, solutions)
 
 
@@ -142,8 +139,6 @@ def _modes_at_displacements(
     # a solution without joints would be one of the conditions that are not the legs' own
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
     method = f"homotopy in {conditions.group.family.name}: {solutions.count.sentence}"
-    if solutions.status == "proved" and solutions.count.finite < solutions.bound:
-        method += "; real ones by paving"
     return AssemblyModes(tuple(modes), status, solutions.bound, solutions.count, method)
 
 

@@ -1,8 +1,7 @@
 """Proof that equations have no other solutions in boxes than the known ones.
 
 A box is dropped where its linear enclosure has no solution, or where it lies within a region in which a known
-solution is the only one; it is narrowed by the enclosure, or cut. The equations are those of
-`real_displacements` and `leg_paving`.
+solution is the only one; it is narrowed by the enclosure, or cut. The equations are those of `leg_paving`.
 """
 
 from __future__ import annotations
@@ -65,9 +64,7 @@ def unique_radius(equations: Equations, point: Array) -> float:
     return min(UNIQUENESS_SHARE / float(change.max()), MAX_UNIQUE_RADIUS)
 
 
-def has_no_others(
-    equations: Equations, boxes: Boxes, known: KnownSolutions, max_boxes: int = MAX_BOXES
-) -> bool:
+def has_no_others(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:
     """Return whether boxes provably hold no solutions but the known; False if undecided."""
 
     def test(boxes: Boxes) -> Examined[Boxes, None]:
@@ -89,7 +86,7 @@ def has_no_others(
         test,
         boxes,
         batch=BOXES_PER_BATCH,
-        max_examined=max_boxes,
+        max_examined=MAX_BOXES,
         distance=lambda boxes: np.zeros(boxes.size),
     )
     return not (end.undecided.size or end.pending.size)

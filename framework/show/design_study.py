@@ -26,7 +26,7 @@ PALETTE = "cividis"
 
 
 def plot_study(study: DesignStudy) -> Axes:
-    """Plot areas, and medians of quantities with their least and largest values, over each parameter.
+    """Plot areas, and ranges of quantities, over each parameter of a study.
 
     A design has one colour in all cells. One that makes no robot is a cross below its parameters.
     """
@@ -38,27 +38,27 @@ def plot_study(study: DesignStudy) -> Axes:
     norm = _color_scale(study.columns[COLORING_QUANTITY])
     for row, key in zip(axes, rows, strict=True):
         for ax, values in zip(row, parameters.values(), strict=True):
-            marks = _draw(study, key, values, ax, norm)
-        row[0].set_ylabel("\n".join([*wrap(_name(key), 24), f"[{_unit(study, key)}]"]))
+            marks = _draw_cell(study, key, values, ax, norm)
+        row[0].set_ylabel("\n".join([*wrap(_row_name(key), 24), f"[{_row_unit(study, key)}]"]))
     refused = np.array(list(map(bool, study.why)))
     for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
         ax.set_xlabel(name)
         _mark_refused(ax, values[refused])
     bar = drawing.colorbar(marks, ax=axes, pad=0.02, aspect=40)
-    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_unit(study, COLORING_QUANTITY)}]")
-    drawing.suptitle(_heading(refused), fontsize=8, x=0.02, ha="left")
+    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_row_unit(study, COLORING_QUANTITY)}]")
+    drawing.suptitle(_describe_designs(refused), fontsize=8, x=0.02, ha="left")
     first: Axes = axes[0, 0]
     return first
 
 
-def _heading(refused: BoolArray) -> str:
+def _describe_designs(refused: BoolArray) -> str:
     """Return the heading for designs of which some (a mask) make no robot."""
     refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
     return f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
 
 
 def _color_scale(values: Array) -> Normalize:
-    """Return the scale of colours between the finite extremes of values (designs,)."""
+    """Return the scale of colours over the finite values (designs,)."""
     finite = values[np.isfinite(values)]
     return Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
 
@@ -70,8 +70,8 @@ def _mark_refused(ax: Axes, parameters: Array) -> None:
     ax.plot(parameters, height, "x", color=ALARM, markersize=4, transform=transform, clip_on=False)
 
 
-def _draw(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
-    """Draw the marks of one cell."""
+def _draw_cell(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
+    """Draw the marks of one quantity over one parameter."""
     middle = study.columns[key if key in AREAS else f"{key}_median"]
     if key not in AREAS:
         least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
@@ -83,11 +83,13 @@ def _draw(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize
     )
 
 
-def _name(key: str) -> str:
+def _row_name(key: str) -> str:
+    """Return the name of a quantity or area in words."""
     return AREAS[key] if key in AREAS else QUANTITIES[key].name
 
 
-def _unit(study: DesignStudy, key: str) -> str:
+def _row_unit(study: DesignStudy, key: str) -> str:
+    """Return the unit of a quantity or area."""
     return study.units[key if key in AREAS else f"{key}_median"].replace("^2", "\u00b2")
 
 

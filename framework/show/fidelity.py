@@ -7,15 +7,16 @@ from matplotlib.axes import Axes
 
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
 from framework.show.captions import display_name
-from framework.show.style import ALARM, draw_dashed, figure, line_style
+from framework.show.style import ALARM, draw_dashed, line_style, new_figure
 
 
 def plot_fidelity(study: FidelityStudy) -> Axes:
-    """Plot torque error over the peak and platform error over the path's length along s, one curve a level.
+    """Plot the torque and platform errors of each level along s.
 
-    Levels with the torques of a lower one, and those without torques, have no curve.
+    Over the peak, and over the path's length. Levels with the torques of a lower one, and those without
+    torques, have no curve.
     """
-    axes = figure(2, height=2.0)[1]
+    axes = new_figure(2, height=2.0)[1]
     s = study.highest.law(study.times)
     own = [
         comparison for comparison in study.levels if comparison.motion is not None and not comparison.same_as

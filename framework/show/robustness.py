@@ -11,17 +11,19 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullF
 from framework.control.run_monitor import ControlLoop
 from framework.control.study import Study
 from framework.show.captions import display_name
-from framework.show.style import ALARM, GOOD, Style, draw_dashed, figure, line_style
+from framework.show.style import ALARM, GOOD, Style, draw_dashed, line_style, new_figure
 
 
 def plot_robustness(
     studies: Sequence[Study], axes: Sequence[Axes] | None = None, *, loop: ControlLoop | None = None
 ) -> Axes:
-    """Plot the share of runs below a tracking error, and below a peak torque; one curve a controller.
+    """Plot the share of runs below a tracking error, and below a peak torque.
+
+    One curve a controller.
 
     `loop`: what the runs had in common; errors within its tolerance are shaded, its torque limits are lines.
     """
-    axes = figure(2, height=1.9, shared=False)[1] if axes is None else list(axes)
+    axes = new_figure(2, height=1.9, shared=False)[1] if axes is None else list(axes)
     for k, study in enumerate(studies):
         count = len(study.passed)
         share = np.arange(1, count + 1) / count
@@ -53,20 +55,20 @@ def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
     errors.axvspan(low, loop.tolerance, color=GOOD, alpha=0.1, linewidth=0)
     errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8)
     errors.set_xlim(low, max(high, 1.5 * loop.tolerance))
-    _note(errors, loop.tolerance, "within: passes", GOOD)
+    _write_note(errors, loop.tolerance, "within: passes", GOOD)
     limits = np.unique(np.asarray(loop.limit or ()))
     # limits beyond so many times the largest torque are told, not drawn
     drawn = limits[limits < 2.0 * torques.get_xlim()[1]]
     for limit in drawn:
         draw_dashed(torques, limit, ALARM, 0.8)
     if len(drawn):
-        _note(torques, drawn[0], "torque limit", ALARM)
+        _write_note(torques, drawn[0], "torque limit", ALARM)
     elif len(limits):  # far off: no place for it in the picture
         label = f"torque limit: {limits[0]:.3g} N m, off to the right"
         torques.text(0.98, 0.04, label, color=ALARM, fontsize=7, ha="right", transform=torques.transAxes)
 
 
-def _note(ax: Axes, x: float, text: str, color: str) -> None:
-    """Write a note upright beside x, at half the height."""
+def _write_note(ax: Axes, x: float, text: str, color: str) -> None:
+    """Write an upright note beside x, at half the height."""
     style: Style = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center", "color": color}
     ax.text(x, 0.5, text, transform=ax.get_xaxis_transform(), **style)
