@@ -61,7 +61,7 @@ class NearestSingularPose(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """What is proved and found about the margin, in a sentence."""
+        """The margin, proved and found, in a sentence."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"

@@ -53,7 +53,10 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
 
 
 def _choose_starts(offsets: Array) -> list[int]:
-    """Choose starts by offsets (S, n) from the target: the nearest, apart from each other."""
+    """Choose the starts nearest to the target, at some distance from each other.
+
+    `offsets` (S, n) are from the target. Return indices.
+    """
     starts: list[int] = []
     distances = np.linalg.norm(offsets, axis=1)
     while len(starts) < STARTS and np.isfinite(distances).any():

@@ -26,7 +26,7 @@ from framework.singularity.distances import Distances, singularity_distances
 
 @dataclass(frozen=True, eq=False)
 class Poses(ReadOnlyArrays):
-    """T assembled configurations, with values that several quantities share."""
+    """T assembled configurations, with values that several quantities need."""
 
     robot: ParallelRobot
     q: Array  # (T, nq)

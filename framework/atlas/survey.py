@@ -71,7 +71,7 @@ def _reached_window(robot: ParallelRobot, look: Window, bounds: Window, keep_lim
 
 
 def _widen_window(window: Window, bounds: Window, margin: Array) -> Window:
-    """Widen a window by a margin (2,), within bounds."""
+    """Widen a window by `margin` (2,) on each side, within bounds."""
     lower = np.maximum(window.lower - margin, bounds.lower)
     return replace(window, lower=lower, upper=np.minimum(window.upper + margin, bounds.upper))
 

@@ -134,38 +134,59 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
     """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 
-    A step is accepted if its correction is small beside the prediction, if the working mode is the same at
-    both ends, and if the tangent turns no more than the correction explains, or no branches cross there.
+    A step is accepted if its correction is small beside the prediction, and if it ends in the same working
+    mode and on the same branch.
     """
     linearised = linearised_at(robot, q, start)
-    twist = robot.platform.twist(start, end - start)[0]
-    move = joint_rates(robot, linearised, twist, np.zeros((len(q), robot.n_e)))
+    start_twist, end_twist = (robot.platform.twist(x, end - start)[0] for x in (start, end))
+    move = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, move)
     corrected, end_linearised, closed = close_each(
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
     )
+    reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     with np.errstate(invalid="ignore"):
         correction = np.abs(difference(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
-        has_same_sign = keeps_sign(linearised.factors.slogdet, end_linearised.factors.slogdet)
-        is_same_mode = closed & is_small(correction, advance)
-        for k in np.flatnonzero(is_same_mode & ~has_same_sign).tolist():
-            is_same_mode[k] = keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
-        same_mode = np.flatnonzero(is_same_mode)
-        end_twist = robot.platform.twist(end, end - start)[0]
-        change = _tangent_change(robot, end_linearised, same_mode, end_twist, move)
-        refused = ~is_straight(change, correction[same_mode], advance[same_mode])
-        bent = end_linearised.select(same_mode[refused])
-        refused[refused] = count_lost_ranks(robot, bent, BRANCHES_CROSS) > 0  # else no branches cross there
-    reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    reason[same_mode[~refused]] = PoseReason.REACHED
+        is_near = closed & is_small(correction, advance)
+        same_mode = np.flatnonzero(_keep_working_mode(robot, linearised, end_linearised, is_near))
+        is_same_branch = _keep_branch(
+            robot,
+            end_linearised.select(same_mode),
+            end_twist[same_mode],
+            move[same_mode],
+            correction[same_mode],
+            advance[same_mode],
+        )
+    reason[same_mode[is_same_branch]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
 
 
-def _tangent_change(
-    robot: ParallelRobot, linearised: LinearisedLoops, steps: IntArray, twist: Array, move: Array
-) -> Array:
-    """Return the largest change (k,) of joint moves between start and end tangents."""
-    no_deflection = np.zeros((len(steps), robot.n_e))
-    end_move = joint_rates(robot, linearised.select(steps), twist[steps], no_deflection)
-    return np.abs((end_move - move[steps]) / robot.column_scale).max(axis=1)
+def _keep_working_mode(
+    robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops, candidates: BoolArray
+) -> BoolArray:
+    """Return the candidates (T,) of steps with one working mode at start and end.
+
+    A determinant of one sign tells; else the modes themselves are compared.
+    """
+    has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
+    is_kept = candidates.copy()
+    for k in np.flatnonzero(candidates & ~has_same_sign).tolist():
+        is_kept[k] = keeps_working_mode(robot, start.select(k), end.select(k))[0]
+    return is_kept
+
+
+def _keep_branch(
+    robot: ParallelRobot, end: LinearisedLoops, twist: Array, move: Array, correction: Array, advance: Array
+) -> BoolArray:
+    """Return which of k steps end on the branch of their start, (k,).
+
+    The tangent turns no more than the correction (k,) explains, beside the advance (k,), or no branches
+    cross at the end. `move` (k, nv) is along the start's tangent, `twist` (k, n) that of the step at its end.
+    """
+    end_move = joint_rates(robot, end, twist, np.zeros((len(move), robot.n_e)))
+    change = np.abs((end_move - move) / robot.column_scale).max(axis=1)
+    is_same = is_straight(change, correction, advance)
+    bent = np.flatnonzero(~is_same)
+    is_same[bent] = count_lost_ranks(robot, end.select(bent), BRANCHES_CROSS) == 0
+    return is_same

@@ -80,7 +80,7 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Step q (T, nq) from start to end (T, n); return ends and a mask of accepted ones."""
+        """Step q (T, nq) from start to end (T, n); return the ends, accepted (T,)."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
@@ -91,7 +91,10 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def open_edges(self) -> tuple[str, ...]:
-        """Edges of the window on which poses are reached, such as `least x`: more may be reached beyond."""
+        """Edges of the window with reached poses, such as `least x`.
+
+        More may be reached beyond.
+        """
         reached = self.reached
         first, second = (self.robot.axis_names[k] for k in self.window.axes)
         edges = {

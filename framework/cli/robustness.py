@@ -26,12 +26,13 @@ from framework.cli.parser import (
 from framework.cli.writing import written_stepwise
 from framework.control.controllers import CONTROLLERS
 from framework.control.run_monitor import SENSORS, ControlLoop, Run
-from framework.control.study import KeptRuns, Study, run_study
+from framework.control.study import Study, run_store, run_study
 from framework.control.study_setup import FILE, StudySetup, library_versions, load_study
 from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
+from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text
 from framework.numerics.tasks import executor_of
 
@@ -133,10 +134,11 @@ def run(options: Namespace) -> Report:
         return replay_run(options)
     setup = _setup(options)
     out = None if options.out is None else Path(options.out)
-    stores = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options) if out is not None}
+    stores = {name: run_store(out, setup.to_dict(), name) for name in _names(options) if out is not None}
 
     def count_runs() -> int:
-        return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
+        kept = (arrays for store in stores.values() for arrays in store.read().values())
+        return sum(len(arrays["passed"]) for arrays in kept)
 
     unit = f"of {options.runs * len(stores)} runs"
     with written_stepwise(options, FILE, count_runs, unit) as folder:
@@ -198,7 +200,7 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
     return document, _lines(document)
 
 
-def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
+def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks]) -> list[Study]:
     """Run one study for each controller, by several processes."""
     controllers = {name: setup.controller(name) for name in _names(options)}
     studies: list[Study] = []

@@ -7,7 +7,7 @@ Open `study` first (many runs), then `closed_loop` (one sampling period after th
 `tuned_controller` makes one of `CONTROLLERS` for a plan, `run_closed_loop` drives robots that differ from the
 model as `Spread` says, `run_study` draws and judges many of them, and `load_study` reads what `crossing
 robustness --out` wrote. The controllers stand in `controllers`; friction and delay
-act between them and the robot, and `KeptRuns` stores finished runs. A controller of one's own follows the
+act between them and the robot, and `run_store` keeps finished runs. A controller of one's own follows the
 protocol `Controller`. `ControlCycle` has the pose and the torques of one robot once a millisecond.
 """
 

@@ -96,7 +96,9 @@ class ControlCycle:
         self._set_state(self.q, np.zeros(robot.n_a))
 
     def update(self, q_a: ArrayLike, dq_a: ArrayLike) -> None:
-        """Move the pose to motor joints q_a (n_a,) with rates dq_a (n_a,), joint side of the gears.
+        """Move the pose to motor joints q_a (n_a,) with rates dq_a (n_a,).
+
+        Joint side of the gears.
 
         Raises:
             InvalidInput: not n_a finite numbers each.
@@ -152,7 +154,10 @@ class ControlCycle:
 
     @property
     def mass(self) -> Array:
-        """Motor torques (n_a, n_a) for unit accelerations of the motors: torque = mass ddq_a + bias."""
+        """Motor torques (n_a, n_a) for unit accelerations of the motors.
+
+        torque = mass ddq_a + bias.
+        """
         M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
         return self.T.T @ M @ self.T / self.robot.gear_ratio[:, None]
 
@@ -184,7 +189,7 @@ class ControlCycle:
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
 
     def _factor_loops(self, q: Array) -> float:
-        """Factor P at q (nq,); set T, Newton's step and distance; return the step's size.
+        """Decompose P at q (nq,); set T, Newton's step and distance; return the step's size.
 
         P [dq_p, T_p] = -[residual, J_a] gives the step dq_p (n_p,) and the passive rows of T in one solution.
         """
@@ -259,9 +264,9 @@ class ControlCycle:
         return q + step if self._steps_add else pin.integrate(self.robot.model, q, step)
 
     def _set_state(self, q: Array, rates: Array) -> None:
-        """Set q (nq,), at which T is computed, and what follows from q.
+        """Set q (nq,), the joint rates at motor rates (n_a,), residual and platform.
 
-        These are the joint rates at motor rates (n_a,), the residual and the platform.
+        T is computed at q already.
         """
         self.q, self.v, self._drift = q, self.T @ rates, None
         self._equations.move(q, self.v)

@@ -49,7 +49,7 @@ class Controller(Protocol):
 
 
 def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
-    """Return the measured state at instant k, or estimate it from the motors.
+    """Return the measured state at instant k, or its estimate from the motors.
 
     The estimate is one Newton step from the plan. G dx = (measured - planned motor angles) gives the step of
     the platform, N dx that of the joints; rates alike.

@@ -43,7 +43,10 @@ class ControlLoop:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcomes(ReadOnlyArrays):
-    """The outcomes of R runs. `passed`: the platform came to rest near the end, see `ControlLoop`."""
+    """The outcomes of R runs.
+
+    `passed`: the platform came to rest near the end, see `ControlLoop`.
+    """
 
     passed: NDArray[np.bool_]  # (R,)
     why: tuple[str, ...]  # (R,) empty for those that passed
@@ -89,7 +92,7 @@ class RunMonitor:
         )
 
     def check(self, time: float, x: Array, planned: Array) -> None:
-        """Compare platforms x (R, n) with the plan (n,); end runs far from it."""
+        """Compare platforms x (R, n) with the plan (n,); end runs that are too far off."""
         scale = self.robot.platform_scale
         self.error = np.nan_to_num(np.abs((x - planned) / scale), nan=MAX_DEVIATION).max(axis=1)
         self.end(time, ~(self.error < MAX_DEVIATION))
@@ -103,7 +106,7 @@ class RunMonitor:
         self.alive = self.alive & ~runs
 
     def add_torque(self, torque: Array, *, record: bool) -> None:
-        """Update the peaks by torques (R, n_a) of one period; store them if `record`."""
+        """Update the peaks by torques (R, n_a) of one period; store all if `record`."""
         self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
         if record:
             self.torques.append(torque)

@@ -135,7 +135,9 @@ def library_versions() -> dict[str, str]:
 
 
 def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
-    """Read the set-up of a study that `crossing robustness --out` wrote; return also the whole document.
+    """Read the set-up of a study that `crossing robustness --out` wrote.
+
+    Return also the whole document.
 
     Args:
         robot_file: the robot's file, if not where the document says.

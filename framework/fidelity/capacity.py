@@ -37,7 +37,7 @@ IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of multiples over
 
 @dataclass(frozen=True, eq=False)
 class Capacity:
-    """The largest multiple of a request's wrenches that was planned, and what ends it.
+    """The largest multiple of a request's wrenches that was planned, and why no more.
 
     plan: under the largest multiple; its certificate and limits are those of any plan.
     refused: the least multiple that was refused (`NoLaw`, `LimitsExceeded`); infinite where none was.
@@ -166,7 +166,7 @@ class _Multiples:
 
 
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve from 1 until a multiple is planned and one twice as large is not."""
+    """Double or halve from 1 until m is planned and 2 m is not."""
     capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
         if not np.isfinite(capacity.end):

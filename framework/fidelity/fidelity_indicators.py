@@ -84,7 +84,10 @@ def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot
 
 
 class LevelError(NamedTuple):
-    """The estimated errors of a level: of torques (of their peak), of the platform (of the path)."""
+    """The estimated errors of a level.
+
+    Of the torques over their peak, of the platform over the path's length.
+    """
 
     torque: float = np.inf
     platform: float = np.inf

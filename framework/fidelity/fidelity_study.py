@@ -127,7 +127,7 @@ class FidelityStudy(ReadOnlyArrays):
 
     @property
     def scene_entry(self) -> Document | None:
-        """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
+        """Entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
         return None if enough is None else {"level": enough.level.name, "tolerance": self.tolerance}
 

@@ -107,7 +107,7 @@ def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
 
 @dataclass
 class ReferenceMotion:
-    """The motion of a study by its plan, with the highest model that simulates all levels.
+    """The motion of a study, and the highest model, which simulates all levels.
 
     `seconds` is the time of all simulations so far.
     """

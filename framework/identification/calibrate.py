@@ -159,13 +159,13 @@ def calibrate(
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     start = _solve_poses(geometry.model, measured)
-    used = measured.at_instants(~is_test)
+    used = measured.select_instants(~is_test)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = GaussNewton(geometry.model, used, start[~is_test], prior)
     solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
     combinations, at_file = _find_combinations(geometry, used, start[~is_test], prior)
-    test = measured.at_instants(is_test)
+    test = measured.select_instants(is_test)
     error_before = _prediction_error(geometry.model, test, start[is_test], np.zeros_like(prior))
     error_after = _prediction_error(geometry.model, test, start[is_test], solver.values)
     return Calibration(

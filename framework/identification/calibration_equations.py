@@ -36,7 +36,7 @@ class Measurements(ReadOnlyArrays):
     axes: IntArray  # of the platform's coordinates
     others: IntArray  # of 0..2: measured positions of the frame's origin that are no platform coordinates
 
-    def at_instants(self, instants: BoolArray) -> Measurements:
+    def select_instants(self, instants: BoolArray) -> Measurements:
         """Return the measurements at the instants of a mask (T,)."""
         return replace(self, values=self.values[instants])
 

@@ -41,7 +41,7 @@ DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the size of 
 
 
 class Rows(NamedTuple):
-    """Rows A theta = b of T instants, of unit noise up to a common factor."""
+    """Rows A theta = b of T instants, of unit noise up to a common scale."""
 
     matrix: Array  # (T, n, p)
     right: Array  # (T, n)
@@ -92,7 +92,7 @@ class Identification(ReadOnlyArrays):
 
     @property
     def keeps_file(self) -> bool:
-        """Whether the file's parameters predict the torques held out better, and stay."""
+        """Whether the file's parameters predict the validation torques better, and stay."""
         return bool((self.link_values == self.links.values).all())
 
     @property

@@ -138,7 +138,7 @@ def _subtract_whole_turns(robot: ParallelRobot, joints: Array) -> Array:
 
 
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
-    """Choose the cutoff [Hz]: above it all angles' spectra are noise.
+    """Choose the cutoff [Hz], above which all angles' spectra are noise.
 
     Raises:
         InvalidInput: the cutoff is not in the range that the recording allows, or there is no such range.

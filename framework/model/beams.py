@@ -50,7 +50,9 @@ class Material:
 
     @staticmethod
     def isotropic(E: float, poisson: float) -> Material:
-        """Return the material of modulus `E` and Poisson's ratio, G = E / (2 (1 + poisson)).
+        """Return the material of modulus `E` [Pa] and Poisson's ratio.
+
+        G = E / (2 (1 + poisson)).
 
         Raises:
             InvalidInput: E is not positive, or the ratio not between -1 and 0.5.

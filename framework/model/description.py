@@ -100,7 +100,7 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown rows, and a length missing or in excess."""
+        """Refuse unknown rows, and a length missing or without a use."""
         valid = {row for rows in _LOCKED.values() for row in rows}
         for row in self.axes:
             check_name(f"closure {self.name}", "axis", row, valid)
@@ -141,7 +141,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class JointDynamics:
-    """Armature, spring, damping and friction along one coordinate of the tree, on the joint side of a gear.
+    """Armature, spring, damping and friction along one joint coordinate.
 
         torque of the joint = armature a + damping v + stiffness (q - rest) + friction sign(v)
 
@@ -156,7 +156,7 @@ class JointDynamics:
     rest: float = 0.0
 
     def reflect_through(self, ratio: float) -> JointDynamics:
-        """Reflect the dynamics through a gear: onto x where this coordinate is q = ratio x."""
+        """Reflect the dynamics through a gear, onto x with q = ratio x."""
         square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
         friction = abs(ratio) * self.friction
         return JointDynamics(

@@ -165,7 +165,7 @@ def _alias_error() -> RobotFileError:
 
 
 def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Count the values of a node, its aliases written out; `counted` are counts by node id."""
+    """Count the values of a node, aliases written out; `counted` by node id."""
     if id(node) in counted:
         return counted[id(node)]
     counted[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves

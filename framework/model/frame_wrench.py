@@ -62,7 +62,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @property
     def document(self) -> Any:
-        """The wrench in the form of a robot file or plan.json: its numbers, with axes that turn."""
+        """The wrench as written in a robot file or plan.json."""
         numbers = self.rows.tolist()
         return {"wrench": numbers, "axes": self.axes} if self.turns else numbers
 

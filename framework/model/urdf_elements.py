@@ -141,7 +141,7 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
-    """Return the names of a joint's coordinates: its own, or one for each freedom."""
+    """Return the names of a joint's coordinates, one for each freedom."""
     if kind in SEVERAL:
         return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])
     return (name,) if kind in MOVING else ()
@@ -253,7 +253,7 @@ def read_joint(
 
 
 def add_endless_limit(joint: ElementTree.Element) -> ElementTree.Element:
-    """Add a `<limit>` so wide that nothing reaches it."""
+    """Add a `<limit>` beyond all motions."""
     words = {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
     return ElementTree.SubElement(joint, "limit", words)
 

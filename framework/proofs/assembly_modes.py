@@ -76,7 +76,7 @@ class AssemblyModes:
 
     @property
     def sentence(self) -> str:
-        """The number of modes, what is proved of them, and the method, in a sentence."""
+        """The number of modes, the kind of proof, and the method, in a sentence."""
         if self.status == "architecturally singular":
             return f"none is isolated: the robot is architecturally singular; {self.method}"
         proved = sum(mode.proved for mode in self.modes)

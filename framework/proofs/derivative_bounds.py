@@ -33,7 +33,7 @@ from framework.tolerances import FRAME_ROUNDING
 
 
 class _ChainVector(NamedTuple):
-    """A vector on the last link of a chain of L joints, with derivatives along them.
+    """A vector on the last link of a chain of L joints, and its derivatives.
 
     At S configurations.
     """
@@ -53,7 +53,7 @@ class _ChainDerivatives(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DerivativeBounds:
-    """The equations of a robot in its k `moving` joints, R of them, with scales."""
+    """The R equations of a robot in its k `moving` joints, with their scales."""
 
     table: EquationTerms
     row_scale: Array  # (R,)

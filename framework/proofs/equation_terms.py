@@ -162,7 +162,7 @@ def planar_axis(robot: ParallelRobot) -> int | None:
 
 
 def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
-    """Return loop rows to write on base axes, and these axes (0..2).
+    """Return the loop rows to write on base axes, by axis (0..2).
 
     These are rows of closures that lock all translations (of a planar robot both in its plane) between frames
     without a joint in common. Any axes will do; on those of the base the joints of the two chains do not mix.

@@ -224,7 +224,10 @@ def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """Quadrics z' (start + t change) z = 0 in the chart . z = 1, t from 0 to 1."""
+    """Quadrics z' (start + t change) z = 0 for t from 0 to 1.
+
+    In the chart . z = 1.
+    """
 
     start: ComplexArray  # (N - 1, N, N)
     change: ComplexArray  # (N - 1, N, N)

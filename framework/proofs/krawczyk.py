@@ -46,7 +46,7 @@ Tested = TypeVar("Tested", bound=Any)  # S boxes: proved (S,), radii (S, k), rad
 def widen_until_proved(
     test: Callable[[Array], Tested], radii: Array, min_radius: float, max_radius: float
 ) -> Tested:
-    """Test boxes of radii (S, k); widen those without a proof, and repeat.
+    """Test boxes of radii (S, k); widen boxes without a proof, and repeat.
 
     A wider box contains the image of the one tested.
     """

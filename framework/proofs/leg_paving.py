@@ -188,7 +188,7 @@ class LegEquations:
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
 
     def _enclose_attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
-        """Enclose the frame's axes less those of the attitude (3, 3): 9 equations.
+        """Enclose frame axes less the attitude's (3, 3): 9 equations.
 
         An axis e changes by w_j x e along a joint that turns about w_j.
         """

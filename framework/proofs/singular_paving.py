@@ -278,7 +278,7 @@ def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
 
 
 class Arcs(NamedTuple):
-    """B boxes with a proved arc in each, and the platform's coordinates there."""
+    """B boxes with a proved arc in each, and the platform's coordinates on the arc."""
 
     x: Array  # (B, n)
     x_radii: Array  # (B, n)
@@ -298,7 +298,7 @@ class _SingularEquations(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """What the singular equations leave of S boxes, and the arcs proved."""
+    """The remaining parts of S boxes, and the arcs proved."""
 
     remaining: Contracted  # the parts that hold all singular poses
     axis: IntArray  # (S,) to cut across where an arc is proved that is not small enough yet, else NO_AXIS

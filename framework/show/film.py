@@ -102,7 +102,7 @@ class Film:
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
-    """Plan and film a motion; where it has a pole, film its unproved law.
+    """Plan and film a motion; in case of a pole, film the unproved law.
 
     Args:
         name: what stands above the picture, such as Scene C.
@@ -158,7 +158,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
 
 
 def _sample_film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
-    """Film F instants of a motion, with measure, wrenches and motors there."""
+    """Film F instants of a motion, with measure, wrenches and motors."""
     curves = wrench_curves(robot, motion)
     return Film(
         robot=robot,

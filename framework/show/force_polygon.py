@@ -37,7 +37,7 @@ THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misse
 
 
 def plot_eye(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the force along t_s near the first crossing: what motors reach, what the plan needs.
+    """Plot the force along t_s near the first crossing, reached and needed.
 
     Torque limits are those of the robot file, and 1.5 times the plan's largest torque for other motors.
 

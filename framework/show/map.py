@@ -177,7 +177,7 @@ def _make_axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
 
 
 def path_on_map(workspace: WorkspaceMap, path: Path) -> tuple[Array, str]:
-    """Return points (m, 2) of a path, and ", projected" if it leaves the map's plane."""
+    """Return points (m, 2) of a path, and ", projected" for a path off the map's plane."""
     x, axes = path(np.linspace(0.0, 1.0, PATH_SAMPLES)), list(workspace.window.axes)
     offset = np.delete((x - workspace.window.constants) / workspace.robot.platform_scale, axes, axis=1)
     return x[:, axes], "" if np.abs(offset).max(initial=0.0) < SAME_PLACE else ", projected"

@@ -122,7 +122,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 
 
 def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
-    """Mark singular points of the loaded robot where visibly apart."""
+    """Mark singular points of the loaded robot at a visible distance."""
     visible = [
         loaded.s
         for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)

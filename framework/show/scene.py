@@ -189,9 +189,9 @@ def _motor_documents(robot: ParallelRobot, shapes: list[Shape], size: float) -> 
 
 
 def _spring_document(film: Film, size: float) -> Document | None:
-    """Return the places of the coils, and by what deflections are drawn larger.
+    """Return the places of the coils, and the scales of their deflections.
 
-    The factors are 1, 2 or 5 times a power of ten.
+    The scales are 1, 2 or 5 times a power of ten.
     """
     robot = film.robot
     if not robot.n_e:

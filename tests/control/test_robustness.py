@@ -117,7 +117,7 @@ def tuned(reference):
 @pytest.mark.slow
 def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torque_does_not():
     passed = {
-        name: run_chunk(controller(name), ControlLoop(), PAYLOAD, 0, range(12)).passed.mean()
+        name: run_chunk(controller(name), ControlLoop(), PAYLOAD, 0, range(12))["passed"].mean()
         for name in ("feedforward", "lqr", "computed_torque", "naive_computed_torque")
     }
     assert [passed[name] for name in ("feedforward", "lqr", "computed_torque")] == [1.0, 1.0, 1.0]
@@ -128,8 +128,8 @@ def test_a_run_does_not_depend_on_its_neighbours():
     one = controller("lqr")
     together = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(3, 8))
     alone = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(5, 6))
-    assert together.tracking_error[2] == alone.tracking_error[0]
-    np.testing.assert_array_equal(together.peak_torque[2], alone.peak_torque[0])
+    assert together["tracking_error"][2] == alone["tracking_error"][0]
+    np.testing.assert_array_equal(together["peak_torque"][2], alone["peak_torque"][0])
 
 
 @pytest.mark.slow
@@ -171,8 +171,8 @@ def test_the_interval_is_wilsons():
 def test_torques_stay_within_the_limit():
     limit = (0.10, 0.09)
     run = run_chunk(controller("lqr"), ControlLoop(limit=limit), PAYLOAD, 0, range(3))
-    np.testing.assert_allclose(run.peak_torque.max(axis=0), limit, rtol=1e-12)  # the plan asks for more
-    assert not run.passed.any()
+    np.testing.assert_allclose(run["peak_torque"].max(axis=0), limit, rtol=1e-12)  # the plan asks for more
+    assert not run["passed"].any()
 
 
 @pytest.mark.slow

@@ -330,7 +330,7 @@ def complete_robot(options: Options, known: PartialRobot) -> PartialRobot:
 
 
 def _choose_platform(options: Options, known: PartialRobot) -> Platform | None:
-    """Return the platform by options and file; None where both leave it open."""
+    """Return the platform by options and file; None where both leave one open."""
     frame, platform, joints = options.platform, known.platform, options.platform_joints
     if frame is not None:
         check_name("--platform", "frame", frame, known.tree.frames)

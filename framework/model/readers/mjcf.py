@@ -136,7 +136,7 @@ class _Model:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element, by what it is and what it acts on."""
+        """Report an unread element and the bodies or joints under its action."""
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
     def _urdf(self, name: str, taken: set[str]) -> ElementTree.Element:

@@ -81,7 +81,7 @@ class Scope:
     joints: dict[str, ElementTree.Element] = field(default_factory=dict)  # with their `scope`
 
     def place(self, name: str, depth: int = 0) -> Array:
-        """Return the placement (4, 4) of a frame in the world, as the file has it."""
+        """Return the placement (4, 4) of a frame in the world, as in the file."""
         if name == WORLD:
             return np.eye(4)
         check_choice("frame", name, self.relative)
@@ -288,7 +288,7 @@ def _end_name(joint: ElementTree.Element, end: str) -> str:
 
 
 def _read_pose(element: ElementTree.Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
-    """Read the base frame of an element's `<pose>`, and the placement (4, 4) in it."""
+    """Read an element's `<pose>`: its base frame, and the placement (4, 4)."""
     pose = element.find("pose")
     if pose is None:
         return default, np.eye(4)

@@ -41,7 +41,7 @@ _USED = {
 
 
 class UnreadElement(NamedTuple):
-    """An element that is not read, with the joints and links it acts on.
+    """An element that is not read, with the joints and links under its action.
 
     Without the force of most elements a robot is still the same mechanism. Where an element decides how the
     mechanism moves (`is_decisive`), the file is refused if that part moves.
@@ -206,10 +206,11 @@ class UrdfTree(Tree):
     def close(
         self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
     ) -> None:
-        """Add a closure of two ends (suffix of the frame, link, placement), with `axes` (3,) in both.
+        """Add a closure of two ends: suffix of a frame, link, placement (4, 4).
 
-        Of a universal joint the first axis is x of the first frame, the second is y of the second frame. Of
-        other kinds they are z, one may stand for both, and a kind without an axis needs none.
+        `axes` (3,) are in both ends. Of a universal joint the first axis is x of the first frame, the second
+        is y of the second frame. Of other kinds they are z, one may stand for both, and a kind without an
+        axis needs none.
         """
         letters = "xy" if kind == "universal" else "zz"
         turns = [rotation_with_axis(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [
