@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from framework.atlas.sweep import PoseReason, fill_grid
+from framework.atlas.sweep import PoseReason, ReasonArray, fill_grid
 from framework.atlas.window import MAX_EDGE_POSES, Window, map_axes, map_point
 from framework.errors import InvalidInput, NoAnswer, OutOfReach
 from framework.kinematics.continuation.tracking import assemble
@@ -76,7 +75,7 @@ def _widen_window(window: Window, bounds: Window, margin: Array) -> Window:
     return replace(window, lower=lower, upper=np.minimum(window.upper + margin, bounds.upper))
 
 
-def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, NDArray[np.uint8]]:
+def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window, reached from the reference.
 
     Return configurations (I, J, nq) and reasons (I, J). The poses nearest to the reference are assembled from

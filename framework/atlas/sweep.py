@@ -32,6 +32,9 @@ STEP_PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
+ReasonArray = NDArray[np.uint8]  # of `PoseReason`
+
+
 class PoseReason(IntEnum):
     """Reasons why a pose has no value; a larger one replaces a smaller."""
 
@@ -53,10 +56,10 @@ class StepEnds(NamedTuple):
     """The ends of steps from T poses."""
 
     q: Array  # (T, nq)
-    reason: NDArray[np.uint8]  # (T,) `PoseReason`
+    reason: ReasonArray  # (T,) `PoseReason`
 
 
-def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], strides: IntArray) -> None:
+def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, strides: IntArray) -> None:
     """Assemble the poses of a grid from their neighbours, in place.
 
     A pose whose reason is NO_NEIGHBOUR is tried from each reached neighbour until one succeeds. Poses with
@@ -77,7 +80,7 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8
 
 
 def _fill_lattice(
-    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], wanted: BoolArray, parts: int
+    robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, wanted: BoolArray, parts: int
 ) -> None:
     """Fill one lattice of a grid (views of the whole), wave by wave.
 

@@ -22,7 +22,7 @@ from scipy.ndimage import distance_transform_edt
 
 from framework.atlas.quantities import Quantity, choose_quantities, quantity_values
 from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seed_poses, survey_window
-from framework.atlas.sweep import REASON_WORDS, PoseReason, fill_grid, step_poses
+from framework.atlas.sweep import REASON_WORDS, PoseReason, ReasonArray, fill_grid, step_poses
 from framework.atlas.window import Window
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
@@ -51,9 +51,7 @@ class WorkspaceMap(ReadOnlyArrays):
     reason: NDArray[np.uint8 | np.uint16]  # (I, J) why a pose is not reached: index into `reason_words`
     working_mode: int  # its sign at the reference
     assembly: NDArray[np.int8]  # (I, J) sign of the assembly mode, 0 where not reached
-    load: (
-        NDArray[np.uint8] | None
-    )  # (I, J) `LoadReason` of poses that are reached, with quantities under load
+    load: ReasonArray | None  # (I, J) `LoadReason` of poses that are reached, with quantities under load
     seconds: float
     reason_words: tuple[str, ...] = tuple(REASON_WORDS.values())  # first those of `sweep.PoseReason`
 
@@ -133,7 +131,7 @@ class RowBand(NamedTuple):
     first: int
     stop: int
     q: Array  # (rows + 1 or rows, J, nq) NaN except at coarse poses
-    reason: NDArray[np.uint8]  # (rows + 1 or rows, J)
+    reason: ReasonArray  # (rows + 1 or rows, J)
 
     @property
     def name(self) -> str:
@@ -249,7 +247,7 @@ def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, A
 
 
 def _evaluate_poses(
-    robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: NDArray[np.uint8]
+    robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: ReasonArray
 ) -> dict[str, NDArray]:
     """Compute quantities and assembly modes at poses q (I, J, nq), with q and reason."""
     reached = reason == PoseReason.REACHED
@@ -289,9 +287,7 @@ def _join_bands(
         grids[key][i, j] = values[0]
 
 
-def _mark_out_of_reach(
-    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], stride: int
-) -> None:
+def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, stride: int) -> None:
     """Set the reason of poses that do not close or are in other modes, in place.
 
     Newton's method looks for a pose of any working mode at every `stride`-th of them, from the nearest pose

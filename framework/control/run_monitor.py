@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.control.variation import Variation
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 
 SENSORS = ("motors", "joints")
 MAX_DEVIATION = 1.0  # [robot lengths, rad] from the plan: beyond, the run is over
@@ -48,7 +47,7 @@ class Outcomes(ReadOnlyArrays):
     `passed`: the platform came to rest near the end, see `ControlLoop`.
     """
 
-    passed: NDArray[np.bool_]  # (R,)
+    passed: BoolArray  # (R,)
     why: tuple[str, ...]  # (R,) empty for those that passed
     tracking_error: Array  # (R,) [robot lengths, rad] largest distance from the plan
     end_error: Array  # (R,) the same at the end
@@ -69,7 +68,7 @@ class RunMonitor:
     """Errors and torques of R runs so far, with the reasons of failures."""
 
     robot: ParallelRobot
-    alive: NDArray[np.bool_]  # (R,) runs that are not over
+    alive: BoolArray  # (R,) runs that are not over
     why: list[str]  # (R) reasons of failures
     worst: Array  # (R,) largest error
     error: Array  # (R,) last error
@@ -99,7 +98,7 @@ class RunMonitor:
         self.worst = np.maximum(self.worst, np.where(self.alive, self.error, MAX_DEVIATION))
         self.positions.append(np.where(self.alive[:, None], x, np.nan))
 
-    def end(self, time: float, runs: NDArray[np.bool_]) -> None:
+    def end(self, time: float, runs: BoolArray) -> None:
         """End the runs of a mask (R,) that are not over yet."""
         for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"

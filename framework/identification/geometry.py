@@ -8,9 +8,9 @@ parameters, too.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
@@ -45,12 +45,12 @@ class Geometry(ReadOnlyArrays):
     def description(self, values: Array) -> RobotDescription:
         """Return the robot's description, joint origins moved by parameters (p,)."""
         description = self.robot.description
-        urdf = ElementTree.fromstring(description.urdf_text)
+        urdf = fromstring(description.urdf_text)
         elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
         for joint, move in zip(self.joints, values.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)
-        return replace(description, urdf_text=ElementTree.tostring(urdf, encoding="unicode"))
+        return replace(description, urdf_text=tostring(urdf, encoding="unicode"))
 
 
 def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
@@ -67,7 +67,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         InvalidInput: unknown joints; too many.
     """
     description = robot.description
-    urdf = ElementTree.fromstring(description.urdf_text)
+    urdf = fromstring(description.urdf_text)
     elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
     candidates = _joints_to_frames(description, elements)
     for name in joints or ():
@@ -78,7 +78,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         is_fixed = elements[name].get("type") == "fixed"
         origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
         springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, (1.0,) * len(AXES)))
-    text = ElementTree.tostring(urdf, encoding="unicode")
+    text = tostring(urdf, encoding="unicode")
     with_errors = replace(description, urdf_text=text, springs=tuple(springs))
     return Geometry(
         robot=robot,
@@ -89,7 +89,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     )
 
 
-def _joints_to_frames(description: RobotDescription, elements: dict[str, ElementTree.Element]) -> list[str]:
+def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
     """Return the joints between the base and all platform and closure frames.
 
     In the URDF's order. A frame is the name of a link, or of a joint for its child link.
@@ -106,17 +106,17 @@ def _joints_to_frames(description: RobotDescription, elements: dict[str, Element
     return [name for name in elements if name in joints]
 
 
-def _link_name(joint: ElementTree.Element, end: str) -> str:
+def _link_name(joint: Element, end: str) -> str:
     """Return the name of the joint's link "parent" or "child"; empty without one."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
 
-def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
+def _insert_origin_joint(urdf: Element, joint: Element) -> str:
     """Insert a fixed joint before a moving one, with its origin; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
-    ElementTree.SubElement(urdf, "link", name=link)
+    SubElement(urdf, "link", name=link)
     parent = joint.find("parent")
     origin = joint.find("origin")
     fixed = joint_element(NewJoint(name, "fixed"), _link_name(joint, "parent"), link)
@@ -129,7 +129,7 @@ def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) 
     return name
 
 
-def _move_origin(joint: ElementTree.Element, move: Array) -> None:
+def _move_origin(joint: Element, move: Array) -> None:
     """Move a joint's origin by translations, then turns about x, y, z, move (6,).
 
     [m, rad] As the virtual joint of `parametrise_geometry` does: three slides, then three hinges.

@@ -9,9 +9,9 @@ divides among the links.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -49,7 +49,7 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
 
     The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
     """
-    urdf = ElementTree.fromstring(robot.description.urdf_text)
+    urdf = fromstring(robot.description.urdf_text)
     in_file = {link.get("name", ""): read_inertial_parameters(link) for link in urdf.findall("link")}
     links: list[str] = []
     columns: list[Array] = []  # a link's columns of `to_parameters`, (p, 10)
@@ -96,7 +96,7 @@ def _body_sizes(body: Array) -> Array:
     return body[0] * radius**LENGTH_POWERS
 
 
-def read_inertial_parameters(link: ElementTree.Element) -> Array:
+def read_inertial_parameters(link: Element) -> Array:
     """Read the ten parameters (10,) of a link about its origin; zeros without."""
     inertial = link.find("inertial")
     if inertial is None:
@@ -141,7 +141,7 @@ def fit_possible_parameters(
     values[motors] = np.maximum(values[motors], 0.0)
     for body in bodies:
         if (values[body] != links.values[body]).any():
-            link = ElementTree.Element("link")
+            link = Element("link")
             _write_inertial(link, values[body])
             values[body] = read_inertial_parameters(link)  # of a body that can exist, as a file has it
     return values
@@ -188,7 +188,7 @@ def _balancing_scale(parameters: Array) -> Array:
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
     """Return the robot's description with parameters (u,) of links and motors."""
     description = robot.description
-    urdf = ElementTree.fromstring(description.urdf_text)
+    urdf = fromstring(description.urdf_text)
     elements = {link.get("name", ""): link for link in urdf.findall("link")}
     for i, name in enumerate(links.links):
         body = slice(10 * i, 10 * i + 10)
@@ -203,13 +203,13 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
         joints[actuator.joint] = replace(in_file, damping=damping, friction=friction)
     return replace(
         description,
-        urdf_text=ElementTree.tostring(urdf, encoding="unicode"),
+        urdf_text=tostring(urdf, encoding="unicode"),
         actuators=tuple(actuators),
         joints=joints,
     )
 
 
-def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
+def _write_inertial(link: Element, parameters: Array) -> None:
     """Write a link's <inertial> of ten parameters (10,) about its origin.
 
     <inertial> is about the centre of mass c. Second moments there are S - m c c', and the inertia is tr(S) -

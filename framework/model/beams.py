@@ -21,9 +21,9 @@ its x matters, which is exact there too.
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, ParseError, fromstring, tostring
 
 import numpy as np
 
@@ -180,8 +180,8 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
             beam; the beam runs along -x of its link (within 0.01 rad) and no y is given.
     """
     try:
-        root = ElementTree.fromstring(urdf_text)
-    except ElementTree.ParseError as error:
+        root = fromstring(urdf_text)
+    except ParseError as error:
         raise InvalidInput(f"urdf_text: not well-formed XML: {error}") from None
     fixed = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "fixed"}
     check_name("tip", "fixed joint", tip, fixed)
@@ -196,14 +196,14 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     if length == 0.0 or parent is None:
         raise InvalidInput(f"tip: joint {tip!r} has no length")
     half = placement(_section_axes(span / length, y), 0.5 * span)
-    root.append(ElementTree.Element("link", name=f"{middle}_link"))
+    root.append(Element("link", name=f"{middle}_link"))
     parent_link = parent.get("link", "")
     root.append(joint_element(NewJoint(middle, "fixed", half), parent_link, f"{middle}_link"))
     parent.set("link", f"{middle}_link")
     if origin is not None:
         joint.remove(origin)
     joint.append(origin_element(invert_placement(half) @ beam))
-    return SplitBeam(ElementTree.tostring(root, encoding="unicode"), middle, length)
+    return SplitBeam(tostring(root, encoding="unicode"), middle, length)
 
 
 def _section_axes(along: Array, y: ArrayLike | None) -> Array:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element
 
 from framework.errors import RobotFileError, check_choice, check_name
 
@@ -292,6 +292,6 @@ class ParsedRobot(NamedTuple):
     """
 
     description: RobotDescription
-    urdf: ElementTree.Element
+    urdf: Element
     dialect: str = "robot file"
     remarks: tuple[str, ...] = ()

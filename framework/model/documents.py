@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, fromstring
 
 import numpy as np
 import yaml
@@ -49,7 +49,7 @@ def prefix_errors(path: Path | str, kind: type[InvalidInput] = RobotFileError) -
         raise kind(f"{path}: nested too deeply") from None
 
 
-def parse_xml(text: str) -> ElementTree.Element:
+def parse_xml(text: str) -> Element:
     """Parse an XML text without a document type; return its root.
 
     Raises:
@@ -61,16 +61,16 @@ def parse_xml(text: str) -> ElementTree.Element:
         return _build_tree(text)
     except RobotFileError:
         raise
-    except (ElementTree.ParseError, ValueError) as error:
+    except (ParseError, ValueError) as error:
         try:
             return _build_tree(_mend_xml(text))
-        except (ElementTree.ParseError, ValueError):
+        except (ParseError, ValueError):
             raise RobotFileError(f"not well-formed XML: {error}") from None
 
 
-def _build_tree(text: str) -> ElementTree.Element:
+def _build_tree(text: str) -> Element:
     """Parse well-formed XML within the limits of `_Builder`."""
-    return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
+    return fromstring(text, XMLParser(target=_Builder()))
 
 
 def _mend_xml(text: str) -> str:
@@ -81,14 +81,14 @@ def _mend_xml(text: str) -> str:
     return re.sub(r"<[A-Za-z_][\w.:-]*", lambda tag: tag[0] + new, text, count=1)
 
 
-class _Builder(ElementTree.TreeBuilder):
+class _Builder(TreeBuilder):
     """Builds a tree of elements, and counts its elements."""
 
     def __init__(self) -> None:
         super().__init__()
         self._count = 0
 
-    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
+    def start(self, tag: str, attrs: dict[str, str]) -> Element:
         """Begin an element; refuse more than `MAX_XML_ELEMENTS`."""
         self._count += 1
         if self._count > MAX_XML_ELEMENTS:
@@ -201,15 +201,13 @@ def parse_numbers(
     return values
 
 
-def read_number(element: ElementTree.Element, where: str, key: str, default: str | None = None) -> float:
+def read_number(element: Element, where: str, key: str, default: str | None = None) -> float:
     """Parse the number in an attribute, a required one without `default`."""
     text = attribute(element, where, key) if default is None else element.get(key, default)
     return parse_numbers(where if key == "value" else f"{where} {key}", text, 1)[0]
 
 
-def check_parts(
-    element: ElementTree.Element, where: str, children: Collection[str], attributes: Collection[str]
-) -> None:
+def check_parts(element: Element, where: str, children: Collection[str], attributes: Collection[str]) -> None:
     """Refuse unknown and repeated children, and attributes that resemble a valid one."""
     tags = [child.tag for child in element]
     for tag in tags:
@@ -221,7 +219,7 @@ def check_parts(
             check_name(where, "attribute", attribute, attributes)
 
 
-def child_element(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
+def child_element(element: Element, where: str, tag: str) -> Element:
     """Return the child with this tag; raise RobotFileError if missing."""
     child = element.find(tag)
     if child is None:
@@ -230,7 +228,7 @@ def child_element(element: ElementTree.Element, where: str, tag: str) -> Element
     return child
 
 
-def attribute(element: ElementTree.Element, where: str, key: str) -> str:
+def attribute(element: Element, where: str, key: str) -> str:
     """Return an attribute; raise RobotFileError if missing or empty."""
     value = element.get(key)
     if not value:
@@ -239,14 +237,14 @@ def attribute(element: ElementTree.Element, where: str, key: str) -> str:
     return value
 
 
-def remove_children(element: ElementTree.Element, *tags: str) -> None:
+def remove_children(element: Element, *tags: str) -> None:
     """Remove all children with one of the tags."""
     for tag in tags:
         for child in element.findall(tag):
             element.remove(child)
 
 
-def read_origin(element: ElementTree.Element | None, where: str) -> Array:
+def read_origin(element: Element | None, where: str) -> Array:
     """Read the placement (4, 4) of an `<origin xyz rpy>`; the identity without one."""
     if element is None:
         return np.eye(4)
@@ -256,7 +254,7 @@ def read_origin(element: ElementTree.Element | None, where: str) -> Array:
     return placement(from_rpy(rpy) if any(rpy) else None, xyz)
 
 
-def read_axis(element: ElementTree.Element, where: str) -> Array:
+def read_axis(element: Element, where: str) -> Array:
     """Read the direction (3,) of an `<axis xyz>`, which must not be zero."""
     check_parts(element, where, (), ("xyz",))
     axis = np.array(parse_numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))

@@ -15,10 +15,9 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.model.description import AXES, Closure
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
 
 Product = Literal["u.d", "u.w", "d.d"]  # u, w: an axis of the first, of the second frame; d = p2 - p1
 
@@ -57,13 +56,13 @@ class LoopRows(ReadOnlyArrays):
 
     first: IntArray  # (m,) frame, as index into Mechanism.frames
     second: IntArray  # (m,)
-    square: NDArray[np.bool_]  # (m,) whether the product is d.d
-    rotation: NDArray[np.bool_]  # (m,) whether it is u.w
+    square: BoolArray  # (m,) whether the product is d.d
+    rotation: BoolArray  # (m,) whether it is u.w
     first_axis: IntArray  # (m,)
     second_axis: IntArray  # (m,)
     weight: Array  # (m,) zero of couplings
     constant: Array  # (m,)
-    coupled: NDArray[np.bool_]  # (m,)
+    coupled: BoolArray  # (m,)
     columns: IntArray  # (m, 2) of coupling rows a and b, as indices into the velocity vector
     places: IntArray  # (m, 2) the same in the configuration vector
     ratio: Array  # (m,)
@@ -71,7 +70,7 @@ class LoopRows(ReadOnlyArrays):
     names: tuple[str, ...]  # closure.axis
 
     @cached_property
-    def translation(self) -> NDArray[np.bool_]:
+    def translation(self) -> BoolArray:
         """Whether each row is u.d = 0, (m,)."""
         return read_only(~(self.rotation | self.square) & (self.weight == 1.0) & (self.constant == 0.0))
 

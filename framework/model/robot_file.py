@@ -5,10 +5,10 @@ Every complaint names the file and the key, says what was given and what is vali
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
 from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_through_couplings
@@ -102,7 +102,7 @@ def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> N
 
 def _read_urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
-) -> tuple[str, ElementTree.Element, Tree]:
+) -> tuple[str, Element, Tree]:
     """Read the URDF, changed as the robot file says; return text, root and tree."""
     path = locate_urdf(folder, tree["urdf"])
     text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
@@ -119,7 +119,7 @@ def _read_urdf(
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         add_frame(root, origin=origin, **frame)
     with prefix_errors(f"urdf: {path}"):  # an added frame may have a name that the URDF has
-        return ElementTree.tostring(root, encoding="unicode"), root, read_tree(root)
+        return tostring(root, encoding="unicode"), root, read_tree(root)
 
 
 # ------------------------------------------------------------------ what the keys say together

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring, indent, tostring
 
 import yaml
 
@@ -85,7 +85,7 @@ def robot_document(description: RobotDescription) -> dict[str, Any]:
 def _joint_entries(description: RobotDescription) -> dict[str, dict[str, float]]:
     """Return the entry `joints`, a ball as one joint if its axes are alike."""
     written = dict(description.joints)
-    for name, joint in read_tree(ElementTree.fromstring(description.urdf_text)).joints.items():
+    for name, joint in read_tree(fromstring(description.urdf_text)).joints.items():
         values = [written.get(coordinate) for coordinate in joint.coordinates]
         if len(values) > 1 and values[0] is not None and all(value == values[0] for value in values):
             written = {key: value for key, value in written.items() if key not in joint.coordinates}
@@ -135,10 +135,10 @@ def _yaml_text(description: RobotDescription, comments: Iterable[str] = ()) -> s
 
 def _moved_urdf_text(text: str, old: Path, new: Path) -> str:
     """Return the URDF's text, relative mesh files seen from the new folder."""
-    root = ElementTree.fromstring(text)
+    root = fromstring(text)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
         if name and "://" not in name and not os.path.isabs(name):
             mesh.set("filename", Path(os.path.relpath(old / name, new)).as_posix())
-    ElementTree.indent(root)
-    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+    indent(root)
+    return '<?xml version="1.0"?>\n' + tostring(root, encoding="unicode") + "\n"

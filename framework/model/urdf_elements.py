@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import sysconfig
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class Joint:
     `origin` (4, 4) is its placement in the parent link at zero, `axis` (3,) is in its own frame.
     """
 
-    element: ElementTree.Element
+    element: Element
     name: str
     kind: str
     parent: str
@@ -147,7 +147,7 @@ def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
     return (name,) if kind in MOVING else ()
 
 
-def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
+def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
     """Read and check the links and joints below `<robot>`.
 
     `impossible` takes links without a possible inertia, and joints without a possible limit, by name and
@@ -211,7 +211,7 @@ def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
     return roots[0]
 
 
-def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
+def unique_names(root: Element, tag: str) -> list[str]:
     """Return the names of the elements with a tag; refuse missing and repeated ones."""
     names = [attribute(element, f"<{tag}>", "name") for element in root.findall(tag)]
     if repeated := [name for name, count in Counter(names).items() if count > 1]:
@@ -219,9 +219,7 @@ def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
     return names
 
 
-def read_joint(
-    element: ElementTree.Element, links: set[str], impossible: list[tuple[str, str]] | None = None
-) -> Joint:
+def read_joint(element: Element, links: set[str], impossible: list[tuple[str, str]] | None = None) -> Joint:
     """Read and check a joint between two links; remove its meaningless children."""
     name = str(element.get("name"))
     where = f"joint {name!r}"
@@ -252,13 +250,13 @@ def read_joint(
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
 
 
-def add_endless_limit(joint: ElementTree.Element) -> ElementTree.Element:
+def add_endless_limit(joint: Element) -> Element:
     """Add a `<limit>` beyond all motions."""
     words = {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
-    return ElementTree.SubElement(joint, "limit", words)
+    return SubElement(joint, "limit", words)
 
 
-def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
+def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
     """Check a joint's <limit>; if needed, also its keys, order and signs."""
     if is_needed:
         needed = child_element(joint, where, "limit")
@@ -277,7 +275,7 @@ def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> 
             )
 
 
-def check_inertial(link: ElementTree.Element, extent: float) -> None:
+def check_inertial(link: Element, extent: float) -> None:
     """Refuse a link's inertia that no body has; `extent` [m] is the longest joint offset."""
     where, inertial = f"link {link.get('name')!r}", link.find("inertial")
     if inertial is None:
@@ -327,7 +325,7 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         )
 
 
-def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
+def declared_dynamics(root: Element) -> dict[str, dict[str, float]]:
     """Return damping and dry friction of <dynamics> by coordinate, positive ones alone."""
     declared = {}
     for joint in root.findall("joint"):
@@ -347,7 +345,7 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
     return declared
 
 
-def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) -> list[Coupling]:
+def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupling]:
     """Take the couplings of <mimic> out of a URDF: q = multiplier q_leader + offset.
 
     A leader may be one of the `locked` joints.

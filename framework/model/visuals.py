@@ -7,10 +7,10 @@ in metres; cylinders have their axis along z, as in URDF.
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from itertools import product
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, fromstring
 
 import coal
 import numpy as np
@@ -64,7 +64,7 @@ class Shape(NamedTuple):
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:
     """Read the visuals of the URDF, skipping malformed ones and unreadable meshes."""
-    root = ElementTree.fromstring(description.urdf_text)
+    root = fromstring(description.urdf_text)
     materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
     for link in root.findall("link"):
@@ -83,7 +83,7 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
 Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, mesh
 
 
-def _read_solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
+def _read_solid(description: RobotDescription, geometry: Element | None) -> Solid:
     """Read a `<geometry>`, with sizes [m]; raise ValueError for unknown shapes and sizes of zero."""
     for shape in geometry if geometry is not None else ():
         if shape.tag == "mesh":
@@ -100,7 +100,7 @@ def _read_solid(description: RobotDescription, geometry: ElementTree.Element | N
     raise ValueError("no geometry")
 
 
-def _load_mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[Array, IntArray]:
+def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, IntArray]:
     """Return vertices (V, 3) and faces (F, 3) of a mesh file."""
     reference = element.get("filename", "").removeprefix("file://")
     file = locate_urdf(description.file.parent, reference)  # RobotFileError is a ValueError
@@ -116,9 +116,7 @@ def _load_mesh(description: RobotDescription, element: ElementTree.Element) -> t
     return vertices, np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
 
 
-def _read_color(
-    material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
-) -> Color:
+def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
     """Return the colour of a visual, its own or its material's."""
     if material is None:
         return DEFAULT_COLOR

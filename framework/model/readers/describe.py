@@ -8,12 +8,12 @@ Platform, axes, motors and reference that a file leaves out are stated by option
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import FrameworkError, RobotFileError, check_name, check_unique, list_names
 from framework.model.description import (
@@ -114,7 +114,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     except FrameworkError:
         unread_effects(tree)  # its error is the more precise one
         raise
-    urdf_text = ElementTree.tostring(tree.root, encoding="unicode")
+    urdf_text = tostring(tree.root, encoding="unicode")
     description = replace(known.description, urdf_text=urdf_text, left_out=unread_effects(tree))
     remarks = (*_remarks_on_omissions(tree), *tree.remarks, *known.remarks)
     return ParsedRobot(description, tree.root, dialect, remarks)
@@ -153,7 +153,7 @@ def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileEr
     )
 
 
-def _choose_name(root: ElementTree.Element, file: Path) -> str:
+def _choose_name(root: Element, file: Path) -> str:
     """Choose the first name fit for files: the model's, the file's, its folders'."""
     for name in (root.get("name", ""), file.stem, *(folder.name for folder in file.absolute().parents[:2])):
         clean = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)

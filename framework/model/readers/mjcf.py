@@ -10,10 +10,10 @@ and shapes of meshes without a word. The file says nothing about the platform.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
@@ -46,7 +46,7 @@ _DIRECT_GAINS = (0, 1, 6)  # mjtGain of motors: fixed, affine, and those of user
 _DIRECT = (0, 1, 2, 3)  # mjtDyn of motors: none, integrator, filters; not muscles and those of users
 
 
-def read_mjcf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
+def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
     """Read the robot in an MJCF file."""
     for element in root.iter():
         for key, value in element.attrib.items():
@@ -139,13 +139,13 @@ class _Model:
         """Report an unread element and the bodies or joints under its action."""
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
-    def _urdf(self, name: str, taken: set[str]) -> ElementTree.Element:
+    def _urdf(self, name: str, taken: set[str]) -> Element:
         """Return the URDF: a link a body, and one between the joints of a body.
 
         A joint turns about a point of the body: its link stands in that point, and the body's own behind it.
         """
-        model, root = self.compiled, ElementTree.Element("robot", name=name)
-        links = [ElementTree.SubElement(root, "link", name=body) for body in self.bodies]
+        model, root = self.compiled, Element("robot", name=name)
+        links = [SubElement(root, "link", name=body) for body in self.bodies]
         for k, origin in enumerate(_placements(model.body_pos, model.body_quat)):
             if k == 0:
                 continue  # the world
@@ -366,7 +366,7 @@ def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics
     return JointDynamics(armature, damping, friction, stiffness, float(rest))
 
 
-def _make_visual(shape: str, size: Array, origin: Array) -> ElementTree.Element:
+def _make_visual(shape: str, size: Array, origin: Array) -> Element:
     """Return the URDF's `<visual>` of a primitive geom."""
     radius, half, _ = map(float, size)
     words = {"radius": repr(radius)} if shape != "box" else {"size": vector_text(2 * size)}

@@ -13,11 +13,11 @@ Source: sdformat.org, "Pose frame semantics".
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -77,8 +77,8 @@ class Scope:
     version: float
     relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
     attached: dict[str, str] = field(default_factory=dict)
-    links: dict[str, ElementTree.Element] = field(default_factory=dict)
-    joints: dict[str, ElementTree.Element] = field(default_factory=dict)  # with their `scope`
+    links: dict[str, Element] = field(default_factory=dict)
+    joints: dict[str, Element] = field(default_factory=dict)  # with their `scope`
 
     def place(self, name: str, depth: int = 0) -> Array:
         """Return the placement (4, 4) of a frame in the world, as in the file."""
@@ -103,7 +103,7 @@ class _Joint(NamedTuple):
     """A joint with motions, dynamics, and its placements in both links."""
 
     name: str
-    element: ElementTree.Element
+    element: Element
     kind: str
     links: tuple[str, str]  # of the parent first
     places: tuple[Array, Array]
@@ -119,7 +119,7 @@ class _Joint(NamedTuple):
         ]
 
 
-def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
+def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     """Read the robot in an SDF file."""
     (version,) = parse_numbers("<sdf> version", root.get("version", "1.4"), 1)
     scope = Scope(version)
@@ -171,7 +171,7 @@ def _scope_name(prefix: str, name: str) -> str:
     return name if name == WORLD else prefix + name
 
 
-def _read_values(element: ElementTree.Element, where: str, defaults: Mapping[str, str]) -> list[float]:
+def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> list[float]:
     """Read the number at each path below an element, or its default."""
     return [
         parse_numbers(f"{where}: <{path.rsplit('/', 1)[-1]}>", element.findtext(path, default), 1)[0]
@@ -182,7 +182,7 @@ def _read_values(element: ElementTree.Element, where: str, defaults: Mapping[str
 # ------------------------------------------------------------------ models and frames
 
 
-def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
     """Add the models in an element and in its included files."""
     for model in parent.findall("model"):
         _add_model(scope, model, folder, prefix, base)
@@ -204,7 +204,7 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
         add(scope, model, file.parent, prefix, base)
 
 
-def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
     """Add a model to the scope; if nested or not the first, prefix its names."""
     name = attribute(model, "<model>", "name")
     full = f"{prefix}{name}"
@@ -226,7 +226,7 @@ def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: s
         scope.relative[own] = (relative, pose @ invert_placement(within))
 
 
-def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
     """Add the links, frames, joints and models of a model whose frame is `base`."""
     replaced = [
         part
@@ -258,13 +258,13 @@ def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: 
     _add_models(scope, model, folder, prefix, base)
 
 
-def _constraint_elements(element: ElementTree.Element, name: str) -> Iterator[ElementTree.Element]:
+def _constraint_elements(element: Element, name: str) -> Iterator[Element]:
     """Yield Drake's constraint of two bodies as two frames and a joint."""
     kind, parts = local_name(element.tag), dict[str, str]()
     for child in element:  # of SDF with a text, of URDF with an attribute
         text = child.text or child.get("name") or child.get("value") or ""
         parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
-    joint = ElementTree.Element("joint", name=name, type=_CONSTRAINTS[kind])
+    joint = Element("joint", name=name, type=_CONSTRAINTS[kind])
     origin = "" if kind == BALL_CONSTRAINT else "0 0 0"  # a ball needs its points
     for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
         needed = {body: parts.get(end) or parts.get(body) or "", point: parts.get(point) or origin}
@@ -272,14 +272,14 @@ def _constraint_elements(element: ElementTree.Element, name: str) -> Iterator[El
             if not text:
                 raise RobotFileError(f"<{kind}>: {part} is missing")
         parse_numbers(f"<{kind}> {point}", needed[point], 3)
-        frame = ElementTree.Element("frame", name=f"{name}_at_{end}", attached_to=needed[body])
-        ElementTree.SubElement(frame, "pose").text = f"{needed[point]} 0 0 0"
-        ElementTree.SubElement(joint, end).text = frame.get("name")
+        frame = Element("frame", name=f"{name}_at_{end}", attached_to=needed[body])
+        SubElement(frame, "pose").text = f"{needed[point]} 0 0 0"
+        SubElement(joint, end).text = frame.get("name")
         yield frame
     yield joint
 
 
-def _end_name(joint: ElementTree.Element, end: str) -> str:
+def _end_name(joint: Element, end: str) -> str:
     """Return the scoped name of the parent or child of a joint."""
     name = (joint.findtext(end) or "").strip()
     if not name:
@@ -287,7 +287,7 @@ def _end_name(joint: ElementTree.Element, end: str) -> str:
     return _scope_name(joint.get("scope", ""), name)
 
 
-def _read_pose(element: ElementTree.Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
+def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
     """Read an element's `<pose>`: its base frame, and the placement (4, 4)."""
     pose = element.find("pose")
     if pose is None:
@@ -339,7 +339,7 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     return _Joint(name, element, kind, links, (places[0], places[1]), tuple(motions), dynamics)
 
 
-def _read_dynamics(joint: ElementTree.Element, name: str, tag: str) -> JointDynamics:
+def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
     """Read damping, friction and spring along an axis of a joint."""
     paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
     values = dict(zip(_DYNAMICS, _read_values(joint, f"joint {name!r}", paths), strict=True))
@@ -361,7 +361,7 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     return np.asarray(scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis)
 
 
-def _has_property(joint: ElementTree.Element, *properties: str) -> bool:
+def _has_property(joint: Element, *properties: str) -> bool:
     """Return whether an axis of a joint has one of the properties."""
     return any(axis.find(tag) is not None for axis in joint.findall("axis") for tag in properties)
 
@@ -435,11 +435,9 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     return [joint.name for joint in joints if joint.name in chosen]
 
 
-def _make_urdf(
-    scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str
-) -> ElementTree.Element:
+def _make_urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str) -> Element:
     """Return the tree as a URDF, rooted in the world or a link without parent."""
-    root = ElementTree.Element("robot", name=name)
+    root = Element("robot", name=name)
     part = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in part]
@@ -459,20 +457,20 @@ def _make_urdf(
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
             stub = f"{joint.name}_stub"
-            ElementTree.SubElement(root, "link", name=stub)
+            SubElement(root, "link", name=stub)
             root.extend(chain_elements(joint.links[0], joint.chain(1), stub, np.eye(4), taken))
     return root
 
 
-def _make_link(scope: Scope, name: str) -> ElementTree.Element:
+def _make_link(scope: Scope, name: str) -> Element:
     """Return a link with its inertia, by default SDF's, and its primitive shapes."""
-    link = ElementTree.Element("link", name=name)
+    link = Element("link", name=name)
     if name == WORLD:
         return link
     where, element = f"link {name!r}", scope.links[name]
     inertial = element.find("inertial")
     if inertial is None:
-        inertial = ElementTree.Element("inertial")
+        inertial = Element("inertial")
     mass, *moments = _read_values(inertial, where, _INERTIA)
     origin = _read_pose(inertial, "", "", where)[1]
     turn = origin[:3, :3]
@@ -486,7 +484,7 @@ def _make_link(scope: Scope, name: str) -> ElementTree.Element:
     return link
 
 
-def _read_limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, float] | None:
+def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
     """Read lower and upper limit [rad, m]; None if infinite, in words or numbers."""
     where, ends = f"joint {name!r}", list[float]()
     for end, default in (("lower", "-inf"), ("upper", "inf")):

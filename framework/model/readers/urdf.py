@@ -39,10 +39,10 @@ those marked `independent`; the file says nothing about the platform.
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -90,13 +90,13 @@ _LOOPS = {
 }
 
 
-def _element_name(element: ElementTree.Element) -> tuple[str, str]:
+def _element_name(element: Element) -> tuple[str, str]:
     """Return an element's name, and the element's name in messages."""
     name = attribute(element, f"<{element.tag}>", "name")
     return name, f"{element.tag} {name!r}"
 
 
-def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> None:
+def _read_loop(tree: UrdfTree, element: Element) -> None:
     """Read a loop element and add its closure to the tree."""
     syntax = _LOOPS[element.tag]
     if element.tag == "loop_joint":  # its ends are in the order of the document, and may have one tag
@@ -113,7 +113,7 @@ def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> None:
     tree.close(name, kind, ends, axes)
 
 
-def _read_axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
+def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
     """Read the axes (3,) of a closure in its ends, or one for both."""
     if kind in ("fixed", "spherical"):
         return []
@@ -131,7 +131,7 @@ def _read_axes(element: ElementTree.Element, where: str, kind: str, tags: Sequen
     return axes
 
 
-def _read_end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
+def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[str, Array]:
     """Read link and placement (4, 4) of an end, by origin or attributes."""
     body, label = child_element(element, where, end), f"{where}: <{end}>"
     check_parts(body, label, ("origin",), ("link", "xyz", "rpy"))
@@ -141,11 +141,11 @@ def _read_end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str
     origins = [*body.findall("origin"), *element.findall(f"{end}_origin")]
     if len(origins) + bool(own) > 1:
         raise RobotFileError(f"{label}: has more than one origin; leave one")
-    origin = origins[0] if origins else ElementTree.Element("origin", own)
+    origin = origins[0] if origins else Element("origin", own)
     return link, read_origin(origin, f"{label}: <{origin.tag}>")
 
 
-def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
+def _read_coupling(tree: UrdfTree, element: Element) -> None:
     """Read a `<coupling>` as a fixed joint, as equal turns, or as `<mimic>`."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
@@ -169,10 +169,10 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
             f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
             f"parallel axes"
         )
-    ElementTree.SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
+    SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
 
 
-def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+def _read_fixed_frame(tree: UrdfTree, element: Element) -> None:
     """Add a named frame at its origin on its parent link."""
     name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
@@ -181,7 +181,7 @@ def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
 
 
 # by element: the dialect and its reader
-_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], None]]] = {
+_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, Element], None]]] = {
     "loop": ("urdf+", _read_loop),
     "coupling": ("urdf+", _read_coupling),
     "constraint": ("ros", _read_loop),
@@ -191,7 +191,7 @@ _ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], None]]
 
 
 def read_urdf(
-    file: Path, root: ElementTree.Element, options: Options, beside: Mapping[str, Any] | None = None
+    file: Path, root: Element, options: Options, beside: Mapping[str, Any] | None = None
 ) -> ParsedRobot:
     """Read the robot in a URDF with loops.
 
@@ -244,9 +244,9 @@ def _close_named_frames(tree: UrdfTree) -> bool:
 
 def _close_joints_of_other_programs(tree: UrdfTree) -> None:
     """Close the loops of Gazebo's joints and Drake's constraints."""
-    scope, model = Scope(version=np.inf), ElementTree.Element("model")
+    scope, model = Scope(version=np.inf), Element("model")
     for link in tree.links:
-        scope.links[link] = ElementTree.Element("link")
+        scope.links[link] = Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
     model.extend(joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None)
     model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)

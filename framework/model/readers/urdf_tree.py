@@ -6,11 +6,11 @@ the records of them.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class Transmission(NamedTuple):
     is_motor: bool = True
 
 
-def _remove_foreign_elements(root: ElementTree.Element, valid: Sequence[str]) -> Counter[str]:
+def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str]:
     """Remove other programs' elements from a URDF; count unused tags.
 
     Raises:
@@ -94,12 +94,12 @@ def _remove_foreign_elements(root: ElementTree.Element, valid: Sequence[str]) ->
     return unused
 
 
-def _is_xacro(element: ElementTree.Element) -> bool:
+def _is_xacro(element: Element) -> bool:
     """Return whether an element has the namespace of xacro."""
     return "xacro" in element.tag.partition("}")[0]
 
 
-def _unused_parts(element: ElementTree.Element, tag: str) -> Iterator[str]:
+def _unused_parts(element: Element, tag: str) -> Iterator[str]:
     """Yield the tags of unread children of an element, or its own."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
@@ -127,7 +127,7 @@ class UrdfTree(Tree):
     the element; the caller puts the file in front.
     """
 
-    def __init__(self, root: ElementTree.Element, extra: Sequence[str] = ()) -> None:
+    def __init__(self, root: Element, extra: Sequence[str] = ()) -> None:
         """Check a URDF and take out elements of other programs, `extra` ones kept aside."""
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
@@ -135,7 +135,7 @@ class UrdfTree(Tree):
         self.root = root
         names = {link.get("name") for link in root.findall("link")}
         if "world" not in names and any(end.get("link") == "world" for end in root.findall("joint/parent")):
-            ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
+            SubElement(root, "link", name="world")  # Drake's, which need not be declared
         self.unused = _remove_foreign_elements(root, (*_PLAIN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
         with_interface = root.findall("ros2_control/joint[command_interface]")
