@@ -30,8 +30,7 @@ from framework.atlas.map_files import (
     write_files,
 )
 from framework.atlas.quantities import QUANTITIES, choose_quantities, quantity_unit
-from framework.atlas.survey import survey_window
-from framework.atlas.window import Window, map_axes
+from framework.atlas.survey import Window, map_axes, survey_window
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.dynamics.loading import LoadReason
 from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from framework.atlas.quantities import Quantity, quantity_unit
-from framework.atlas.window import Window
+from framework.atlas.survey import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.parallel_robot import ParallelRobot

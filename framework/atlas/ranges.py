@@ -8,9 +8,8 @@ import numpy as np
 from scipy import ndimage
 
 from framework.atlas.quantities import has_torque_limits
-from framework.atlas.survey import longest_cell_edge
+from framework.atlas.survey import Window, longest_cell_edge
 from framework.atlas.sweep import REASON_WORDS, PoseReason
-from framework.atlas.window import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.errors import InvalidInput, LimitsExceeded, point
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -21,9 +21,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from framework.atlas.quantities import Quantity, choose_quantities, quantity_values
-from framework.atlas.survey import MAX_NEIGHBOUR_DISTANCE, longest_cell_edge, seed_poses, survey_window
+from framework.atlas.survey import (
+    MAX_NEIGHBOUR_DISTANCE,
+    Window,
+    longest_cell_edge,
+    seed_poses,
+    survey_window,
+)
 from framework.atlas.sweep import REASON_WORDS, PoseReason, ReasonArray, fill_grid, step_poses
-from framework.atlas.window import Window
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square

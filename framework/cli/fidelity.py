@@ -60,8 +60,8 @@ def run(options: Namespace) -> Report:
     with written_out(options, STUDY_FILE) as folder:
         study, document, lines = _report_study(options)
         if folder is not None:
-            from framework.show.fidelity import plot_fidelity
             from framework.show.plots import save_figure
+            from framework.show.study_figures import plot_fidelity
 
             options.progress.start("drawing the figure")
             (folder / STUDY_FILE).write_text(json_text(document))

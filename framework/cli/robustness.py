@@ -269,7 +269,7 @@ def _lines(document: Document) -> list[str]:
 def _write(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
     """Write studies into a folder: document, table of runs, and figure."""
     from framework.show.plots import save_figure
-    from framework.show.robustness import plot_robustness
+    from framework.show.study_figures import plot_robustness
 
     (folder / FILE).write_text(json_text(document))
     with open(folder / "runs.csv", "w", encoding="utf-8", newline="") as file:

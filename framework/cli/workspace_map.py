@@ -24,8 +24,7 @@ from framework.atlas.map_files import DOCUMENT, map_document, setup_document, wr
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, choose_quantities, has_torque_limits, quantity_unit
 from framework.atlas.ranges import check_reference, check_window, restrict_to_ranges
-from framework.atlas.survey import EDGE_POSES, survey_window
-from framework.atlas.window import MAX_EDGE_POSES, Window, map_axes, map_point
+from framework.atlas.survey import EDGE_POSES, MAX_EDGE_POSES, Window, map_axes, map_point, survey_window
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.catalogue import robot_file
 from framework.cli import arguments
@@ -296,8 +295,8 @@ def report_design_study(options: Namespace) -> Report:
         with executor_of(workers=options.workers, dask=options.dask) as executor:
             study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:
-            from framework.show.design_study import plot_study
             from framework.show.plots import save_figure
+            from framework.show.study_figures import plot_study
 
             write_study(study, folder)
             options.progress.start("drawing the figure")

@@ -13,8 +13,7 @@ protocol `Controller`. `ControlCycle` has the pose and the torques of one robot 
 
 from framework.control.closed_loop import run_closed_loop
 from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.estimation import Controller, Measurement
+from framework.control.controllers import CONTROLLERS, Controller, Measurement, tuned_controller
 from framework.control.reference import Reference, reference_of
 from framework.control.run_monitor import ControlLoop, Run
 from framework.control.study import Study, run_study

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.control.estimation import Controller, Measurement, RobotState
+from framework.control.controllers import Controller, Measurement, RobotState
 from framework.control.reference import Reference
 from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, RunMonitor
 from framework.control.variation import Spread, Variation, apply_variation, draw_noise

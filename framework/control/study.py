@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from framework.control.closed_loop import run_closed_loop
-from framework.control.estimation import Controller
+from framework.control.controllers import Controller
 from framework.control.run_monitor import ControlLoop, Outcomes
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput

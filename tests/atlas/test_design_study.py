@@ -19,7 +19,7 @@ from framework.atlas.design_study import (
 )
 from framework.cli import main
 from framework.numerics.kept import KeptChunks
-from framework.show.design_study import plot_study
+from framework.show.study_figures import plot_study
 from tests.urdf_edits import parametric_five_bar
 
 

@@ -14,9 +14,8 @@ import robots
 from framework import InvalidInput, OutOfReach, ParallelRobot, assemble
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
-from framework.atlas.survey import survey_window
+from framework.atlas.survey import Window, map_axes, map_point, survey_window
 from framework.atlas.sweep import PoseReason, step_poses
-from framework.atlas.window import Window, map_axes, map_point
 from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate

@@ -11,8 +11,14 @@ from scipy.linalg import solve_discrete_are
 import robots
 from framework import InvalidInput, plan_scene
 from framework.control import CONTROLLERS, Measurement, reference_of, tuned_controller
-from framework.control.controllers import ComputedTorque, linearise_error, solve_riccati
-from framework.control.estimation import RobotState, estimate_state, solve_damped
+from framework.control.controllers import (
+    ComputedTorque,
+    RobotState,
+    estimate_state,
+    linearise_error,
+    solve_damped,
+    solve_riccati,
+)
 from framework.dynamics.forward_derivatives import forward_derivatives
 
 PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each

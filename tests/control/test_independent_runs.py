@@ -20,7 +20,7 @@ from framework.control import (
     run_closed_loop,
     tuned_controller,
 )
-from framework.control.estimation import RobotState
+from framework.control.controllers import RobotState
 from framework.control.variation import apply_variation
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
