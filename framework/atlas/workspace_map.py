@@ -5,6 +5,9 @@ with its coarse poses, are filled independently of one another, in this process 
 `concurrent.futures.Executor`. Bands depend only on the window, so a map is the same to the last bit whatever
 computes it, and finished bands can be stored for a map that is interrupted. Finally those poses are reached
 that only steps across the border of two bands join to the reference.
+
+`restrict_to_ranges` leaves out poses beyond the limits of joints and motors: they have no values, and that
+limit as their reason.
 """
 
 from __future__ import annotations
@@ -12,15 +15,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.ndimage import distance_transform_edt
 
-from framework.atlas.quantities import Quantity, choose_quantities, quantity_values
+from framework.atlas.quantities import Quantity, choose_quantities, has_torque_limits, quantity_values
 from framework.atlas.survey import (
     MAX_NEIGHBOUR_DISTANCE,
     Window,
@@ -30,14 +34,17 @@ from framework.atlas.survey import (
 )
 from framework.atlas.sweep import REASON_WORDS, PoseReason, ReasonArray, fill_grid, step_poses
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
+from framework.errors import InvalidInput, LimitsExceeded, point
 from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_each, require_square
 from framework.kinematics.linearised_loops import linearised_at, linearised_at_reference
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tree_model import positions_beyond_limits, shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
+from framework.tolerances import SAME_PLACE
 
 ASIDE = (0.0, 1.0, 1.0, 1.0)  # [rad, robot lengths] of joints: starts of searches in other working modes
 BAND_ROWS = 8  # of a band; poses between coarse ones at most
@@ -315,3 +322,94 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     fill_grid(robot, x, others, other_reason, np.array([1]))
     reason[(reason == PoseReason.OPEN) & (other_reason == PoseReason.REACHED)] = PoseReason.OTHER_MODE
     reason[unjoined & (other_reason != PoseReason.REACHED)] = PoseReason.OPEN
+
+
+NOT_JOINED = "within all limits, not joined to the reference within them"
+TOO_WEAK = "beyond the torque limits at rest"
+
+
+def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
+    """Keep values at poses that steps within all limits join to the reference.
+
+    Limits are the ranges of joints and, if motors have torque limits, these at rest, by the quantity
+    `holding`. The reason of a pose beyond several ranges is the joint farthest beyond its range, as a share
+    of the range. Codes of `reason` are indices into `reason_words`: first those of `PoseReason`, then not
+    joined, too weak, and one for each joint.
+
+    Raises:
+        InvalidInput: motors have limits of torque and the map lacks `holding`; or see `check_window`.
+        LimitsExceeded: the reference itself is beyond a range, or no pose beside it is within all limits.
+    """
+    robot = workspace.robot
+    check_reference(robot)
+    check_window(robot, workspace.window)
+    if has_torque_limits(robot) and "holding" not in workspace.values:
+        raise InvalidInput(
+            f"quantities: {robot.name} has limits of torque, with which the quantity holding is compared; "
+            f"add it"
+        )
+    shares = shares_beyond_limits(robot.limits, workspace.q)
+    in_range = workspace.reached & (shares <= 0.0).all(axis=-1)
+    beyond = workspace.reached & ~in_range
+    too_weak = in_range & (workspace.values.get("holding", np.zeros(in_range.shape)) > 1.0)
+    within = in_range & ~too_weak
+    joined = _join_to_reference(workspace, within)
+    reason = workspace.reason.astype(np.uint16)
+    reason[within & ~joined] = len(PoseReason)
+    reason[too_weak] = len(PoseReason) + 1
+    if beyond.any():
+        reason[beyond] = len(PoseReason) + 2 + np.argmax(shares[beyond], axis=-1)
+    words = (
+        *REASON_WORDS.values(),
+        NOT_JOINED,
+        TOO_WEAK,
+        *(f"beyond the range of {limit.joint}" for limit in robot.limits),
+    )
+    return replace(
+        workspace,
+        values={key: np.where(joined, values, np.nan) for key, values in workspace.values.items()},
+        reason=reason,
+        assembly=np.where(joined, workspace.assembly, 0).astype(np.int8),
+        reason_words=words,
+    )
+
+
+def check_reference(robot: ParallelRobot) -> None:
+    """Refuse a robot whose reference is beyond the range of a joint."""
+    beyond = positions_beyond_limits(robot.limits, robot.reference.q[None])
+    if beyond:
+        listed = "; ".join(f"{joint}: {excess}" for joint, excess in beyond.items())
+        raise LimitsExceeded(f"{robot.name}: the reference is beyond ranges: {listed}", exceeded=beyond)
+
+
+def check_window(robot: ParallelRobot, window: Window) -> None:
+    """Refuse a window without a pose within one step of the reference."""
+    if not _reference_distances(robot, window).min() <= 1.0:
+        raise InvalidInput(
+            f"window: it does not contain the reference {point(robot.reference.x)} of {robot.name}, to which "
+            f"poses within limits have to be joined; take one that does, or leave the limits out"
+        )
+
+
+def _reference_distances(robot: ParallelRobot, window: Window) -> Array:
+    """Compute distances (I, J) of poses from the reference, in longest cell edges."""
+    offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
+    return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
+
+
+def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
+    """Mark poses (I, J) joined to the reference by neighbours within limits.
+
+    Raises:
+        LimitsExceeded: the nearest pose is more than one step away from the reference.
+    """
+    distance = np.where(within, _reference_distances(workspace.robot, workspace.window), np.inf)
+    nearest = np.argmin(distance)
+    if not distance.flat[nearest] <= 1.0:
+        raise LimitsExceeded(
+            f"{workspace.robot.name}: no pose of the map within one step of the reference is within all "
+            f"limits; take a finer map, or leave the limits out",
+            exceeded={},
+        )
+    labels: IntArray = ndimage.label(within)[0]
+    return labels == labels.flat[nearest]

@@ -24,8 +24,8 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.cli.writing import written_stepwise
+from framework.control.closed_loop import SENSORS, ControlLoop, Run
 from framework.control.controllers import CONTROLLERS
-from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.study import Study, run_store, run_study
 from framework.control.study_setup import FILE, StudySetup, library_versions, load_study
 from framework.control.variation import Spread

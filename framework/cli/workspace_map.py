@@ -23,9 +23,14 @@ from framework.atlas.design_study import (
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
 from framework.atlas.quantities import QUANTITIES, choose_quantities, has_torque_limits, quantity_unit
-from framework.atlas.ranges import check_reference, check_window, restrict_to_ranges
 from framework.atlas.survey import EDGE_POSES, MAX_EDGE_POSES, Window, map_axes, map_point, survey_window
-from framework.atlas.workspace_map import WorkspaceMap, workspace_map
+from framework.atlas.workspace_map import (
+    WorkspaceMap,
+    check_reference,
+    check_window,
+    restrict_to_ranges,
+    workspace_map,
+)
 from framework.catalogue import robot_file
 from framework.cli import arguments
 from framework.cli.parser import (

@@ -54,10 +54,12 @@ class ControlCycle:
     raises. Springs keep the deflections of the start, as in `forward_kinematics`. The next `update`
     overwrites all arrays; one object serves one thread.
 
-    q, v: all joints (nq,) and their rates (nv,).
-    x, dx: the platform's coordinates (n,), continuous from the start over full turns, and their rates.
-    T: joint rates for unit rates of the motors' joints (nv, n_a).
-    residual: the largest of all loop equations at q, those dropped as redundant included [m or rad].
+    q, v: all joints (nq,) and their rates (nv,). x, dx: the platform's coordinates (n,), continuous from the
+    start over full turns, and their rates. T: joint rates for unit rates of the motors' joints (nv, n_a).
+    residual: the largest of all loop equations at q, those dropped as redundant included [m or rad]. type2:
+    distance from Type 2: 1 / |P^-1| in the 1-norm [rad, robot lengths]. P (m, m) are the passive columns
+        of the loops, with least singular value sigma: it lies in [sigma / sqrt(m), sigma sqrt(m)]. Never
+        negative, as the cycle stays in its assembly mode; infinite without passive joints.
     """
 
     def __init__(self, robot: ParallelRobot, *, near: ArrayLike | Configuration | None = None) -> None:
@@ -86,7 +88,7 @@ class ControlCycle:
         self.q, self.x, self.dx = start.q.copy(), start.x.copy(), np.zeros(robot.n)
         self.v, self.T = np.zeros(robot.model.nv), np.zeros((robot.model.nv, robot.n_a))
         self.residual = 0.0
-        self._determinant, self._type2 = 0.0, 0.0
+        self._determinant, self.type2 = 0.0, 0.0
         self._factor_loops(self.q)
         if not abs(self._determinant) > 0.0:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
@@ -167,16 +169,6 @@ class ControlCycle:
         return self._motor_torque(self._drift_acceleration())
 
     @property
-    def type2(self) -> float:
-        """Distance from Type 2: 1 / |P^-1| in the 1-norm [rad, robot lengths].
-
-        P (m, m) are the passive columns of the loops, with least singular value sigma: the distance lies in
-        [sigma / sqrt(m), sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode.
-        Infinite without passive joints.
-        """
-        return self._type2
-
-    @property
     def type1(self) -> float:
         """Distance from Type 1: least singular value of dx/dq_a, with a sign.
 
@@ -201,7 +193,7 @@ class ControlCycle:
         self.T[:] = 0.0
         self.T[self._actuated, range(len(self._actuated))] = 1.0
         if not len(columns):
-            self._determinant, self._type2, self._step = 1.0, np.inf, np.empty(0)
+            self._determinant, self.type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
         norm = np.abs(P).sum(axis=0).max()  # 1-norm
@@ -210,9 +202,9 @@ class ControlCycle:
         swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
         self._determinant = float(diagonal.prod()) * (-1.0 if swaps % 2 else 1.0)
         if singular:
-            self._determinant, self._type2 = 0.0, 0.0
+            self._determinant, self.type2 = 0.0, 0.0
             return np.inf
-        self._type2 = float(dgecon(self._lu, norm)[0]) * norm
+        self.type2 = float(dgecon(self._lu, norm)[0]) * norm
         right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
         right_sides[:, 0] = residual / self._row_sizes
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]

@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from framework.control.closed_loop import run_closed_loop
+from framework.control.closed_loop import ControlLoop, Outcomes, run_closed_loop
 from framework.control.controllers import Controller
-from framework.control.run_monitor import ControlLoop, Outcomes
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chunks

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from framework.control.closed_loop import run_closed_loop, torque_limit
+from framework.control.closed_loop import SENSORS, ControlLoop, Run, run_closed_loop, torque_limit
 from framework.control.controllers import Controller, tuned_controller
 from framework.control.reference import Reference, reference_of
-from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 from framework.model.documents import prefix_errors

@@ -8,12 +8,11 @@ Open `base_parameters` first: which combinations of masses, inertias and motor p
 `identify` finds them in a recorded motion, `calibrate` the geometry in measured poses. `read_recording` reads
 data, `record_sensors` makes them of a simulation.
 
-Torques      torque_parameters      forces as a linear function of inertial and motor parameters
-             combinations           what such a regressor determines
-             measured_motion        the motion of all joints from recorded samples
-             physical               parameters of bodies that can exist
-Geometry     geometry               errors of joint origins as virtual joints
-             calibration_equations  measured poses as equations for these
+    combinations           the combinations of parameters that a regressor determines
+    measured_motion        the motion of all joints from recorded samples
+    physical               parameters of bodies that can exist
+    geometry               errors of joint origins as virtual joints
+    calibration_equations  measured poses as equations for these errors
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters

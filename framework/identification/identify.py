@@ -16,7 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput
-from framework.identification.base_parameters import BaseParameters, base_parameters
+from framework.identification.base_parameters import (
+    BaseParameters,
+    ParameterRegressor,
+    base_parameters,
+    parameter_regressor,
+)
 from framework.identification.measured_motion import MeasuredMotion, measured_motion
 from framework.identification.physical import (
     LinkParameters,
@@ -25,7 +30,6 @@ from framework.identification.physical import (
     with_masses_and_motors,
 )
 from framework.identification.recording import Recording, load_recording
-from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file

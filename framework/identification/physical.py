@@ -21,7 +21,7 @@ from framework.dynamics.body_parameters import (
     pseudo_inertia,
 )
 from framework.errors import NotConverged
-from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
+from framework.identification.base_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
