@@ -263,7 +263,7 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
         heading,
         page_part(
             "map.html",
-            map_title=escape(heading),
+            title=escape(heading),
             lead=escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
             found=escape(f"Singular locus: {workspace.locus.sentence}."),
         ),

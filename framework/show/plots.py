@@ -219,13 +219,11 @@ def plot_phase_plane(
     return axes
 
 
-def _draw_phase_limits(
-    axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float], wrench_unit: str
-) -> None:
+def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float], unit: str) -> None:
     """Draw the ranges of s' and s" within the motors' limits."""
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
     highest = np.nan_to_num(curves.highest_speed, posinf=2 * tops[0])
-    axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {wrench_unit}", **BAND)
+    axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
     accelerations = [curves.lowest_acceleration, curves.highest_acceleration]
     axes[1].fill_between(curves.s, *np.clip(accelerations, -2 * tops[1], 2 * tops[1]), **BAND)
     least = np.nanmin(curves.highest_speed)
