@@ -47,17 +47,15 @@ DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
 class NearestSingularPose(ReadOnlyArrays):
     """The nearest Type 2 pose found by a local search, and the ball proved regular."""
 
-    distance: (
-        float  # [m] if all coordinates are translations, [rad] turns, else [robot lengths, rad]; inf: none
-    )
-    at_least: float  # in the same unit: nearer than that no pose is singular, Type 1 or Type 2: proved
-    unit: str
-    within: float  # how far rays were followed, in the same unit
+    at_least: float  # [unit] nearer than that no pose is singular, Type 1 or Type 2: proved
+    unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
+    within: float  # [unit] how far rays were followed
     rays: int
-    x: Array | None  # (n,) of the platform
-    q: Array | None  # (nq,)
-    twist: Array | None  # (n,) t_s, see `twist_norm`
-    leg_end: float = np.inf  # in the same unit, if the ray that ends first does so at Type 1; else inf
+    leg_end: float  # [unit] if the ray that ends first does so at Type 1; else inf
+    distance: float = np.inf  # [unit] of the nearest pose; inf: none found
+    x: Array | None = None  # (n,) of the platform
+    q: Array | None = None  # (nq,)
+    twist: Array | None = None  # (n,) t_s, see `twist_norm`
 
     @property
     def status(self) -> str:
@@ -109,14 +107,10 @@ def nearest_singular_pose(
     radius = reach if nearest is None else nearest.distance
     proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
     margin = NearestSingularPose(
-        distance=np.inf,
         at_least=proved * unit_length,
         unit=unit,
         within=reach * unit_length,
         rays=len(directions),
-        x=None,
-        q=None,
-        twist=None,
         leg_end=leg_end * unit_length,
     )
     if nearest is None:

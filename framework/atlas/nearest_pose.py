@@ -32,10 +32,6 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     mode. Type 2 singularities may lie between. It is the nearest of a few local searches, without a proof
     that none is nearer. The first call for a robot takes about a second, to sample the poses.
 
-    It is joined to the reference by steps within the ranges, on each of which every leg keeps its working
-    mode. Type 2 singularities may lie between. It is the nearest of a few local searches, without a proof
-    that none is nearer. The first call for a robot takes about a second, to sample the poses.
-
     Raises:
         InvalidInput: not n finite numbers; the platform does not determine the joints.
     """

@@ -114,9 +114,6 @@ def survey_window(
     Looks at coarse poses, then at those of the window found, twice. The bounds are `SURVEY_REACH` robot
     lengths and `SURVEY_TURN` about the point `at`.
 
-    Looks at coarse poses, then at those of the window found, twice.
-    The bounds are `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at`.
-
     Args:
         axes: two of the platform's axes, by default its first translations.
         at: platform point (n,), by default the reference; its other coordinates are constant over the map.
@@ -127,10 +124,11 @@ def survey_window(
         InvalidInput: see `map_axes`; or `at` has the wrong length.
         OutOfReach: no pose near the reference is reached.
     """
-    over, held = map_axes(robot, axes), map_point(robot, at)
-    half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(over)]
-    about = held[list(over)]
-    bounds = Window(over, about - half, about + half, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), held)
+    columns, point = map_axes(robot, axes), map_point(robot, at)
+    half = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(columns)]
+    centre = point[list(columns)]
+    shape = (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES)
+    bounds = Window(columns, centre - half, centre + half, shape, point)
     window = _reached_window(robot, bounds, bounds, keep_limits)
     for _ in range(FINE_LOOKS):
         window = _reached_window(robot, window, bounds, keep_limits)
@@ -159,10 +157,6 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     Return configurations (I, J, nq) and reasons (I, J). The poses nearest to the reference are assembled from
     it until one succeeds; the others are reached from their neighbours. Where cells are longer than a step
     may be, `subdivisions` of them are computed and left out.
-
-    The poses nearest to the reference are assembled from it until one succeeds; the others are reached from
-    their neighbours. Where cells are longer than a step may be, `subdivisions` of them are computed and left
-    out.
 
     Raises:
         InvalidInput: the window is too wide.

@@ -180,7 +180,7 @@ def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Docum
     if options.controller or not failed:
         return {}
     try:
-        passed = setup.count_passes(FEEDBACK, failed)
+        passed = int(setup.run(FEEDBACK, *failed).passed.sum())
     except FrameworkError:  # this controller is not for every robot
         return {}
     return {"with_feedback": {"controller": FEEDBACK, "runs": len(failed), "passed": passed}}
@@ -321,7 +321,7 @@ def replay_run(options: Namespace) -> Report:
     number, runs = options.replay, stated["runs"]
     if number >= runs:
         raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
-    run, seed = setup.run(name, number), [setup.seed, number]
+    run, seed = setup.run(name, number, record=True), [setup.seed, number]
     written = [failure for failure in failures if failure.get("seed") == seed]
     document = {
         "robot": setup.plan.robot.name,

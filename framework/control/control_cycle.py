@@ -143,9 +143,6 @@ class ControlCycle:
         Torques are on the motor side of the gears, accelerations on the joint side. Rotors, armature, damping
         and joint springs count, but no dry friction and no wrenches of the world.
 
-        They include rotors, armature, damping and joint springs, but no dry friction and no wrenches of the
-        world.
-
         Raises:
             InvalidInput: not n_a finite numbers.
         """

@@ -321,9 +321,6 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     Rates of the platform are those of the states. With F = [X; J] of platform and loops, F v = [twist; 0] and
     F a = [twist rate; 0] - drift. Wrenches are those of the plan at instant k.
 
-    With F = [X; J] of platform and loops, F v = [twist; 0] and F a = [twist rate; 0] - drift. Wrenches are
-    those of the plan at instant k.
-
     `motion_at` factors all instants as one band matrix, so its rounding depends on the number of runs. Here
     each run is solved on its own. Infinite where the platform does not determine the joints.
     """

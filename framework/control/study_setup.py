@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from framework.control.closed_loop import SENSORS, ControlLoop, Run, run_closed_loop, torque_limit
 from framework.control.controllers import Controller, tuned_controller
@@ -73,17 +70,8 @@ class StudySetup:
         """
         return tuned_controller(name, self.reference)
 
-    def run(self, controller: str, number: int) -> Run:
-        """Repeat one run of the study alone, and record its torques."""
-        return self._run(controller, [number], record=True)
-
-    def count_passes(self, controller: str, numbers: Sequence[int]) -> int:
-        """Count the runs, by their numbers, that pass with a controller."""
-        run = self._run(controller, numbers)
-        return int(np.count_nonzero(run.passed))
-
-    def _run(self, controller: str, numbers: Sequence[int], *, record: bool = False) -> Run:
-        """Repeat runs of the study, by their numbers, together."""
+    def run(self, controller: str, *numbers: int, record: bool = False) -> Run:
+        """Repeat runs of the study together, by their numbers; `record` keeps the torques."""
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 

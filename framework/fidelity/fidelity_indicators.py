@@ -57,8 +57,6 @@ def compute_level_motions(
 
     By the levels' names. The law meets the condition (8) of each level.
 
-    The law meets the condition (8) of each level.
-
     Args:
         seconds: time that the motion took.
     """

@@ -188,10 +188,6 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
     determines fewer. Their number is the rank of the closed robot's regressor (`parameter_regressor`) at
     random instants. Several sets of instants must have the same rank.
 
-    They are the combinations that all motions near the reference determine together; a single line determines
-    fewer. Their number is the rank of the closed robot's regressor (`parameter_regressor`) at random
-    instants. Several sets of instants must have the same rank.
-
     Args:
         massless: whether bodies without mass in the file have parameters, too.
 

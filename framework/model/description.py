@@ -37,8 +37,6 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     Rows that need a length, such as distance, come last. `axis` in {x, y, z} is the axis of the joint; the
     kinds are tabled for z and turned cyclically.
 
-    `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
-
     Raises:
         RobotFileError: unknown kind or axis.
     """

@@ -96,8 +96,6 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     Joint side of the gears, springs at rest. Poses of the platform count: joints inside a leg that turn over
     while it stays are one mode.
 
-    Poses of the platform count: joints inside a leg that turn over while it stays are one mode.
-
     Raises:
         InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
     """

@@ -80,9 +80,6 @@ def close_all_loops(
     Redundant equations count as well, so steps are of least squares, cut to MAX_SEARCH_STEP. One more step is
     taken after all are closed, to reach rounding.
 
-    Redundant equations count as well, so steps are of least squares, cut to MAX_SEARCH_STEP. One more step is
-    taken after all are closed, to reach rounding.
-
     Args:
         columns: the joints that move; the passive ones by default.
         further: more equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
@@ -146,10 +143,8 @@ def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
 def has_one_solution_near(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
     """Return whether the loops provably have one solution near q (nq,).
 
-    By the theorem of Newton and Kantorovich, with the motors locked, or the platform (`locked`), and the
+    By the theorem of Newton and Kantorovich. The motors are locked, or the platform is (`locked`), and the
     springs. The theorem asks for
-
-    The motors are locked, or the platform is (`locked`), and the springs. The theorem asks for
     beta^2 K |F| <= 1/2 with F the loop equations (and the platform's), beta the norm of the inverse of their
     Jacobian J (k, k) and K = k^2 max |d2F| a bound on its change: no joint turns a frame that is farther away
     than all links are long, and an equation is a product of two vectors that turn. All in radians and lengths

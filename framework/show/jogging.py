@@ -63,8 +63,6 @@ def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
     It is {q, part, index, value} or {q, part, place}, with `part` platform, motor or drag, and the `place`
     [m] of the platform's origin in the base.
 
-    `part` is platform or motor, or drag, with a `place` [m] of the platform's origin in the base.
-
     Raises:
         InvalidInput: a movement that cannot be right.
     """

@@ -50,12 +50,13 @@ HAND_LEAD = (
 def film_page(films: Sequence[Film]) -> str:
     """Return the page (HTML) that plays films side by side."""
     names = " and ".join(dict.fromkeys(display_name(film.robot.name) for film in films))
-    return _make_page(film_documents(films), names, FILM_LEAD)
+    return whole_page(names, scene_part(names, FILM_LEAD), film_documents(films))
 
 
 def hand_page(robot: ParallelRobot) -> str:
     """Return the page (HTML) with sliders that ask `move_by_hand`."""
-    return _make_page([hand_document(robot)], display_name(robot.name), HAND_LEAD)
+    heading = display_name(robot.name)
+    return whole_page(heading, scene_part(heading, HAND_LEAD), [hand_document(robot)])
 
 
 def scene_part(heading: str, lead: str) -> str:
@@ -71,11 +72,6 @@ def whole_page(title: str, body: str, documents: Sequence[Document]) -> str:
     return standalone_page(
         title, body, list(documents), styles=["page.css"], scripts=SCRIPTS, library=_viewer_html()
     )
-
-
-def _make_page(documents: Sequence[Document], heading: str, lead: str) -> str:
-    """Return a page of one scene, filled from the documents."""
-    return whole_page(heading, scene_part(heading, lead), documents)
 
 
 @cache

@@ -195,8 +195,6 @@ def plot_phase_plane(
     On two axes. The range of s" is that at the plan's own s'; it closes to a point at each crossing,
     condition (8).
 
-    The range of s" is that at the plan's own s'; it closes to a point at each crossing, condition (8).
-
     Args:
         beside: another plan on the same path, whose law is drawn too.
     """
