@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -55,15 +55,11 @@ class Poses(ReadOnlyArrays):
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a map, with the function `of` that computes its values (T,).
-
-    `name` is in words, `unit` as printed.
-    """
+    """A quantity of a map: `name` in words, `unit` as printed."""
 
     key: str
     name: str
     unit: str
-    of: Callable[[Poses], Array]
     large_is_good: bool = True
     decades: bool = False  # drawn on a logarithmic scale
     signed: bool = False
@@ -76,14 +72,6 @@ class Quantity:
     def takes_wrench(self) -> bool:
         """Whether the quantity depends on the wrench."""
         return self.loaded or self.holding
-
-    def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
-        return restore_quantity, (self.key, self.wrench)  # lambdas cannot be pickled
-
-
-def restore_quantity(key: str, wrench: tuple[float, ...] | None) -> Quantity:
-    """Return the quantity of this key with a wrench, when unpickled."""
-    return replace(QUANTITIES[key], wrench=wrench)
 
 
 def holding_torque_ratio(poses: Poses) -> Array:
@@ -104,24 +92,12 @@ def holding_torque_ratio(poses: Poses) -> Array:
 QUANTITIES = {
     quantity.key: quantity
     for quantity in (
-        Quantity(
-            "g",
-            "signed measure of Type 2 singularity, g",
-            "1",
-            lambda poses: poses.distances.g,
-            signed=True,
-        ),
-        Quantity(
-            "conditioning",
-            "conditioning, least singular value of A",
-            "1, lengths in robot lengths",
-            lambda poses: poses.distances.sigma_A,
-        ),
+        Quantity("g", "signed measure of Type 2 singularity, g", "1", signed=True),
+        Quantity("conditioning", "conditioning, least singular value of A", "1, lengths in robot lengths"),
         Quantity(
             "torque",
             "worst motor torques against a unit force, 2-norm",
             "N m/N",
-            lambda poses: poses.distances.motor_torque_norm,
             large_is_good=False,
             decades=True,
         ),
@@ -129,7 +105,6 @@ QUANTITIES = {
             "single_torque",
             "worst torque of a single motor against a unit force",
             "N m/N",
-            lambda poses: poses.distances.motor_torque_largest,
             large_is_good=False,
             decades=True,
         ),
@@ -137,38 +112,24 @@ QUANTITIES = {
             "joint_torque",
             "worst torques behind the gears against a unit force, 2-norm",
             "N m/N",
-            lambda poses: poses.distances.torque_norm,
             large_is_good=False,
             decades=True,
         ),
         Quantity(
-            "holding",
-            "largest motor torque at rest over its limit",
-            "1",
-            holding_torque_ratio,
-            large_is_good=False,
-            holding=True,
+            "holding", "largest motor torque at rest over its limit", "1", large_is_good=False, holding=True
         ),
         Quantity(
             "stiffness",
             "stiffness in the softest direction, motors locked",
             "N/m",
-            lambda poses: least_stiffness(poses.robot, poses.compliance),
             decades=True,
             springs=True,
         ),
-        Quantity(
-            "frequency",
-            "first natural frequency, motors locked",
-            "Hz",
-            lambda poses: locked_motor_frequency(poses.compliance),
-            springs=True,
-        ),
+        Quantity("frequency", "first natural frequency, motors locked", "Hz", springs=True),
         Quantity(
             "loaded_stiffness",
             "stiffness under load in the softest direction, motors locked",
             "N/m",
-            lambda poses: poses.mask_loaded(least_stiffness(poses.robot, poses.loaded.free)),
             decades=True,
             springs=True,
             loaded=True,
@@ -177,11 +138,22 @@ QUANTITIES = {
             "loaded_frequency",
             "first natural frequency under load, motors locked",
             "Hz",
-            lambda poses: poses.mask_loaded(locked_motor_frequency(poses.loaded.free)),
             springs=True,
             loaded=True,
         ),
     )
+}
+_VALUES: Mapping[str, Callable[[Poses], Array]] = {  # (T,) by the quantity's key
+    "g": lambda poses: poses.distances.g,
+    "conditioning": lambda poses: poses.distances.sigma_A,
+    "torque": lambda poses: poses.distances.motor_torque_norm,
+    "single_torque": lambda poses: poses.distances.motor_torque_largest,
+    "joint_torque": lambda poses: poses.distances.torque_norm,
+    "holding": holding_torque_ratio,
+    "stiffness": lambda poses: least_stiffness(poses.robot, poses.compliance),
+    "frequency": lambda poses: locked_motor_frequency(poses.compliance),
+    "loaded_stiffness": lambda poses: poses.mask_loaded(least_stiffness(poses.robot, poses.loaded.free)),
+    "loaded_frequency": lambda poses: poses.mask_loaded(locked_motor_frequency(poses.loaded.free)),
 }
 
 
@@ -266,7 +238,9 @@ def quantity_values(
     wrench = None if load is None else np.array(load)
     poses = Poses(robot, q, linearised, wrench)
     with np.errstate(all="ignore"):  # infinite at Type 2
-        values = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
+        values = {
+            quantity.key: np.asarray(_VALUES[quantity.key](poses), dtype=float) for quantity in quantities
+        }
     if any(quantity.loaded for quantity in quantities):
         values["load"] = poses.loaded.reason
     return values

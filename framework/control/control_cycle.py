@@ -193,15 +193,8 @@ class ControlCycle:
             self._determinant, self.type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
-        norm = np.abs(P).sum(axis=0).max()  # 1-norm
-        self._lu, self._pivots, singular = dgetrf(P, overwrite_a=1)
-        diagonal = self._lu.diagonal()
-        swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
-        self._determinant = float(diagonal.prod()) * (-1.0 if swaps % 2 else 1.0)
-        if singular:
-            self._determinant, self.type2 = 0.0, 0.0
+        if not self._factor(P):
             return np.inf
-        self.type2 = float(dgecon(self._lu, norm)[0]) * norm
         right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
         right_sides[:, 0] = residual / self._row_sizes
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]
@@ -210,6 +203,19 @@ class ControlCycle:
         self._step = solution[:, 0] * self._passive_lengths
         self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
         return float(np.abs(solution[:, 0]).max())
+
+    def _factor(self, P: Array) -> bool:
+        """Factor P (m, m) as L U; set its determinant and `type2`; return whether P is regular."""
+        norm = np.abs(P).sum(axis=0).max()  # 1-norm
+        self._lu, self._pivots, is_singular = dgetrf(P, overwrite_a=1)
+        if is_singular:
+            self._determinant, self.type2 = 0.0, 0.0
+            return False
+        diagonal = self._lu.diagonal()
+        swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
+        self._determinant = float(diagonal.prod()) * (-1.0 if swaps % 2 else 1.0)
+        self.type2 = float(dgecon(self._lu, norm)[0]) * norm
+        return True
 
     def _predict_and_correct(self, target: Array) -> Array | None:
         """Close the loops at motor joints (n_a,) from the tangent; None if refused.

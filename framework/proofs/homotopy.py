@@ -21,7 +21,14 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import solve_or_fit
-from framework.proofs.study_quadric import ComplexArray, QuadricFamily, complex_normal, first_occurrences
+from framework.proofs.study_quadric import (
+    ComplexArray,
+    QuadricFamily,
+    append_row,
+    complex_normal,
+    first_occurrences,
+    matrix_products,
+)
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long
@@ -235,16 +242,15 @@ class _LinearHomotopy(NamedTuple):
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); chart row last."""
-        S, N = z.shape
-        rows = _matrix_products(self.start, z) + _matrix_products(self.change, z) * t[:, None, None]
-        return np.concatenate([rows, np.broadcast_to(0.5 * self.chart, (S, 1, N))], axis=1)
+        rows = matrix_products(self.start, z) + matrix_products(self.change, z) * t[:, None, None]
+        return append_row(rows, 0.5 * self.chart)
 
     def rate(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute dz/dt (S, N) along the paths.
 
         By differentiation: 2 z' (start + t change) dz/dt = -z' change z.
         """
-        values = np.einsum("ski,si->sk", _matrix_products(self.change, z), z)  # (S, N - 1)
+        values = np.einsum("ski,si->sk", matrix_products(self.change, z), z)  # (S, N - 1)
         right = np.concatenate([-0.5 * values, np.zeros((len(z), 1))], axis=1)
         return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
 
@@ -270,9 +276,3 @@ class _LinearHomotopy(NamedTuple):
             correction = self.newton_step(ahead, t + h)
             ahead = ahead + correction
         return ahead, np.linalg.norm(correction, axis=1) / np.linalg.norm(ahead, axis=1)
-
-
-def _matrix_products(matrices: ComplexArray, z: ComplexArray) -> ComplexArray:
-    """Compute the products (S, K, N) of K matrices (K, N, N) and S vectors (S, N)."""
-    S, N = z.shape
-    return (matrices.reshape(-1, N) @ z.T).T.reshape(S, -1, N)

@@ -33,7 +33,7 @@ from framework.proofs.rounding import (
     gamma,
     identity_defect,
 )
-from framework.proofs.study_quadric import ComplexArray
+from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
 MAX_TESTS = 6  # of boxes that are widened until the test holds
 MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # of discs, away from underflow and overflow
@@ -146,10 +146,10 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
     Q_size = ROUND_UP * np.abs(quadrics)
     Q_error = rounding * Q_size + radii  # (N - 1, N, N)
 
-    gradients = _products(quadrics, z)  # (S, N - 1, N) Q z
-    gradient_errors = _products(Q_error, z_size)
-    J = _append_row(2 * gradients, chart)  # (S, N, N)
-    J_error = _append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
+    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
+    gradient_errors = matrix_products(Q_error, z_size)
+    J = append_row(2 * gradients, chart)  # (S, N, N)
+    J_error = append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
     residual = np.abs(np.column_stack([np.matvec(gradients, z), z @ chart - 1.0]))  # (S, N) |F(z)|
     residual += ROUND_UP * np.column_stack(
         [np.matvec(gradient_errors, z_size), rounding * (z_size @ np.abs(chart) + 1.0)]
@@ -161,21 +161,11 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_change = _append_row(2 * ROUND_UP * _products(Q_size + radii, r), 0.0 * chart)
+        J_change = append_row(2 * ROUND_UP * matrix_products(Q_size + radii, r), 0.0 * chart)
         image = ROUND_UP * (offset + ROUND_UP**2 * np.matvec(defect + Y_size @ J_change, r))
         return Enclosures(np.all(image < r, axis=1), r, image)
 
     return widen_until_proved(test, 2 * offset + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
-
-
-def _products(matrices: Any, vectors: Any) -> Any:
-    """Compute the products (S, K, N) of K matrices (K, N, N) and S vectors (S, N)."""
-    return np.einsum("kij,sj->ski", matrices, vectors)
-
-
-def _append_row(matrices: Any, row: Array) -> Any:
-    """Append one row (N,) to each of the matrices (S, N - 1, N)."""
-    return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
 
 
 def choose_chart(z: ComplexArray) -> Array:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -103,6 +104,17 @@ class QuadricFamily:
 def complex_normal(rng: np.random.Generator, shape: int | tuple[int, ...]) -> ComplexArray:
     """Draw complex numbers with standard normal real and imaginary parts."""
     return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+
+
+def matrix_products(matrices: Any, z: Any) -> Any:
+    """Compute the products (S, K, N) of K matrices (K, N, N) and S vectors (S, N)."""
+    S, N = z.shape
+    return (matrices.reshape(-1, N) @ z.T).T.reshape(S, -1, N)
+
+
+def append_row(matrices: Any, row: Any) -> Any:
+    """Append one row (N,) to each of the matrices (S, N - 1, N)."""
+    return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
 
 
 def first_occurrences(z: ComplexArray) -> BoolArray:
