@@ -179,7 +179,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect between the planned multiple and the least that was not, at their geometric mean."""
+    """Bisect, at geometric means, between the largest multiple planned and the least that failed."""
     while capacity.multiple > 0.0 and capacity.end < np.inf:
         if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
             break

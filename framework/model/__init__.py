@@ -5,6 +5,7 @@ The records
     loop_rows           closures as scalar loop equations
     placement           rigid placements as 4 x 4 matrices
     fidelity_levels     which parts of a robot a model keeps
+    frame_wrench        a wrench at a frame, constant or a table
 
 The robot file (YAML)
     robot_file          read a robot file and its URDF

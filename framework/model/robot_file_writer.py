@@ -22,9 +22,9 @@ from framework.numerics.output import written_together
 def write_robot_file(
     description: RobotDescription, folder: str | Path, *, comments: Iterable[str] = ()
 ) -> Path:
-    """Write NAME.yaml and NAME.urdf into a folder, read both back, and return the YAML's path.
+    """Write NAME.yaml and NAME.urdf into a folder; return the path of the YAML.
 
-    `comments` stand on top of the YAML, a line each.
+    Both are read back first. `comments` stand on top of the YAML, a line each.
 
     Raises:
         OutputError: the folder cannot be written, or these would overwrite the file that was read.

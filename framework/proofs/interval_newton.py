@@ -168,7 +168,7 @@ def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -
     residual = np.abs(unit - np.matvec(M, z)) + gamma(k) * (np.matvec(np.abs(M), z_size) + unit)
 
     def solution_error(product_error: Array) -> Array:
-        """Bound |z - z~| (S, k) where M z~ is known up to an error (S, k) besides rounding."""
+        """Bound |z - z~| (S, k) by the error (S, k) of the product M z~."""
         direct = ROUND_UP * np.matvec(X_size, residual + product_error)
         largest = ROUND_UP * direct.max(axis=1) / np.where(valid, 1.0 - norm, 1.0)
         return direct + row_sums * largest[:, None]

@@ -103,7 +103,7 @@ def prove_existence(
     is_inside = ROUND_UP * (np.abs(root) + reach) < r_u  # the image in the box
 
     def restore(of_u: Array, of_p: Array) -> Array:
-        """Join values of u (S, m) and p (S, k - m) in the order of the unknowns (S, k)."""
+        """Join values of u (S, m) and p (S, k - m) to vectors (S, k) of all unknowns."""
         return np.take_along_axis(np.hstack([of_u, of_p]), np.argsort(order, axis=1), axis=1)
 
     return Existence(

@@ -143,12 +143,11 @@ def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
 def has_one_solution_near(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
     """Return whether the loops provably have one solution near q (nq,).
 
-    By the theorem of Newton and Kantorovich. The motors are locked, or the platform is (`locked`), and the
-    springs. The theorem asks for
-    beta^2 K |F| <= 1/2 with F the loop equations (and the platform's), beta the norm of the inverse of their
-    Jacobian J (k, k) and K = k^2 max |d2F| a bound on its change: no joint turns a frame that is farther away
-    than all links are long, and an equation is a product of two vectors that turn. All in radians and lengths
-    of the robot, norms of largest entries (Ortega 1968).
+    The springs are locked, and the motors or the platform (`locked`). The theorem of Newton and Kantorovich
+    (Ortega 1968) asks for beta^2 K |F| <= 1/2, in radians, lengths of the robot and norms of largest entries:
+    F (k,) the loop equations (and the platform's), J (k, k) their Jacobian, beta = |J^-1|, and
+    K = k^2 max |d2F| a bound on its change. No joint turns a frame that is farther away than all links are
+    long, and an equation is a product of two vectors that turn.
     """
     linearised = linearised_at(robot, q[None], None)
     J = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]  # (k, k)

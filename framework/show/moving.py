@@ -174,7 +174,7 @@ def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
     locus, sight, end = film_locus(film), film_sight(film), _end_time(film)
 
     def draw(t: float) -> None:
-        """Draw the robot at the frame of instant t [s], in place of the one drawn before."""
+        """Draw the robot at instant t [s], in place of the one drawn before."""
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
         plot_still(
@@ -225,7 +225,7 @@ def _film_axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
 
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Draw a dot on a curve of the eye, no later than its film's end; return its mark."""
+    """Return the mark of a dot on a curve of the eye; it stops where its film ends."""
     s, demand = film.law(film.time), film.motors.force_along(twist)
     end = _end_time(film)
     color, _, mark, _ = THREADS if film.proved else MISSES

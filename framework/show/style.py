@@ -142,7 +142,7 @@ def line_style(k: int) -> Style:
 
 
 def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Path) -> list[Path]:
-    """Draw and write one PDF with a page a drawing, and a PNG of each; return all files.
+    """Write one PDF, a page a drawing, and a PNG of each; return all files.
 
     Fonts are embedded once in a PDF: with a PDF for each figure that takes longer than drawing them.
     """
