@@ -18,7 +18,7 @@ import numpy as np
 import robots
 from framework.atlas.map_files import setup_document, write_map
 from framework.atlas.quantities import choose_quantities
-from framework.atlas.window import Window
+from framework.atlas.survey import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.numerics.kept import KeptChunks
 from framework.numerics.tasks import executor_of

@@ -14,7 +14,7 @@ import robots
 from framework import ParallelRobot
 from framework.atlas.map_files import setup_document
 from framework.atlas.quantities import choose_quantities
-from framework.atlas.window import Window
+from framework.atlas.survey import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.cli import main
 from tests.maps_in_processes import FILES, begun, files, kept

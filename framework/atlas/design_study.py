@@ -29,9 +29,8 @@ from framework.atlas.map_files import (
     value_range,
     write_files,
 )
-from framework.atlas.quantities import QUANTITIES, choose_quantities, unit_of
-from framework.atlas.survey import survey_window
-from framework.atlas.window import Window, map_axes
+from framework.atlas.quantities import QUANTITIES, choose_quantities, quantity_unit
+from framework.atlas.survey import Window, map_axes, survey_window
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.dynamics.loading import LoadReason
 from framework.errors import FrameworkError, InvalidInput, choose_from, finite_numbers
@@ -49,14 +48,14 @@ Chunk = Mapping[str, NDArray[Any]]
 
 
 class Designs(NamedTuple):
-    """Sets of parameters: their names and values (D, P)."""
+    """Sets of P parameters: their names and values (D, P)."""
 
     names: tuple[str, ...]
     values: Array
 
 
 class StudyTask(NamedTuple):
-    """The map of each design: quantities `keys` at `size` x `size` poses over two axes.
+    """The settings of the maps of a study, and the robot file.
 
     window: least and largest of the first axis, then of the second; None: its reach.
     """
@@ -81,8 +80,8 @@ class DesignStudy(ReadOnlyArrays):
     why: tuple[str, ...]  # (D,) empty, or why there is no map
 
 
-def designs_of(file: str | Path, table: str | Path | None = None) -> Designs:
-    """Return the grid of all values that a robot file declares for its parameters, or the rows of a table.
+def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
+    """Return the grid of all declared parameter values, or the rows of a table.
 
     Args:
         table: CSV file with names of parameters in the first line and values in each further one.
@@ -114,7 +113,10 @@ def design_study(
     keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
-    """Map all designs and reduce each map to areas and ranges. Options as for `workspace_map`."""
+    """Map all designs, and reduce each map to areas and ranges.
+
+    Options as for `workspace_map`.
+    """
     chunks = {}
     for first in range(0, len(designs.values), DESIGNS_PER_TASK):
         values = designs.values[first : first + DESIGNS_PER_TASK]
@@ -122,7 +124,7 @@ def design_study(
     columns = complete_chunks(
         partial(map_designs, task),
         chunks,
-        partial(_part_arrays, task),
+        partial(_chunk_arrays, task),
         executor=executor,
         keeper=keeper,
         progress=lambda names: progress(sum(len(chunks[name]) for name in names)),
@@ -132,14 +134,14 @@ def design_study(
     return DesignStudy(task, designs, columns, column_units(robot, task), why)
 
 
-def _part_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
-    """Return types and shapes of the results of a chunk of designs (D, P), by column."""
+def _chunk_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
+    """Return types and shapes of the columns of a chunk of designs (D, P)."""
     numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
     return numbers | {WHY: ArrayField("U", (len(values),))}
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
-    """Map designs (D, P); return columns (D,) of statistics, and reasons for missing maps as `why`."""
+    """Map designs (D, P); return columns (D,) of statistics, and `why` without a map."""
     compute = partial(_map_design, task)
     return compute_rows(compute, column_names(task), (FrameworkError,), values.tolist())
 
@@ -157,7 +159,7 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     if len(edge_units) == 1:
         area_unit = f"{edge_units.pop()}^2"
     units = {
-        f"{quantity.key}_{part}": unit_of(robot, quantity)
+        f"{quantity.key}_{part}": quantity_unit(robot, quantity)
         for quantity in choose_quantities(robot, task.keys)
         for part in STATISTICS
     }
@@ -165,7 +167,10 @@ def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
 
 
 def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
-    """Map the robot of one design (P,) over the task's window or its own reach; return `_statistics`."""
+    """Map the robot of one design (P,); return its statistics by column.
+
+    The map is over the task's window, or over the robot's own reach.
+    """
     parameters = dict(zip(task.names, design, strict=True))
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
     if task.window is None:
@@ -177,13 +182,13 @@ def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
             lower=ends[::2],
             upper=ends[1::2],
             shape=shape,
-            held=robot.reference.x,
+            constants=robot.reference.x,
         )
     return _statistics(workspace_map(robot, window, task.keys))
 
 
 def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
-    """Return areas and ranges of quantities, by column.
+    """Return areas and ranges of quantities of a map, by column.
 
     Areas are those of all reached poses, of poses in the reference's assembly mode (free_area), and of poses
     that carry the load. That mode is the mode of the pose nearest to the reference.
@@ -221,7 +226,7 @@ def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
 
 
 def write_study(study: DesignStudy, folder: Path) -> list[Path]:
-    """Write study.json, study.npz and study.csv into a folder; the same study gives the same bytes."""
+    """Write study.json, study.npz and study.csv; the same study gives the same bytes."""
     document = {**study_setup(study.task, study.designs), "units": dict(study.units)}
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(study.columns)
@@ -236,7 +241,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
 
 
 def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
-    """Read designs from a CSV table; raises as `designs_of`."""
+    """Read designs from a CSV table; raises as `read_designs`."""
     rows = list(csv.reader(io.StringIO(read_text(table, f"{table}: cannot read the table"))))
     rows = [row for row in rows if row]
     if len(rows) < 2:

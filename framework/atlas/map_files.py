@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from framework.atlas.quantities import Quantity, unit_of
-from framework.atlas.window import Window
+from framework.atlas.quantities import Quantity, quantity_unit
+from framework.atlas.survey import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -58,7 +58,7 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
         "shape": list(window.shape),
         "held": {
             name: float(value)
-            for k, (name, value) in enumerate(zip(names, window.held, strict=True))
+            for k, (name, value) in enumerate(zip(names, window.constants, strict=True))
             if k not in window.axes
         },
         "quantities": [quantity.key for quantity in quantities],
@@ -87,7 +87,7 @@ def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
     document["quantities"] = {
         quantity.key: {
             "name": quantity.name,
-            "unit": unit_of(workspace.robot, quantity),
+            "unit": quantity_unit(workspace.robot, quantity),
             **value_range(workspace.values[quantity.key]),
         }
         for quantity in workspace.quantities
@@ -112,7 +112,7 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         **({} if workspace.load is None else {"load": workspace.load}),
         **workspace.values,
     }
-    table = list(_table(workspace).items())
+    table = list(_table_columns(workspace).items())
     return write_files(folder / DOCUMENT, map_document(workspace), map_setup(workspace), arrays, table)
 
 
@@ -123,7 +123,7 @@ def write_files(
     arrays: Mapping[str, np.ndarray],
     table: Sequence[tuple[str, Sequence[Any]]],
 ) -> list[Path]:
-    """Write a document to `file`, and beside this file arrays with their setup (.npz) and a table (.csv)."""
+    """Write a document, and beside the file its arrays (.npz) and a table (.csv)."""
     array_file, table_file = file.with_suffix(".npz"), file.with_suffix(".csv")
     file.write_text(json_text(document), encoding="utf-8")
     setup_text = np.array(json.dumps(setup, sort_keys=True))
@@ -137,12 +137,12 @@ def write_files(
 
 
 def table_cells(values: np.ndarray) -> list[Any]:
-    """Return the numbers of a column for a table, NaN as empty cells."""
+    """Return the numbers of a column as table cells, NaN as empty ones."""
     return ["" if math.isnan(value) else value for value in values.ravel().tolist()]
 
 
-def _table(workspace: WorkspaceMap) -> dict[str, list[Any]]:
-    """Return the columns of a map's table, one entry a pose, by name."""
+def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
+    """Return the columns of a map's table by name, one entry a pose."""
     points = workspace.window.points()
     columns: dict[str, list[Any]] = {
         workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
@@ -158,7 +158,7 @@ def _table(workspace: WorkspaceMap) -> dict[str, list[Any]]:
 
 
 def value_range(values: np.ndarray) -> dict[str, float | None]:
-    """Return the least, the median and the largest of finite values."""
+    """Return least, median and largest of the finite values."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return dict.fromkeys(STATISTICS)

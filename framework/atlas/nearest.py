@@ -8,8 +8,8 @@ to the nearest point to x on the plane of g linearised at y,
     y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
 
 The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
-radius of the ball in which `regular_ball` proves that no pose is singular, of Type 1 or Type 2. The bounds
-differ where that ball ends at Type 1, or the proof at its largest number of cells.
+radius of the ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
+bounds differ where that ball ends at Type 1, or the proof at its largest number of cells.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
-from framework.proofs.regular_ball import MAX_CELLS, regular_ball
+from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
@@ -45,23 +45,21 @@ DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
 
 @dataclass(frozen=True, eq=False)
 class NearestSingularPose(ReadOnlyArrays):
-    """The nearest Type 2 pose that a local search has found, if any, and the ball that is proved regular."""
+    """The nearest Type 2 pose found by a local search, and the ball proved regular."""
 
-    distance: (
-        float  # [m] if all coordinates are translations, [rad] turns, else [robot lengths, rad]; inf: none
-    )
-    at_least: float  # in the same unit: nearer than that no pose is singular, Type 1 or Type 2: proved
-    unit: str
-    within: float  # how far rays were followed, in the same unit
+    at_least: float  # [unit] nearer than that no pose is singular, Type 1 or Type 2: proved
+    unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
+    within: float  # [unit] how far rays were followed
     rays: int
-    x: Array | None  # (n,) of the platform
-    q: Array | None  # (nq,)
-    twist: Array | None  # (n,) t_s, see `twist_norm`
-    leg_end: float = np.inf  # in the same unit, if the ray that ends first does so at Type 1; else inf
+    leg_end: float  # [unit] if the ray that ends first does so at Type 1; else inf
+    distance: float = np.inf  # [unit] of the nearest pose; inf: none found
+    x: Array | None = None  # (n,) of the platform
+    q: Array | None = None  # (nq,)
+    twist: Array | None = None  # (n,) t_s, see `twist_norm`
 
     @property
     def status(self) -> str:
-        """The sentence about the margin."""
+        """The margin, proved and found, in a sentence."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -77,12 +75,14 @@ class NearestSingularPose(ReadOnlyArrays):
 def nearest_singular_pose(
     robot: ParallelRobot, q: ArrayLike, *, within: float | None = None, max_cells: int = MAX_CELLS
 ) -> NearestSingularPose:
-    """Find the nearest Type 2 singular pose to an assembled configuration q (nq,), on its working mode.
+    """Find the nearest Type 2 pose to an assembled configuration q (nq,).
+
+    On its working mode.
 
     Args:
         within: largest distance of the search [m if all coordinates are translations, rad if all are turns,
             else robot lengths and rad], by default half a robot length or 0.5 rad.
-        max_cells: largest number of cells of the proof, see `regular_ball`.
+        max_cells: largest number of cells of the proof, see `prove_regular_ball`.
 
     Raises:
         InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
@@ -103,18 +103,14 @@ def nearest_singular_pose(
     directions = _directions(robot.n)
     crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
     nearest = _nearest_foot(robot, crossed, centre, reach)
-    leg_end = _leg_end_distance(robot, ended, centre)
+    leg_end = _type_1_distance(robot, ended, centre)
     radius = reach if nearest is None else nearest.distance
-    proved = regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
+    proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
     margin = NearestSingularPose(
-        distance=np.inf,
         at_least=proved * unit_length,
         unit=unit,
         within=reach * unit_length,
         rays=len(directions),
-        x=None,
-        q=None,
-        twist=None,
         leg_end=leg_end * unit_length,
     )
     if nearest is None:
@@ -124,7 +120,10 @@ def nearest_singular_pose(
 
 
 class Stretches(NamedTuple):
-    """Stretches of K rays: from a reached pose to a point not reached, or with another sign of g."""
+    """Stretches of K rays at whose ends g changes its sign, or the branch ends.
+
+    Each leads from a reached pose to a point with another sign of g, or not reached.
+    """
 
     q: Array  # (K, nq) at the start
     start: Array  # (K, n) platform coordinates
@@ -140,7 +139,7 @@ class Foot(NamedTuple):
 
 
 def _directions(n: int) -> Array:
-    """Return unit vectors (K, n), spread evenly.
+    """Return evenly spread unit vectors (K, n).
 
     In the plane they are on a circle, in space on a spiral: heights z are equidistant, so that bands of equal
     height have equal areas, and the golden angle is between neighbours. In one and more than three dimensions
@@ -160,7 +159,7 @@ def _directions(n: int) -> Array:
     return np.concatenate([np.eye(n), -np.eye(n), random])
 
 
-def _sign(robot: ParallelRobot, q: Array) -> Array:
+def _sign_of_g(robot: ParallelRobot, q: Array) -> Array:
     """Compute the sign of g (T,) at q (T, nq)."""
     return np.linalg.slogdet(type2_matrix(robot, linearised_at(robot, q, None)))[0]
 
@@ -168,15 +167,15 @@ def _sign(robot: ParallelRobot, q: Array) -> Array:
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
 ) -> tuple[Stretches, Stretches]:
-    """Follow rays (K, n) step by step; return the stretches where g changes its sign, and where branches end.
+    """Follow rays (K, n) step by step to sign changes of g or ends of branches.
 
-    A ray is followed no farther than its first such stretch.
+    Return the stretches of both kinds. A ray is followed no farther than its first such stretch.
     """
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(rays))  # rays that go on
     all_q = np.repeat(q[None], len(rays), axis=0)
-    sign = _sign(robot, q[None])[0]
+    sign = _sign_of_g(robot, q[None])[0]
     crossed: list[Stretches] = []
     ended: list[Stretches] = []
     for k in range(count):
@@ -184,7 +183,7 @@ def _follow_rays(
         step = step_poses(robot, all_q[live], start, end, STEP_PARTS)
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
-        is_crossed[is_reached] = _sign(robot, step.q[is_reached]) != sign
+        is_crossed[is_reached] = _sign_of_g(robot, step.q[is_reached]) != sign
         stretches = Stretches(all_q[live], start, end)
         crossed.append(select(stretches, is_crossed))
         ended.append(select(stretches, ~is_reached))
@@ -196,57 +195,59 @@ def _follow_rays(
 
 
 def _nearest_foot(robot: ParallelRobot, crossed: Stretches, x: Array, reach: float) -> Foot | None:
-    """Return the nearest singular pose to x (n,) found from stretches where g changes its sign, within reach.
+    """Find the nearest singular pose to x (n,) within reach, from sign changes of g.
 
     Candidates are foot points, and the nearest sign change itself if g is zero there to rounding.
     """
-    hits = _advance_to_ends(robot, crossed, x, by_sign=True)
+    hits = _locate_ends(robot, crossed, x, by_sign=True)
     feet = [_find_foot(robot, hit, x) for hit in hits[:MAX_STARTS]]
     feet += [hit for hit in hits if _is_singular(robot, hit)][:1]
     within_reach = [foot for foot in feet if foot is not None and foot.distance <= reach]
     return min(within_reach, key=lambda foot: foot.distance, default=None)
 
 
-def _leg_end_distance(robot: ParallelRobot, ended: Stretches, x: Array) -> float:
-    """Return the distance from x (n,) of the nearest Type 1 pose at the end of a branch; infinite without."""
-    ends = _advance_to_ends(robot, ended, x, by_sign=False)
+def _type_1_distance(robot: ParallelRobot, ended: Stretches, x: Array) -> float:
+    """Compute the distance of x (n,) from the nearest Type 1 end; infinite without."""
+    ends = _locate_ends(robot, ended, x, by_sign=False)
     return min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
 
 
 def _join_nearest(stretches: list[Stretches], robot: ParallelRobot, x: Array) -> Stretches:
-    """Join stretches that start within FAR_RATIO times the distance of the nearest end from x."""
+    """Join stretches that start no farther than FAR_RATIO times the nearest end."""
     joined = join(stretches)
-    start, end = _distances(robot, joined.start, x), _distances(robot, joined.end, x)
+    start, end = _platform_distances(robot, joined.start, x), _platform_distances(robot, joined.end, x)
     return select(joined, start <= FAR_RATIO * end.min(initial=np.inf))
 
 
-def _distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
-    """Compute the distances (...) of y (..., n) from x (n,) [robot lengths, rad]."""
+def _platform_distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
+    """Compute distances (...) of y (..., n) from x (n,) [robot lengths, rad]."""
     return np.linalg.norm((y - x) / robot.platform_scale, axis=-1)
 
 
-def _advance_to_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by_sign: bool) -> list[Foot]:
-    """Find the last poses before branches end, or before g changes its sign, the nearest first.
+def _locate_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by_sign: bool) -> list[Foot]:
+    """Find the last poses before sign changes or ends of branches, nearest first.
 
     All are found coarsely by few halvings, then the nearest to rounding.
     """
-    coarse = _advance(robot, stretches, by_sign=by_sign, halvings=COARSE_HALVINGS)
-    order = np.argsort(_distances(robot, coarse.start, x), kind="stable")
+    coarse = _bisect_stretches(robot, stretches, by_sign=by_sign, halvings=COARSE_HALVINGS)
+    order = np.argsort(_platform_distances(robot, coarse.start, x), kind="stable")
     nearest = select(coarse, order[:1])
-    fine = _advance(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
+    fine = _bisect_stretches(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
-    distances = map(float, _distances(robot, ends.start, x))
+    distances = map(float, _platform_distances(robot, ends.start, x))
     return [Foot(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
 
 
-def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int) -> Stretches:
-    """Advance the starts of stretches towards an end of the branch, or a sign change of g, by bisection.
+def _bisect_stretches(
+    robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int
+) -> Stretches:
+    """Advance the starts of stretches towards the sign change or end, by bisection.
 
     `share` of a stretch is done. A step of `size` is repeated while it is accepted, and halved when it is
     refused: near an end a long step is not trusted where a shorter one is.
     """
     q, start, end = (part.copy() for part in stretches)
-    sign, share, size = _sign(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
+    sign, share, size = _sign_of_g(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
         next_share = (share + size)[live]
         direction = (end - start)[live]
@@ -255,7 +256,7 @@ def _advance(robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvi
         step = step_poses(robot, q[live], origin, target)
         accepted = (step.reason == PoseReason.REACHED) & (next_share < 1.0)
         if by_sign:
-            accepted[accepted] = _sign(robot, step.q[accepted]) == sign[live[accepted]]
+            accepted[accepted] = _sign_of_g(robot, step.q[accepted]) == sign[live[accepted]]
         q[live[accepted]], share[live[accepted]] = step.q[accepted], next_share[accepted]
         size[live[~accepted]] *= 0.5
     return Stretches(q, start + (end - start) * share[:, None], end)
@@ -279,7 +280,7 @@ def _measure(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
-    """Find the foot point of x by Newton's method from a start on the locus; None without convergence.
+    """Find the foot point of x (n,) by Newton's method; None without convergence.
 
     Each step is the one of the module's docstring, shortened to RAY_STEP; slopes of g are central
     differences.
@@ -296,9 +297,9 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         if not float(a @ a) > 0:
             return None
         target = x + scale * a * (a @ ((y - x) / scale) - g[0]) / float(a @ a)
-        distance = float(_distances(robot, target, y))
+        distance = float(_platform_distances(robot, target, y))
         if distance < NEWTON_STEP:
-            return Foot(float(_distances(robot, y, x)), y, q) if abs(g[0]) < RANK_LOST else None
+            return Foot(float(_platform_distances(robot, y, x)), y, q) if abs(g[0]) < RANK_LOST else None
         next_y = y + min(1.0, RAY_STEP / distance) * (target - y)
         step = step_poses(robot, q[None], y[None], next_y[None], STEP_PARTS)
         if step.reason[0] != PoseReason.REACHED:

@@ -26,7 +26,7 @@ START_DISTANCE = 0.2  # [robot lengths, rad] between starts
 
 
 def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
-    """Find a pose nearest to platform coordinates x (n,) within the ranges of the joints.
+    """Find a pose nearest to platform coordinates x (n,) within the joints' ranges.
 
     It is joined to the reference by steps within the ranges, on each of which every leg keeps its working
     mode. Type 2 singularities may lie between. It is the nearest of a few local searches, without a proof
@@ -49,7 +49,10 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
 
 
 def _choose_starts(offsets: Array) -> list[int]:
-    """Choose poses by offsets (S, n) from the target: the nearest, apart from one another."""
+    """Choose the starts nearest to the target, at some distance from each other.
+
+    `offsets` (S, n) are from the target. Return indices.
+    """
     starts: list[int] = []
     distances = np.linalg.norm(offsets, axis=1)
     while len(starts) < STARTS and np.isfinite(distances).any():
@@ -61,12 +64,13 @@ def _choose_starts(offsets: Array) -> list[int]:
 
 @lru_cache(maxsize=8)
 def _pose_search(robot: ParallelRobot, thread: int) -> PoseSearch:
+    """Return the search of a robot; one for each thread."""
     return PoseSearch(robot)
 
 
 @lru_cache(maxsize=8)
 def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
-    """Sample poses q (S, nq) at x (S, n) that are joined to the reference within the joints' ranges."""
+    """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges."""
     random = np.random.default_rng(0)
     q, x = (np.repeat(part[None], WALKS, axis=0) for part in (robot.reference.q, robot.reference.x))
     walked, direction, is_stopped = [(q[:1], x[:1])], np.zeros_like(x), np.ones((WALKS, 1), dtype=bool)

@@ -30,7 +30,7 @@ CIRCLE_RADII = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
 @dataclass(frozen=True, eq=False)
 class AssemblyModeChange(ReadOnlyArrays):
-    """A closed way of the motors at the end of which the platform is somewhere else."""
+    """A closed course of the motors that ends in another pose of the platform."""
 
     cusp: LocusPoint
     motors: Array  # (T, n_a) joint side; the last are the first
@@ -40,12 +40,12 @@ class AssemblyModeChange(ReadOnlyArrays):
 
     @property
     def clearance(self) -> float:
-        """The least |g| on the way."""
+        """Least |g| on the course."""
         return float(np.abs(self.g).min())
 
 
-def assembly_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange | None:
-    """Find the change of assembly mode around a cusp of a locus that was traced in two motors.
+def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange | None:
+    """Find the change of assembly mode around a cusp of a locus in two motors.
 
     None where no circle leads from one assembly mode to another, because it meets another part of the locus.
 
@@ -72,7 +72,7 @@ def assembly_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeCh
 
 
 def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
-    """Return the curve that has this cusp."""
+    """Return the curve of the locus that has this cusp."""
     for curve in locus.curves:
         if any(point is cusp for point in curve.cusps):
             return curve
@@ -80,7 +80,7 @@ def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
 
 
 def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
-    """Return the direction (n_a,) in the space of the motors into which a cusp opens."""
+    """Compute the direction (n_a,) of the motors into which a cusp opens."""
     scale = robot.column_scale if robot.model.nq == robot.model.nv else 1.0
     distance = np.linalg.norm((curve.q - cusp.q) / scale, axis=1)
     k = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))
@@ -90,7 +90,7 @@ def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint
 
 
 def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:
-    """Follow motors (T, n_a) from each of the three modes beside the cusp until one changes."""
+    """Follow motors (T, n_a) from the modes beside the cusp; return the first change."""
     scale = robot.platform_scale
     modes = assembly_modes(robot, motors[0]).modes
     nearest = sorted(modes, key=lambda mode: float(np.linalg.norm((mode.x - cusp.x) / scale)))[:3]

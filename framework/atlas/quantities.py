@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from framework.singularity.distances import Distances, singularity_distances
 
 @dataclass(frozen=True, eq=False)
 class Poses(ReadOnlyArrays):
-    """T assembled configurations with the values that several quantities share."""
+    """T assembled configurations, with values that several quantities need."""
 
     robot: ParallelRobot
     q: Array  # (T, nq)
@@ -35,29 +35,31 @@ class Poses(ReadOnlyArrays):
 
     @cached_property
     def distances(self) -> Distances:
+        """Distances from singularities."""
         return singularity_distances(self.robot, self.linearised)
 
     @cached_property
-    def free(self) -> CompliantMotions:
+    def compliance(self) -> CompliantMotions:
+        """Motions that springs allow with locked motors."""
         return compliant_motions(self.robot, self.linearised, self.q)
 
     @cached_property
     def loaded(self) -> LoadedStack:
+        """The poses deflected by weight and wrench."""
         return loaded_stack(self.robot, self.q, wrench=self.wrench)
 
     def mask_loaded(self, values: Array) -> Array:
-        """Return values (T,) of the loaded poses, NaN where the load is not carried."""
+        """Return values (T,), NaN where the load is not carried."""
         return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a map: `name` in words, `unit` as printed, and the function `of` of its values (T,)."""
+    """A quantity of a map: `name` in words, `unit` as printed."""
 
     key: str
     name: str
     unit: str
-    of: Callable[[Poses], Array]
     large_is_good: bool = True
     decades: bool = False  # drawn on a logarithmic scale
     signed: bool = False
@@ -71,20 +73,12 @@ class Quantity:
         """Whether the quantity depends on the wrench."""
         return self.loaded or self.holding
 
-    def __reduce__(self) -> tuple[Callable[..., Quantity], tuple[str, tuple[float, ...] | None]]:
-        return quantity_of_key, (self.key, self.wrench)  # lambdas cannot be pickled
 
+def holding_torque_ratio(poses: Poses) -> Array:
+    """Compute the largest motor torque at rest over its limit (T,).
 
-def quantity_of_key(key: str, wrench: tuple[float, ...] | None) -> Quantity:
-    """Return the quantity of this key with a wrench; KeyError for an unknown key."""
-    return replace(QUANTITIES[key], wrench=wrench)
-
-
-def holding_share(poses: Poses) -> Array:
-    """Compute the largest motor torque at rest over its limit (T,); motors without a limit do not count.
-
-    The torques balance weight, springs and wrench at the deflections of q, without dry friction. They grow
-    without bound towards Type 2.
+    Motors without a limit do not count. The torques balance weight, springs and wrench at the deflections of
+    q, without dry friction. They grow without bound towards Type 2.
     """
     robot, forces = poses.robot, static_forces(poses.robot, poses.q)
     if poses.wrench is not None:
@@ -98,24 +92,12 @@ def holding_share(poses: Poses) -> Array:
 QUANTITIES = {
     quantity.key: quantity
     for quantity in (
-        Quantity(
-            "g",
-            "signed measure of Type 2 singularity, g",
-            "1",
-            lambda poses: poses.distances.g,
-            signed=True,
-        ),
-        Quantity(
-            "conditioning",
-            "conditioning, least singular value of A",
-            "1, lengths in robot lengths",
-            lambda poses: poses.distances.sigma_A,
-        ),
+        Quantity("g", "signed measure of Type 2 singularity, g", "1", signed=True),
+        Quantity("conditioning", "conditioning, least singular value of A", "1, lengths in robot lengths"),
         Quantity(
             "torque",
             "worst motor torques against a unit force, 2-norm",
             "N m/N",
-            lambda poses: poses.distances.motor_torque_norm,
             large_is_good=False,
             decades=True,
         ),
@@ -123,7 +105,6 @@ QUANTITIES = {
             "single_torque",
             "worst torque of a single motor against a unit force",
             "N m/N",
-            lambda poses: poses.distances.motor_torque_largest,
             large_is_good=False,
             decades=True,
         ),
@@ -131,38 +112,24 @@ QUANTITIES = {
             "joint_torque",
             "worst torques behind the gears against a unit force, 2-norm",
             "N m/N",
-            lambda poses: poses.distances.torque_norm,
             large_is_good=False,
             decades=True,
         ),
         Quantity(
-            "holding",
-            "largest motor torque at rest over its limit",
-            "1",
-            holding_share,
-            large_is_good=False,
-            holding=True,
+            "holding", "largest motor torque at rest over its limit", "1", large_is_good=False, holding=True
         ),
         Quantity(
             "stiffness",
             "stiffness in the softest direction, motors locked",
             "N/m",
-            lambda poses: least_stiffness(poses.robot, poses.free),
             decades=True,
             springs=True,
         ),
-        Quantity(
-            "frequency",
-            "first natural frequency, motors locked",
-            "Hz",
-            lambda poses: locked_motor_frequency(poses.free),
-            springs=True,
-        ),
+        Quantity("frequency", "first natural frequency, motors locked", "Hz", springs=True),
         Quantity(
             "loaded_stiffness",
             "stiffness under load in the softest direction, motors locked",
             "N/m",
-            lambda poses: poses.mask_loaded(least_stiffness(poses.robot, poses.loaded.free)),
             decades=True,
             springs=True,
             loaded=True,
@@ -171,18 +138,29 @@ QUANTITIES = {
             "loaded_frequency",
             "first natural frequency under load, motors locked",
             "Hz",
-            lambda poses: poses.mask_loaded(locked_motor_frequency(poses.loaded.free)),
             springs=True,
             loaded=True,
         ),
     )
+}
+_VALUES: Mapping[str, Callable[[Poses], Array]] = {  # (T,) by the quantity's key
+    "g": lambda poses: poses.distances.g,
+    "conditioning": lambda poses: poses.distances.sigma_A,
+    "torque": lambda poses: poses.distances.motor_torque_norm,
+    "single_torque": lambda poses: poses.distances.motor_torque_largest,
+    "joint_torque": lambda poses: poses.distances.torque_norm,
+    "holding": holding_torque_ratio,
+    "stiffness": lambda poses: least_stiffness(poses.robot, poses.compliance),
+    "frequency": lambda poses: locked_motor_frequency(poses.compliance),
+    "loaded_stiffness": lambda poses: poses.mask_loaded(least_stiffness(poses.robot, poses.loaded.free)),
+    "loaded_frequency": lambda poses: poses.mask_loaded(locked_motor_frequency(poses.loaded.free)),
 }
 
 
 def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return g, from which the locus is drawn, and the quantities named.
+    """Return the named quantities, and g, from which the locus is drawn.
 
     By default conditioning, torque of a platform that translates, and stiffness and frequency of a robot with
     springs.
@@ -229,12 +207,15 @@ def choose_quantities(
 
 
 def has_torque_limits(robot: ParallelRobot) -> bool:
-    """Whether any motor has a limit of torque."""
+    """Return whether any motor has a limit of torque."""
     return any(actuator.torque_limit is not None for actuator in robot.description.actuators)
 
 
-def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
-    """Return the unit of a quantity for this robot: motors may slide, and a platform may only turn."""
+def quantity_unit(robot: ParallelRobot, quantity: Quantity) -> str:
+    """Return the unit of a quantity for this robot.
+
+    Motors may slide, and a platform may only turn.
+    """
     if quantity.key.endswith("torque"):
         if quantity.key == "joint_torque":
             units = {"N" if slides else "N m" for slides in robot.sliding[robot.actuated]}
@@ -249,7 +230,7 @@ def unit_of(robot: ParallelRobot, quantity: Quantity) -> str:
 def quantity_values(
     robot: ParallelRobot, quantities: Sequence[Quantity], q: Array, linearised: LinearisedLoops
 ) -> dict[str, Array]:
-    """Compute the values (T,) of quantities at assembled configurations q (T, nq), by key.
+    """Compute the values (T,) of quantities at configurations q (T, nq), by key.
 
     If a quantity is under load, the key "load" has the `LoadReason` of each configuration.
     """
@@ -257,7 +238,9 @@ def quantity_values(
     wrench = None if load is None else np.array(load)
     poses = Poses(robot, q, linearised, wrench)
     with np.errstate(all="ignore"):  # infinite at Type 2
-        values = {quantity.key: np.asarray(quantity.of(poses), dtype=float) for quantity in quantities}
+        values = {
+            quantity.key: np.asarray(_VALUES[quantity.key](poses), dtype=float) for quantity in quantities
+        }
     if any(quantity.loaded for quantity in quantities):
         values["load"] = poses.loaded.reason
     return values

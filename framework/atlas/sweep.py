@@ -32,8 +32,11 @@ STEP_PARTS = 4  # of a step that is too long to be trusted, with the last stride
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
+ReasonArray = NDArray[np.uint8]  # of `PoseReason`
+
+
 class PoseReason(IntEnum):
-    """The reason why a pose has no value; the largest of all its neighbours' steps."""
+    """Reasons why a pose has no value; a larger one replaces a smaller."""
 
     REACHED = 0
     NO_NEIGHBOUR = 1  # no neighbour is reached
@@ -53,10 +56,10 @@ class StepEnds(NamedTuple):
     """The ends of steps from T poses."""
 
     q: Array  # (T, nq)
-    reason: NDArray[np.uint8]  # (T,) `PoseReason`
+    reason: ReasonArray  # (T,) `PoseReason`
 
 
-def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], strides: IntArray) -> None:
+def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, strides: IntArray) -> None:
     """Assemble the poses of a grid from their neighbours, in place.
 
     A pose whose reason is NO_NEIGHBOUR is tried from each reached neighbour until one succeeds. Poses with
@@ -73,13 +76,13 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8
     for stride in strides:
         lattice = np.s_[::stride, ::stride]
         parts = STEP_PARTS if stride == strides[-1] else 1
-        _fill(robot, x[lattice], q[lattice], reason[lattice], missing[lattice], parts)
+        _fill_lattice(robot, x[lattice], q[lattice], reason[lattice], missing[lattice], parts)
 
 
-def _fill(
-    robot: ParallelRobot, x: Array, q: Array, reason: NDArray[np.uint8], wanted: BoolArray, parts: int
+def _fill_lattice(
+    robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, wanted: BoolArray, parts: int
 ) -> None:
-    """Fill one lattice of a grid (views of the whole), wave by wave; see `fill_grid`.
+    """Fill one lattice of a grid (views of the whole), wave by wave.
 
     In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
     not been tried yet, in a number of equal parts. Of several reasons for failure the larger one stays.
@@ -90,7 +93,7 @@ def _fill(
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)
         for k, (down, right) in enumerate(DIRECTIONS):
-            chosen = _shift(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
+            chosen = _neighbour_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
             untried[k] &= ~chosen
             is_target |= chosen
             sources[chosen] = np.argwhere(chosen) - (down, right)
@@ -103,14 +106,14 @@ def _fill(
         reason[target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[target], step.reason))
 
 
-def _shift(mask: BoolArray, down: int, right: int) -> BoolArray:
+def _neighbour_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
     """Return the mask (I, J) of poses whose neighbour at -(down, right) is in `mask`."""
     rows, columns = mask.shape
     return np.pad(mask, 1)[1 - down :, 1 - right :][:rows, :columns]
 
 
 def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: int = 1) -> StepEnds:
-    """Assemble configurations at platform coordinates `end` (T, n), from q (T, nq) at `start` (T, n).
+    """Continue configurations q (T, nq) at `start` (T, n) to platform `end` (T, n).
 
     A step that closes the loops but is not trusted is tried again in `parts` equal steps.
     """
@@ -132,47 +135,61 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
 
 
 def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> StepEnds:
-    """Assemble configurations at `end` (T, n), from q (T, nq) at `start` (T, n), in one step each.
+    """Continue configurations q (T, nq) from `start` to `end` (T, n) in one step.
 
-    A step is accepted if its correction is small beside the prediction, if the working mode is the same at
-    both ends, and if the tangent turns no more than the correction explains, or no branches cross there.
+    A step is accepted if its correction is small beside the prediction, and if it ends in the same working
+    mode and on the same branch.
     """
     linearised = linearised_at(robot, q, start)
-    twist = robot.platform.twist(start, end - start)[0]
-    move = joint_rates(robot, linearised, twist, np.zeros((len(q), robot.n_e)))
+    start_twist, end_twist = (robot.platform.twist(x, end - start)[0] for x in (start, end))
+    move = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
     predicted = integrate(robot, q, move)
     corrected, end_linearised, closed = close_each(
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
     )
+    reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     with np.errstate(invalid="ignore"):
         correction = np.abs(difference(robot, predicted, corrected) / robot.column_scale).max(axis=1)
         advance = np.abs(move / robot.column_scale).max(axis=1)
-        has_same_sign = keeps_sign(linearised.factors.slogdet, end_linearised.factors.slogdet)
-        same_mode = np.array(
-            [
-                k
-                for k in np.flatnonzero(closed & is_small(correction, advance)).tolist()
-                if has_same_sign[k]
-                or keeps_working_mode(robot, linearised.select(k), end_linearised.select(k))[0]
-            ],
-            dtype=np.intp,
+        is_near = closed & is_small(correction, advance)
+        same_mode = np.flatnonzero(_keep_working_mode(robot, linearised, end_linearised, is_near))
+        is_same_branch = _keep_branch(
+            robot,
+            end_linearised.select(same_mode),
+            end_twist[same_mode],
+            move[same_mode],
+            correction[same_mode],
+            advance[same_mode],
         )
-        turn = _tangent_turn(
-            robot, end_linearised, same_mode, robot.platform.twist(end, end - start)[0], move
-        )
-        refused = ~is_straight(turn, correction[same_mode], advance[same_mode])
-        refused[refused] = (
-            count_lost_ranks(robot, end_linearised.select(same_mode[refused]), BRANCHES_CROSS) > 0
-        )
-    reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
-    reason[same_mode[~refused]] = PoseReason.REACHED
+    reason[same_mode[is_same_branch]] = PoseReason.REACHED
     return StepEnds(corrected, reason)
 
 
-def _tangent_turn(
-    robot: ParallelRobot, linearised: LinearisedLoops, steps: IntArray, twist: Array, move: Array
-) -> Array:
-    """Return the largest change (k,) of joint moves between the tangents at start and end."""
-    no_deflection = np.zeros((len(steps), robot.n_e))
-    end_move = joint_rates(robot, linearised.select(steps), twist[steps], no_deflection)
-    return np.abs((end_move - move[steps]) / robot.column_scale).max(axis=1)
+def _keep_working_mode(
+    robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops, candidates: BoolArray
+) -> BoolArray:
+    """Return the candidates (T,) of steps with one working mode at start and end.
+
+    A determinant of one sign tells; else the modes themselves are compared.
+    """
+    has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
+    is_kept = candidates.copy()
+    for k in np.flatnonzero(candidates & ~has_same_sign).tolist():
+        is_kept[k] = keeps_working_mode(robot, start.select(k), end.select(k))[0]
+    return is_kept
+
+
+def _keep_branch(
+    robot: ParallelRobot, end: LinearisedLoops, twist: Array, move: Array, correction: Array, advance: Array
+) -> BoolArray:
+    """Return which of k steps end on the branch of their start, (k,).
+
+    The tangent turns no more than the correction (k,) explains, beside the advance (k,), or no branches
+    cross at the end. `move` (k, nv) is along the start's tangent, `twist` (k, n) that of the step at its end.
+    """
+    end_move = joint_rates(robot, end, twist, np.zeros((len(move), robot.n_e)))
+    change = np.abs((end_move - move) / robot.column_scale).max(axis=1)
+    is_same = is_straight(change, correction, advance)
+    bent = np.flatnonzero(~is_same)
+    is_same[bent] = count_lost_ranks(robot, end.select(bent), BRANCHES_CROSS) == 0
+    return is_same

@@ -10,7 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
 from framework.cli.writing import written_out
-from framework.fidelity.fidelity_indicators import percent
+from framework.fidelity.fidelity_indicators import format_percent
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
 from framework.model.fidelity_levels import LEVELS
@@ -60,12 +60,12 @@ def run(options: Namespace) -> Report:
     with written_out(options, STUDY_FILE) as folder:
         study, document, lines = _report_study(options)
         if folder is not None:
-            from framework.show.fidelity import plot_fidelity
-            from framework.show.plots import save
+            from framework.show.plots import save_figure
+            from framework.show.study_figures import plot_fidelity
 
             options.progress.start("drawing the figure")
             (folder / STUDY_FILE).write_text(json_text(document))
-            save(lambda: plot_fidelity(study), folder / "fidelity")
+            save_figure(lambda: plot_fidelity(study), folder / "fidelity")
     return document, lines
 
 
@@ -146,7 +146,7 @@ def _percent(share: float) -> str:
         return "-"
     if share >= 10.0:
         return "> 1000 %"
-    return percent(share if share >= ERROR_ROUNDING else 0.0)
+    return format_percent(share if share >= ERROR_ROUNDING else 0.0)
 
 
 def _largest_error(study: FidelityStudy, errors: Array) -> str:

@@ -260,10 +260,10 @@ def _write_raw(
     raw: Any, robot: ParallelRobot, poles: list[float], document: Document, folder: FilePath
 ) -> None:
     """Write raw samples of the torques: table, document and figure."""
-    from framework.show.plots import plot_raw_torques, save
+    from framework.show.plots import plot_raw_torques, save_figure
 
     rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])
     motors, springs = robot.actuator_names, robot.elastic_names
     write_csv(folder / "raw.csv", {"motor_angle": motors, "torque": motors, "deflection": springs}, rows)
     (folder / "raw.json").write_text(json_text(document))
-    save(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")
+    save_figure(lambda: plot_raw_torques(raw, robot, poles), folder / "raw_torques")

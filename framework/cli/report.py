@@ -23,11 +23,13 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> Report:
     """Read a plan, prove its torques anew, and write the page."""
-    from framework.show.captions import plan_name
+    from framework.show.captions import describe_saved_plan
     from framework.show.report import report_page
 
     options.progress.start("proving the plan anew, and drawing the page")
     plan = load_plan(options.folder, robot_file=options.robot_file)
     planned = stated_certificate(options.folder)
-    page = report_page(plan, planned=planned, name=plan_name(plan, Path(options.folder).resolve().name))
+    page = report_page(
+        plan, planned=planned, name=describe_saved_plan(plan, Path(options.folder).resolve().name)
+    )
     return write_page(Path(options.html or Path(options.folder) / "report.html"), page)

@@ -24,14 +24,15 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.cli.writing import written_stepwise
+from framework.control.closed_loop import SENSORS, ControlLoop, Run
 from framework.control.controllers import CONTROLLERS
-from framework.control.run_monitor import SENSORS, ControlLoop, Run
-from framework.control.study import KeptRuns, Study, run_study
-from framework.control.study_setup import FILE, StudySetup, load_study, versions
+from framework.control.study import Study, run_store, run_study
+from framework.control.study_setup import FILE, StudySetup, library_versions, load_study
 from framework.control.variation import Spread
 from framework.errors import FrameworkError, InvalidInput
-from framework.model.documents import naming
+from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
+from framework.numerics.kept import KeptChunks
 from framework.numerics.output import Document, json_text
 from framework.numerics.tasks import executor_of
 
@@ -133,10 +134,11 @@ def run(options: Namespace) -> Report:
         return replay_run(options)
     setup = _setup(options)
     out = None if options.out is None else Path(options.out)
-    stores = {name: KeptRuns.of(out, setup.to_dict(), name) for name in _names(options) if out is not None}
+    stores = {name: run_store(out, setup.to_dict(), name) for name in _names(options) if out is not None}
 
     def count_runs() -> int:
-        return sum(len(chunk) for runs in stores.values() for chunk, _ in runs.read())
+        kept = (arrays for store in stores.values() for arrays in store.read().values())
+        return sum(len(arrays["passed"]) for arrays in kept)
 
     unit = f"of {options.runs * len(stores)} runs"
     with written_stepwise(options, FILE, count_runs, unit) as folder:
@@ -178,7 +180,7 @@ def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Docum
     if options.controller or not failed:
         return {}
     try:
-        passed = setup.count_passes(FEEDBACK, failed)
+        passed = int(setup.run(FEEDBACK, *failed).passed.sum())
     except FrameworkError:  # this controller is not for every robot
         return {}
     return {"with_feedback": {"controller": FEEDBACK, "runs": len(failed), "passed": passed}}
@@ -198,7 +200,7 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
     return document, _lines(document)
 
 
-def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptRuns]) -> list[Study]:
+def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks]) -> list[Study]:
     """Run one study for each controller, by several processes."""
     controllers = {name: setup.controller(name) for name in _names(options)}
     studies: list[Study] = []
@@ -266,8 +268,8 @@ def _lines(document: Document) -> list[str]:
 
 def _write(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
     """Write studies into a folder: document, table of runs, and figure."""
-    from framework.show.plots import save
-    from framework.show.robustness import plot_robustness
+    from framework.show.plots import save_figure
+    from framework.show.study_figures import plot_robustness
 
     (folder / FILE).write_text(json_text(document))
     with open(folder / "runs.csv", "w", encoding="utf-8", newline="") as file:
@@ -280,7 +282,7 @@ def _write(setup: StudySetup, studies: list[Study], document: Document, folder: 
                 [study.controller, study.seed, k, int(passed), *numbers[k].tolist(), study.why[k]]
                 for k, passed in enumerate(study.passed)
             )
-    save(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
+    save_figure(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
 
 
 _STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}
@@ -313,13 +315,13 @@ def replay_run(options: Namespace) -> Report:
         if key not in OF_A_REPLAY and value != defaults[key]:
             raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
-    with naming(Path(options.robot) / FILE, InvalidInput):
+    with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
     name, failures = _chosen_study(options.controller, stated["studies"])
     number, runs = options.replay, stated["runs"]
     if number >= runs:
         raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
-    run, seed = setup.run(name, number), [setup.seed, number]
+    run, seed = setup.run(name, number, record=True), [setup.seed, number]
     written = [failure for failure in failures if failure.get("seed") == seed]
     document = {
         "robot": setup.plan.robot.name,
@@ -329,7 +331,7 @@ def replay_run(options: Namespace) -> Report:
         "peak_torque": run.peak_torque.max(),
         "payload": run.payload[0],
         "as_written": written == ([] if run.passed[0] else [_failure(run, 0, seed)]),
-        "versions": {"then": stated["versions"], "now": versions()},
+        "versions": {"then": stated["versions"], "now": library_versions()},
     }
     return document, _describe_replay(document)
 

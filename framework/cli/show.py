@@ -66,10 +66,12 @@ def run(options: Namespace) -> Report:
 
 def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
     """Write a page to a file and report its scenes; `chosen`: a scene was chosen for want of a name."""
-    from framework.show.captions import display_name, parts
+    from framework.show.captions import describe_flexibility, display_name
 
     document, (written,) = write_page(FilePath(file), page)
-    scenes = ", ".join(f"{film.name or 'the motion asked for'} ({parts(film)})" for film in films)
+    scenes = ", ".join(
+        f"{film.name or 'the motion asked for'} ({describe_flexibility(film)})" for film in films
+    )
     lines = [f"no scene given: filmed {films[0].name}"] if chosen else []
     lines.append(f"{display_name(films[0].robot.name)}, {scenes}: {written}")
     entries = [
@@ -80,12 +82,12 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
 
 def _films(options: Namespace) -> list[Film]:
     """Film the motions asked for; return none where the robot is moved by hand."""
-    from framework.show.captions import plan_name
+    from framework.show.captions import describe_saved_plan
     from framework.show.film import film_plan
 
     saved = arguments.saved_plan(options)
     if saved is not None:
-        return [film_plan(saved, name=plan_name(saved, FilePath(options.robot).resolve().name))]
+        return [film_plan(saved, name=describe_saved_plan(saved, FilePath(options.robot).resolve().name))]
     line = any(value is not None for value in (options.start, options.end, options.via))
     if options.scenes is None and not line:
         flags = {name: option.flag for name, option in TYPED.items()} | arguments.WRENCH_FLAGS

@@ -12,7 +12,7 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_number, add_out, add_path_and_motion, add_robot_or_plan, command
 from framework.cli.writing import written_out
 from framework.errors import InvalidInput, NoAnswer
-from framework.identification.sensors import Sensors, record_sensors, sensors_of
+from framework.identification.sensors import Sensors, make_sensors, record_sensors
 from framework.numerics.output import json_text, write_csv
 from framework.planning.result import CrossingPlan
 from framework.simulation import Simulation, simulate
@@ -89,7 +89,7 @@ def _sensors(options: Namespace) -> Sensors | None:
         return None
     if options.out is None:
         raise InvalidInput("--sensors: writes sensors.csv into a folder; give --out").advising({"out": "run"})
-    return sensors_of(arguments.named_numbers("--sensors", options.sensors, "NAME=VALUE"))
+    return make_sensors(arguments.named_numbers("--sensors", options.sensors, "NAME=VALUE"))
 
 
 def _unit(result: Simulation) -> tuple[str, float]:

@@ -16,17 +16,21 @@ from framework.atlas.design_study import (
     DesignStudy,
     StudyTask,
     design_study,
-    designs_of,
+    read_designs,
     study_setup,
     write_study,
 )
 from framework.atlas.map_files import DOCUMENT, map_document, setup_document, write_map
 from framework.atlas.nearest import NearestSingularPose, nearest_singular_pose
-from framework.atlas.quantities import QUANTITIES, choose_quantities, has_torque_limits, unit_of
-from framework.atlas.ranges import check_reference, check_window, restrict_to_ranges
-from framework.atlas.survey import EDGE_POSES, survey_window
-from framework.atlas.window import MAX_EDGE_POSES, Window, held_coordinates, map_axes
-from framework.atlas.workspace_map import WorkspaceMap, workspace_map
+from framework.atlas.quantities import QUANTITIES, choose_quantities, has_torque_limits, quantity_unit
+from framework.atlas.survey import EDGE_POSES, MAX_EDGE_POSES, Window, map_axes, map_point, survey_window
+from framework.atlas.workspace_map import (
+    WorkspaceMap,
+    check_reference,
+    check_window,
+    restrict_to_ranges,
+    workspace_map,
+)
 from framework.catalogue import robot_file
 from framework.cli import arguments
 from framework.cli.parser import (
@@ -214,9 +218,7 @@ def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Wind
     if options.window is None:
         return survey_window(robot, axes=axes, at=centre, size=size, keep_limits=options.keep_limits)
     bounds = np.array(finite_window(options))
-    return Window(
-        map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), held_coordinates(robot, centre)
-    )
+    return Window(map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
 
 
 def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
@@ -244,7 +246,7 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
     for quantity in workspace.quantities:
         entry = document["quantities"][quantity.key]
         cells = ("-" if entry[key] is None else f"{entry[key]:.3g}" for key in STATISTICS)
-        lines.append("\t".join([f"  {quantity.name} [{unit_of(robot, quantity)}]", *cells]))
+        lines.append("\t".join([f"  {quantity.name} [{quantity_unit(robot, quantity)}]", *cells]))
     if margin is not None:
         lines += _margin_lines(robot, margin)
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "twist")
@@ -276,7 +278,7 @@ def report_design_study(options: Namespace) -> Report:
         if getattr(options, key) is not None:
             raise InvalidInput(f"--{key}: not for a study, whose robots have values of their own")
     file = robot_file(options.robot)
-    designs = designs_of(file, options.table)
+    designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
     first, second = map_axes(robot, None if options.over is None else tuple(options.over))
     task = StudyTask(
@@ -298,12 +300,12 @@ def report_design_study(options: Namespace) -> Report:
         with executor_of(workers=options.workers, dask=options.dask) as executor:
             study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:
-            from framework.show.design_study import plot_study
-            from framework.show.plots import save
+            from framework.show.plots import save_figure
+            from framework.show.study_figures import plot_study
 
             write_study(study, folder)
             options.progress.start("drawing the figure")
-            save(lambda: plot_study(study), folder / "study")
+            save_figure(lambda: plot_study(study), folder / "study")
     return _report_study(study, robot.name)
 
 

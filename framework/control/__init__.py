@@ -6,17 +6,16 @@
 Open `study` first (many runs), then `closed_loop` (one sampling period after the other).
 `tuned_controller` makes one of `CONTROLLERS` for a plan, `run_closed_loop` drives robots that differ from the
 model as `Spread` says, `run_study` draws and judges many of them, and `load_study` reads what `crossing
-robustness --out` wrote. The controllers stand in `controllers`; friction and delay
-act between them and the robot, and `KeptRuns` stores finished runs. A controller of one's own follows the
-protocol `Controller`. `ControlCycle` has the pose and the torques of one robot once a millisecond.
+robustness --out` wrote. The controllers stand in `controllers`; friction and delay act between them and the
+robot, and `run_store` keeps finished runs. `variation` draws robots, `reference` samples the plan, and
+`study_setup` stores a study. A controller of one's own follows the protocol `Controller`. `ControlCycle`
+(control_cycle) has the pose and the torques of one robot once a millisecond.
 """
 
-from framework.control.closed_loop import run_closed_loop
+from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
 from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import CONTROLLERS, tuned_controller
-from framework.control.estimation import Controller, Measurement
+from framework.control.controllers import CONTROLLERS, Controller, Measurement, tuned_controller
 from framework.control.reference import Reference, reference_of
-from framework.control.run_monitor import ControlLoop, Run
 from framework.control.study import Study, run_study
 from framework.control.study_setup import StudySetup, load_study
 from framework.control.variation import Spread, Variation, draw

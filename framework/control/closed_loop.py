@@ -1,24 +1,147 @@
-"""A controller on robots that differ from its model: sampling, delay, noise, saturation, friction."""
+"""A controller on robots that differ from its model: sampling, delay, noise, saturation, friction.
+
+A monitor compares the platforms with the plan, ends lost runs, and says which runs pass.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.control.estimation import Controller, Measurement, RobotState
+from framework.control.controllers import Controller, Measurement, RobotState
 from framework.control.reference import Reference
-from framework.control.run_monitor import PERIODS_PER_CHECK, ControlLoop, Run, RunMonitor
-from framework.control.variation import Spread, Variation, draw_noise, vary
-from framework.errors import InvalidInput, NotAssembled
+from framework.control.variation import Spread, Variation, apply_variation, draw_noise
+from framework.errors import InvalidInput, NotAssembled, check_choice
 from framework.kinematics.frames import integrate
-from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.schemes import State
 from framework.simulation.world_forces import WorldForces
+
+SENSORS = ("motors", "joints")
+MAX_DEVIATION = 1.0  # [robot lengths, rad] from the plan: beyond, the run is over
+PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platform with the plan
+
+
+@dataclass(frozen=True)
+class ControlLoop:
+    """Tolerances, torque limits and sensors of all runs.
+
+    A run passes if the platform is never farther than `tolerance` from the plan and ends within `end` of the
+    end of the path, in robot lengths and radians. `limit` (n_a) are the largest motor torques [N m]; None:
+    the torque limits of the robot file, or ten times the peaks of the plan.
+    """
+
+    tolerance: float = 2.5e-3
+    end: float = 2.5e-3
+    limit: tuple[float, ...] | None = None
+    sensors: str = "motors"  # encoders on the motors, or on all "joints"
+
+    def __post_init__(self) -> None:
+        """Check tolerances and the name of the sensors."""
+        for name in ("tolerance", "end"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name}: must be a positive number, got {value!r}")
+        check_choice("sensors", self.sensors, SENSORS)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcomes(ReadOnlyArrays):
+    """The outcomes of R runs.
+
+    `passed`: the platform came to rest near the end, see `ControlLoop`.
+    """
+
+    passed: BoolArray  # (R,)
+    why: tuple[str, ...]  # (R,) empty for those that passed
+    tracking_error: Array  # (R,) [robot lengths, rad] largest distance from the plan
+    end_error: Array  # (R,) the same at the end
+    peak_torque: Array  # (R, n_a) [N m], motor side
+    payload: Array  # (R,) factor
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run(Outcomes):
+    """R runs that were driven together."""
+
+    x: Array  # (checks, R, n) of the platforms, every PERIODS_PER_CHECK sampling periods
+    torque: Array | None = None  # (K, R, n_a) if it was recorded
+
+
+@dataclass(eq=False)
+class RunMonitor:
+    """Errors and torques of R runs so far, with the reasons of failures."""
+
+    robot: ParallelRobot
+    alive: BoolArray  # (R,) runs that are not over
+    why: list[str]  # (R) reasons of failures
+    worst: Array  # (R,) largest error
+    error: Array  # (R,) last error
+    peak: Array  # (R, n_a) largest torque [N m]
+    positions: list[Array]  # (R, n) of platforms at each check
+    torques: list[Array]  # (R, n_a) of each period, if recorded
+
+    @staticmethod
+    def of(count: int, robot: ParallelRobot) -> RunMonitor:
+        """Return the monitor of `count` runs that have not begun."""
+        return RunMonitor(
+            robot=robot,
+            alive=np.ones(count, bool),
+            why=[""] * count,
+            worst=np.zeros(count),
+            error=np.zeros(count),
+            peak=np.zeros((count, robot.n_a)),
+            positions=[],
+            torques=[],
+        )
+
+    def check(self, time: float, x: Array, planned: Array) -> None:
+        """Compare platforms x (R, n) with the plan (n,); end runs that are too far off."""
+        scale = self.robot.platform_scale
+        self.error = np.nan_to_num(np.abs((x - planned) / scale), nan=MAX_DEVIATION).max(axis=1)
+        self.end(time, ~(self.error < MAX_DEVIATION))
+        self.worst = np.maximum(self.worst, np.where(self.alive, self.error, MAX_DEVIATION))
+        self.positions.append(np.where(self.alive[:, None], x, np.nan))
+
+    def end(self, time: float, runs: BoolArray) -> None:
+        """End the runs of a mask (R,) that are not over yet."""
+        for run in np.flatnonzero(self.alive & runs):
+            self.why[run] = f"lost at t = {time:.4g} s"
+        self.alive = self.alive & ~runs
+
+    def add_torque(self, torque: Array, *, record: bool) -> None:
+        """Update the peaks by torques (R, n_a) of one period; store all if `record`."""
+        self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
+        if record:
+            self.torques.append(torque)
+
+    def conclude(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
+        """Return the runs with the reasons why some did not pass."""
+        error = np.where(self.alive, self.error, MAX_DEVIATION)
+        is_near_plan = self.worst <= loop.tolerance
+        is_near_end = error <= loop.end
+        for run in np.flatnonzero(self.alive & ~is_near_plan):
+            self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
+        for run in np.flatnonzero(self.alive & is_near_plan & ~is_near_end):
+            self.why[run] = f"{error[run]:.3g} off at the end"
+        return Run(
+            passed=self.alive & is_near_plan & is_near_end,
+            why=tuple(self.why),
+            tracking_error=self.worst,
+            end_error=error,
+            peak_torque=self.peak,
+            payload=np.array([variation.payload for variation in variations]),
+            x=np.array(self.positions),
+            torque=np.array(self.torques) if self.torques else None,
+        )
+
 
 MAX_JOINT_STEP = 3.0  # [rad, robot lengths] that a joint may move in one sampling period: more is a runaway
 FRICTION_SMOOTHING = 0.02  # speed over the largest planned motor speed, below which friction is smoothed
@@ -26,7 +149,7 @@ MIN_SPEED = 1e-12  # [rad/s] instead of 0 for motors that stand still all the ti
 
 
 class DelayLine(NamedTuple):
-    """A buffer that delays the torques of each run by its own number of sampling periods."""
+    """A buffer that delays the torques of each run by its own number of periods."""
 
     delays: IntArray  # (R,) [sampling periods]
     past: deque[Array]  # torques (R, n_a) of the last periods
@@ -40,7 +163,10 @@ class DelayLine(NamedTuple):
         return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return the delayed torques, until then the first ones."""
+        """Store commanded torques (R, n_a); return the delayed ones (R, n_a).
+
+        Until a run's delay has passed, these are the first torques.
+        """
         self.past.append(torque)
         if len(self.past) == 1:
             return torque
@@ -49,7 +175,9 @@ class DelayLine(NamedTuple):
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
-    """Return the largest motor torques (n_a,) [N m]: of the loop, of the robot file, or 10 times the plan's.
+    """Return the largest motor torques (n_a,) [N m] of the loop.
+
+    By default those of the robot file, or 10 times the plan's peaks.
 
     Raises:
         InvalidInput: a limit that is no torque.
@@ -88,7 +216,7 @@ def run_closed_loop(
     """
     ref = controller.reference
     limit = torque_limit(controller.reference, loop)
-    robots = _Robots.of(controller, spread, variations)
+    robots = _VariedRobots.of(controller, spread, variations)
     last = len(ref.times) - 1
     delay_line = DelayLine.of(controller, variations)
     monitor = RunMonitor.of(len(variations), ref.robot)
@@ -100,26 +228,26 @@ def run_closed_loop(
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         torque = delay_line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
-        monitor.note_torque(torque, record=record)
+        monitor.add_torque(torque, record=record)
         if k == last or not monitor.alive.any():
             break
         q, v = robots.step(k, q, v, torque)
-        monitor.end(ref.times[k + 1], _find_lost(ref, q, v))
+        monitor.end(ref.times[k + 1], _are_lost(ref, q, v))
         # NaN of one run would spoil the stacked solutions of all: put ended runs back to their start
         is_running = monitor.alive[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
-    return monitor.judge(loop, variations)
+    return monitor.conclude(loop, variations)
 
 
-def _find_lost(ref: Reference, q: Array, v: Array) -> BoolArray:
-    """Return a mask (R,) of the runs whose joints are not finite, or move too far in one period."""
+def _are_lost(ref: Reference, q: Array, v: Array) -> BoolArray:
+    """Return which runs (R,) have joints that are not finite or too fast."""
     is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
     return np.asarray(~(np.isfinite(q).all(axis=1) & is_slow.all(axis=1)))
 
 
-class _Robots(NamedTuple):
-    """R varied robots with their encoders, friction of motors and wrenches of the world."""
+class _VariedRobots(NamedTuple):
+    """R varied robots with encoders, motor friction and wrenches of the world."""
 
     reference: Reference
     stepper: Stepper
@@ -130,13 +258,13 @@ class _Robots(NamedTuple):
     noise: Array | None  # (K, R, 2, nv) of the encoders
 
     @staticmethod
-    def of(controller: Controller, spread: Spread, variations: Sequence[Variation]) -> _Robots:
-        """Return the robots at rest at the start of the plan, loops closed."""
+    def of(controller: Controller, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
+        """Place the robots at rest at the start of the plan, loops closed."""
         ref = controller.reference
         count = len(variations)
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
-            varied_robots = [vary(ref.robot, variation) for variation in variations]
+            varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
             stepper = Stepper.of(varied_robots, like=ref.robot)
             torque = np.tile(ref.torque[0], (count, 1))
             q = np.tile(ref.motion.q[0], (count, 1))
@@ -150,14 +278,14 @@ class _Robots(NamedTuple):
         shares = np.array([variation.friction for variation in variations])
         friction = shares * np.abs(ref.torque).max(axis=0)
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return _Robots(ref, stepper, start, world, friction, smoothing_speed, noise)
+        return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k."""
         return self.reference.robot.platform.unwrap(self.stepper.platform(q, v)[0], self.reference.x[k])
 
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
-        """Return the readings of the encoders at instant k, with their noise.
+        """Read the encoders at instant k, with their noise.
 
         With encoders on all joints their noise moves the measured platform by dx/dq, the pseudo-inverse of
         the planned N = dq/dx.
@@ -178,7 +306,7 @@ class _Robots(NamedTuple):
         return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
-        """Return the states one period after instant k under motor torques (R, n_a).
+        """Compute the states one period after instant k under motor torques (R, n_a).
 
         Wrenches of the world are those in the middle of the period, where the present rates lead.
         """

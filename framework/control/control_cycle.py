@@ -54,10 +54,12 @@ class ControlCycle:
     raises. Springs keep the deflections of the start, as in `forward_kinematics`. The next `update`
     overwrites all arrays; one object serves one thread.
 
-    q, v: all joints (nq,) and their rates (nv,).
-    x, dx: the platform's coordinates (n,), continuous from the start over full turns, and their rates.
-    T: joint rates for unit rates of the motors' joints (nv, n_a).
-    residual: the largest of all loop equations at q, those dropped as redundant included [m or rad].
+    q, v: all joints (nq,) and their rates (nv,). x, dx: the platform's coordinates (n,), continuous from the
+    start over full turns, and their rates. T: joint rates for unit rates of the motors' joints (nv, n_a).
+    residual: the largest of all loop equations at q, those dropped as redundant included [m or rad]. type2:
+    distance from Type 2: 1 / |P^-1| in the 1-norm [rad, robot lengths]. P (m, m) are the passive columns
+        of the loops, with least singular value sigma: it lies in [sigma / sqrt(m), sigma sqrt(m)]. Never
+        negative, as the cycle stays in its assembly mode; infinite without passive joints.
     """
 
     def __init__(self, robot: ParallelRobot, *, near: ArrayLike | Configuration | None = None) -> None:
@@ -86,8 +88,8 @@ class ControlCycle:
         self.q, self.x, self.dx = start.q.copy(), start.x.copy(), np.zeros(robot.n)
         self.v, self.T = np.zeros(robot.model.nv), np.zeros((robot.model.nv, robot.n_a))
         self.residual = 0.0
-        self._determinant, self._type2 = 0.0, 0.0
-        self._linearise(self.q)
+        self._determinant, self.type2 = 0.0, 0.0
+        self._factor_loops(self.q)
         if not abs(self._determinant) > 0.0:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
         self._drift: Array | None = None  # a_0, computed when needed
@@ -96,7 +98,9 @@ class ControlCycle:
         self._set_state(self.q, np.zeros(robot.n_a))
 
     def update(self, q_a: ArrayLike, dq_a: ArrayLike) -> None:
-        """Move the pose to motor joints q_a (n_a,) with rates dq_a (n_a,), joint side of the gears.
+        """Move the pose to motor joints q_a (n_a,) with rates dq_a (n_a,).
+
+        Joint side of the gears.
 
         Raises:
             InvalidInput: not n_a finite numbers each.
@@ -106,16 +110,16 @@ class ControlCycle:
         """
         target = finite_numbers(f"q_a ({self._names})", q_a, self.robot.n_a)
         rates = finite_numbers(f"dq_a ({self._names})", dq_a, self.robot.n_a)
-        q = self._close_loops(target)
+        q = self._predict_and_correct(target)
         if q is None:
-            self._linearise(self.q)  # restore the last cycle, as `forward_kinematics` may raise
+            self._factor_loops(self.q)  # restore the last cycle, as `forward_kinematics` may raise
             q = forward_kinematics(self.robot, target, near=self.q).q.copy()
-            self._linearise(q)
+            self._factor_loops(q)
         self._motors = target.copy() if self._steps_add else self.robot.actuated_coordinates(q[None])[0]
         self._set_state(q, rates)
 
     def approach(self, x: ArrayLike) -> NearestPose:
-        """Move the pose to platform coordinates x (n,), or to the nearest found, and rest.
+        """Move the pose to platform coordinates x (n,), or as near as found, and rest.
 
         The search starts from the pose of the last cycle and keeps its modes. It ends at the ranges of
         joints, at stretched legs (Type 1) and just before Type 2. `update` and `approach` go on from there.
@@ -128,16 +132,16 @@ class ControlCycle:
         self._search = self._search or PoseSearch(self.robot, motors_hold=True)
         nearest = self._search.find(self.q, self.x, target)
         q, self.x = nearest.q.copy(), nearest.x.copy()  # from which turns are counted on
-        self._linearise(q)
+        self._factor_loops(q)
         self._motors = self.robot.actuated_coordinates(q[None])[0].copy()
         self._set_state(q, np.zeros(self.robot.n_a))
         return nearest
 
     def torque(self, ddq_a: ArrayLike) -> Array:
-        """Compute motor torques (n_a,) [N m, N], motor side, for accelerations ddq_a (n_a,), joint side.
+        """Compute motor torques (n_a,) [N m, N] for motor accelerations ddq_a (n_a,).
 
-        They include rotors, armature, damping and joint springs, but no dry friction and no wrenches of the
-        world.
+        Torques are on the motor side of the gears, accelerations on the joint side. Rotors, armature, damping
+        and joint springs count, but no dry friction and no wrenches of the world.
 
         Raises:
             InvalidInput: not n_a finite numbers.
@@ -149,7 +153,10 @@ class ControlCycle:
 
     @property
     def mass(self) -> Array:
-        """Motor torques (n_a, n_a) for unit accelerations of the motors: torque = mass ddq_a + bias."""
+        """Motor torques (n_a, n_a) for unit accelerations of the motors.
+
+        torque = mass ddq_a + bias.
+        """
         M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
         return self.T.T @ M @ self.T / self.robot.gear_ratio[:, None]
 
@@ -159,20 +166,10 @@ class ControlCycle:
         return self._motor_torque(self._drift_acceleration())
 
     @property
-    def type2(self) -> float:
-        """Distance from Type 2: 1 / |P^-1| in the 1-norm, in radians and robot lengths.
-
-        P (m, m) are the passive columns of the loops, with least singular value sigma: the distance lies in
-        [sigma / sqrt(m), sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode.
-        Infinite without passive joints.
-        """
-        return self._type2
-
-    @property
     def type1(self) -> float:
-        """Distance from Type 1: the least singular value of dx/dq_a, in radians and robot lengths.
+        """Distance from Type 1: least singular value of dx/dq_a, with a sign.
 
-        It is 0 at Type 1; the sign is that of the determinant, which changes at Type 1.
+        In radians and robot lengths. The sign is that of the determinant, which changes at Type 1.
         """
         robot = self.robot
         X = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
@@ -180,8 +177,8 @@ class ControlCycle:
         least = singular_values(dx_dq_a)[-1]
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
 
-    def _linearise(self, q: Array) -> float:
-        """Factor P at q (nq,) and set T, Newton's step and the distance to Type 2; return the step's size.
+    def _factor_loops(self, q: Array) -> float:
+        """Decompose P at q (nq,); set T, Newton's step and distance; return the step's size.
 
         P [dq_p, T_p] = -[residual, J_a] gives the step dq_p (n_p,) and the passive rows of T in one solution.
         """
@@ -193,18 +190,11 @@ class ControlCycle:
         self.T[:] = 0.0
         self.T[self._actuated, range(len(self._actuated))] = 1.0
         if not len(columns):
-            self._determinant, self._type2, self._step = 1.0, np.inf, np.empty(0)
+            self._determinant, self.type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
-        norm = np.abs(P).sum(axis=0).max()  # 1-norm
-        self._lu, self._pivots, singular = dgetrf(P, overwrite_a=1)
-        diagonal = self._lu.diagonal()
-        swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
-        self._determinant = float(diagonal.prod()) * (-1.0 if swaps % 2 else 1.0)
-        if singular:
-            self._determinant, self._type2 = 0.0, 0.0
+        if not self._factor(P):
             return np.inf
-        self._type2 = float(dgecon(self._lu, norm)[0]) * norm
         right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
         right_sides[:, 0] = residual / self._row_sizes
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]
@@ -214,8 +204,21 @@ class ControlCycle:
         self.T[columns] = solution[:, 1:] * self._passive_lengths[:, None]
         return float(np.abs(solution[:, 0]).max())
 
-    def _close_loops(self, target: Array) -> Array | None:
-        """Predict along the tangent and close the loops at motor joints (n_a,); None if not accepted.
+    def _factor(self, P: Array) -> bool:
+        """Factor P (m, m) as L U, with its determinant and `type2`; return whether it is regular."""
+        norm = np.abs(P).sum(axis=0).max()  # 1-norm
+        self._lu, self._pivots, is_singular = dgetrf(P, overwrite_a=1)
+        if is_singular:
+            self._determinant, self.type2 = 0.0, 0.0
+            return False
+        diagonal = self._lu.diagonal()
+        swaps = np.count_nonzero(self._pivots != np.arange(len(diagonal)))
+        self._determinant = float(diagonal.prod()) * (-1.0 if swaps % 2 else 1.0)
+        self.type2 = float(dgecon(self._lu, norm)[0]) * norm
+        return True
+
+    def _predict_and_correct(self, target: Array) -> Array | None:
+        """Close the loops at motor joints (n_a,) from the tangent; None if refused.
 
         Accepted are steps whose correction is small beside the prediction, along which the tangent turns
         little, and which stay in the assembly mode, away from Type 2.
@@ -228,7 +231,7 @@ class ControlCycle:
             q[self._actuated] = target  # to the last bit
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(MAX_ITERATIONS):
-            size = self._linearise(q)
+            size = self._factor_loops(q)
             if not size < previous_size:
                 return None
             if size > 0.0:
@@ -256,7 +259,10 @@ class ControlCycle:
         return q + step if self._steps_add else pin.integrate(self.robot.model, q, step)
 
     def _set_state(self, q: Array, rates: Array) -> None:
-        """Set q (nq,), at which T is computed, the motors' rates (n_a,), the residual and the platform."""
+        """Set q (nq,), the joint rates at motor rates (n_a,), residual and platform.
+
+        T is computed at q already.
+        """
         self.q, self.v, self._drift = q, self.T @ rates, None
         self._equations.move(q, self.v)
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
@@ -264,10 +270,10 @@ class ControlCycle:
         if isinstance(platform, JointPlatform):
             self.x, self.dx = q[platform.places], self.v[platform.columns]
         elif isinstance(platform, FramePlatform):
-            self.x, self.dx = self._frame_platform(platform)
+            self.x, self.dx = self._platform_motion(platform)
 
-    def _frame_platform(self, platform: FramePlatform) -> tuple[Array, Array]:
-        """Return x and dx (n,) of a platform that is a frame.
+    def _platform_motion(self, platform: FramePlatform) -> tuple[Array, Array]:
+        """Compute x and dx (n,) of a platform that is a frame.
 
         Rates of its attitude follow from the angular velocity w: of a rotation vector r by dr = Jexp(-r)^-1
         w, of other attitudes by their own matrix.
@@ -289,7 +295,10 @@ class ControlCycle:
         return x, dx
 
     def _drift_acceleration(self) -> Array:
-        """Return the joint accelerations a_0 (nv,) at zero accelerations of the motors: P a_p = -drift."""
+        """Compute joint accelerations a_0 (nv,) at motor accelerations 0.
+
+        P a_p = -drift.
+        """
         if self._drift is None:
             columns = self._following
             self._drift = np.zeros(len(self.v))
@@ -300,7 +309,7 @@ class ControlCycle:
         return self._drift
 
     def _motor_torque(self, a: Array) -> Array:
-        """Compute motor torques (n_a,), motor side, for joint accelerations a (nv,), without rotors."""
+        """Compute motor torques (n_a,) for joint accelerations a (nv,), without rotors."""
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:

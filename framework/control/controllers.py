@@ -1,4 +1,8 @@
-"""The controllers by name: feedforward, LQR and computed torque.
+"""The controllers by name: feedforward, LQR and computed torque; the measurements and estimates they use.
+
+With encoders only on the motors, the platform's coordinates follow from the motor angles by the inverse of
+G = d(motor angles)/dx. G is singular at Type 2, like A: near it the naive estimate is noise divided by nearly
+zero. In the directions that the motors do not determine the aware estimate is the plan.
 
 Feedforward: planned torques with proportional and derivative feedback at each motor. The planned torque is
 finite at the crossing, and the feedback does not invert A: the controller works at a singularity as
@@ -24,17 +28,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from framework.control.estimation import (
-    Controller,
-    Measurement,
-    RobotState,
-    consistent_solution,
-    estimated_state,
-)
 from framework.control.reference import Reference
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.forward_derivatives import forward_derivatives
@@ -43,11 +40,91 @@ from framework.dynamics.pointwise_dynamics import motor_inertia
 from framework.errors import InvalidInput, check_choice
 from framework.kinematics.closures import closure_drift, loop_equations, scale_jacobian
 from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.frames import frame_motions, frames_at, integrate
 from framework.kinematics.loop_matrices import scaled_loops
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec, solve
 
+FADING_RATIO = 0.1  # singular values below this share of the largest count as near the singularity
+
+
+class RobotState(NamedTuple):
+    """Configuration and platform of R runs, measured or estimated."""
+
+    q: Array  # (R, nq)
+    v: Array  # (R, nv)
+    x: Array  # (R, n) [m, rad]
+    dx: Array  # (R, n)
+
+
+class Measurement(NamedTuple):
+    """The readings of the encoders; `state` is None with encoders only on the motors."""
+
+    motor_angle: Array  # (R, n_a) [rad], motor side
+    motor_speed: Array  # (R, n_a)
+    state: RobotState | None
+
+
+class Controller(Protocol):
+    """A controller for one reference, without internal state."""
+
+    @property
+    def reference(self) -> Reference:
+        """The planned motion that the controller follows."""
+
+    def torque(self, k: int, measurement: Measurement) -> Array:
+        """Compute motor torques (R, n_a) [N m], motor side, at sampling instant k."""
+        ...
+
+
+def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
+    """Return the measured state at instant k, or its estimate from the motors.
+
+    The estimate is one Newton step from the plan. G dx = (measured - planned motor angles) gives the step of
+    the platform, N dx that of the joints; rates alike.
+    """
+    if measurement.state is not None:
+        return measurement.state
+    robot = reference.robot
+    N = reference.N[k]
+    G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
+    angle_error = measurement.motor_angle - reference.motor_angle[k]
+    speed_error = measurement.motor_speed - reference.motor_speed[k]
+    errors = np.stack([angle_error, speed_error])
+    if aware:
+        x_step, dx_step = solve_damped(G[None], errors)
+    else:
+        inverse = solve(G[None], np.eye(len(G))[None])
+        x_step, dx_step = matvec(inverse, errors)
+    return RobotState(
+        q=integrate(robot, reference.motion.q[k], matvec(N, x_step)),
+        v=reference.motion.v[k] + matvec(N, dx_step),
+        x=reference.x[k] + x_step,
+        dx=reference.dx[k] + dx_step,
+    )
+
+
+def solve_damped(matrices: Array, right: Array) -> Array:
+    """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
+
+    Instead of 1 / sigma a singular value below t = FADING_RATIO times the largest has the factor sigma / t^2:
+    it is continuous at t and falls to zero with sigma. NaN where a matrix is not finite.
+    """
+    finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]
+    U, sigma, V_rows = np.linalg.svd(np.where(finite[:, None], matrices, 0.0), full_matrices=False)
+    threshold = FADING_RATIO * sigma[:, :1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), sigma / threshold**2)
+    solutions = matvec(V_rows.transpose(0, 2, 1), inverse * matvec(U.transpose(0, 2, 1), right))
+    return np.where(finite, solutions, np.nan)
+
+
+FREQUENCY, COMPUTED_TORQUE_FREQUENCY = (
+    40.0,
+    20.0,
+)  # [rad/s] natural ones of controlled motors, of the platform
+DAMPING = 1.0  # ratio, of both: critical
+POSITION_DEVIATION, SPEED_DEVIATION = 1e-3, 2e-2  # [robot lengths, robot lengths/s] of equal cost for LQR
 MAX_SAMPLED_DAMPING = 0.5  # damping over that which stops a rotor within one sampling period; 2 is unstable
 
 
@@ -62,19 +139,19 @@ class FeedforwardPD:
     feedback: MotorControl
 
     @staticmethod
-    def tune(reference: Reference, *, frequency: float = 40.0, damping: float = 1.0) -> FeedforwardPD:
-        """Return the controller whose gains give each motor the natural `frequency` [rad/s].
+    def tune(reference: Reference) -> FeedforwardPD:
+        """Tune the gains so that each motor has the natural frequency FREQUENCY.
 
         The inertia is that which a motor moves alone at the start of the motion. With springs a fast motor
         moves only its rotor: w is lowered to a damping k_d that is stable with this sampling period.
         """
         robot = reference.robot
         inertia = motor_inertia(robot, reference.motion.q[0])
-        w = np.full(robot.n_a, frequency)
+        w = np.full(robot.n_a, FREQUENCY)
         if robot.n_e and robot.rotor_inertia.all():
-            highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * damping * inertia * reference.period)
+            highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * DAMPING * inertia * reference.period)
             w = np.minimum(w, highest)
-        return FeedforwardPD(reference, MotorControl.of(inertia, w, damping))
+        return FeedforwardPD(reference, MotorControl.of(inertia, w, DAMPING))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]."""
@@ -95,16 +172,14 @@ class TimeVaryingLQR:
     gain: Array  # (K, n_a, 2n)
 
     @staticmethod
-    def tune(
-        reference: Reference, *, position: float = 1e-3, speed: float = 2e-2, torque: float | None = None
-    ) -> TimeVaryingLQR:
-        """Return the controller whose cost is equal for errors `position` and `speed` and a torque `torque`.
+    def tune(reference: Reference) -> TimeVaryingLQR:
+        """Tune the gains for equal costs of the three deviations below.
 
-        The cost is the integral of e' Q e + u' R u with diagonal weights 1 / position^2, 1 / speed^2 [robot
-        lengths, robot lengths/s] and 1 / torque^2 [N m]. `torque` None: the peak of the plan.
+        The cost is the integral of e' Q e + u' R u with diagonal weights 1 / POSITION_DEVIATION^2, 1 /
+        SPEED_DEVIATION^2 and 1 / (peak torque of the plan)^2.
 
         Raises:
-            InvalidInput: the robot has springs, or a weight is not positive.
+            InvalidInput: the robot has springs.
         """
         robot = reference.robot
         if robot.n_e:
@@ -112,26 +187,22 @@ class TimeVaryingLQR:
                 f"controller lqr: for rigid robots; {robot.name} has the springs "
                 f"{', '.join(robot.elastic_names)}: use feedforward"
             )
-        torque = float(np.abs(reference.torque).max()) if torque is None else torque
-        for name, value in (("position", position), ("speed", speed), ("torque", torque)):
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"lqr: {name} must be a positive number, got {value!r}")
-        scale = robot.platform_scale
-        Q = np.diag(np.concatenate([1 / (position * scale) ** 2, 1 / (speed * scale) ** 2]))
-        R = np.eye(robot.n_a) / torque**2
+        deviations = np.outer([POSITION_DEVIATION, SPEED_DEVIATION], robot.platform_scale)
+        Q = np.diag(1 / deviations.ravel() ** 2)
+        R = np.eye(robot.n_a) / np.abs(reference.torque).max() ** 2
         A, B = linearise_error(reference)
-        return TimeVaryingLQR(reference, riccati(A, B, Q, R, reference.period))
+        return TimeVaryingLQR(reference, solve_riccati(A, B, Q, R, reference.period))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]."""
         ref = self.reference
-        state = estimated_state(ref, k, measurement, aware=True)
+        state = estimate_state(ref, k, measurement, aware=True)
         error = np.concatenate([ref.x[k] - state.x, ref.dx[k] - state.dx], axis=1)
         return ref.period_torque[k] + matvec(self.gain[k], error)
 
 
 def linearise_error(reference: Reference) -> tuple[Array, Array]:
-    """Compute A (K, 2n, 2n) and B (K, 2n, n_a) of the linearised error dynamics along the plan.
+    """Compute A (K, 2n, 2n), B (K, 2n, n_a) of the error dynamics along the plan.
 
     With the error e = [x; dx], de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0],
     [d(ddx)/dtau]].
@@ -155,8 +226,8 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
     return A, np.concatenate([np.zeros_like(by_torque), by_torque], axis=1)
 
 
-def riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
-    """Solve the discrete Riccati equation from the last instant backwards: gains (K, n_a, 2n).
+def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
+    """Solve the discrete Riccati equation backwards in time: gains (K, n_a, 2n).
 
     Torques are constant for a period h: e_(k+1) = F e_k + G tau_k with [F, G; 0, 1] = exp([A, B; 0, 0] h).
     With the cost to go e' P e the gain is K = (R + G' P G)^-1 G' P F, and the cost to go one step earlier
@@ -191,15 +262,11 @@ class ComputedTorque:
     """
 
     reference: Reference
-    frequency: float  # [rad/s] of the error dynamics
-    damping: float
     multipliers: Array | None
 
     @staticmethod
-    def tune(
-        reference: Reference, *, aware: bool, frequency: float = 20.0, damping: float = 1.0
-    ) -> ComputedTorque:
-        """Return the controller whose error dynamics have a natural `frequency` [rad/s] and damping ratio.
+    def tune(reference: Reference, *, aware: bool) -> ComputedTorque:
+        """Return the naive controller, or the one aware of the singularity.
 
         Raises:
             InvalidInput: the robot has springs, or redundant motors.
@@ -211,21 +278,18 @@ class ComputedTorque:
                 f"{robot.name} has {robot.n_e} springs, {robot.n_a} motors, {robot.n} axes: use feedforward"
             )
         multipliers = _planned_multipliers(reference) if aware else None
-        return ComputedTorque(reference, frequency, damping, multipliers)
+        return ComputedTorque(reference, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero.
+        """Compute motor torques (R, n_a) [N m]; infinite in a division by zero.
 
         P' lambda = r_p for the multipliers lambda, then tau = r_a - J_a' lambda on the joint side.
         """
         ref = self.reference
         robot = self.reference.robot
-        state = estimated_state(ref, k, measurement, aware=self.multipliers is not None)
-        command = (
-            ref.ddx[k]
-            + 2 * self.damping * self.frequency * (ref.dx[k] - state.dx)
-            + self.frequency**2 * (ref.x[k] - state.x)
-        )
+        state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
+        w = COMPUTED_TORQUE_FREQUENCY
+        command = ref.ddx[k] + 2 * DAMPING * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
         motion = _constrained_motion(ref, k, state, command)
         columns = robot.following
         J = scale_jacobian(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
@@ -235,7 +299,7 @@ class ComputedTorque:
             multipliers = solve(P, r[:, columns])
         else:
             planned = self.multipliers[k]
-            multipliers = planned + consistent_solution(P, r[:, columns] - matvec(P, planned))
+            multipliers = planned + solve_damped(P, r[:, columns] - matvec(P, planned))
         torque = ((r - matvec(J.transpose(0, 2, 1), multipliers)) / robot.column_scale)[:, robot.actuated]
         n = robot.gear_ratio
         return robot.rotor_inertia * n * motion.a[:, robot.actuated] + torque / n
@@ -252,10 +316,10 @@ class _Motion(NamedTuple):
 
 
 def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:
-    """Compute joint rates and accelerations for the platform's rates of the states and ddx (R, n).
+    """Compute joint rates and accelerations for platform accelerations ddx (R, n).
 
-    With F = [X; J] of platform and loops, F v = [twist; 0] and F a = [twist rate; 0] - drift. Wrenches are
-    those of the plan at instant k.
+    Rates of the platform are those of the states. With F = [X; J] of platform and loops, F v = [twist; 0] and
+    F a = [twist rate; 0] - drift. Wrenches are those of the plan at instant k.
 
     `motion_at` factors all instants as one band matrix, so its rounding depends on the number of runs. Here
     each run is solved on its own. Infinite where the platform does not determine the joints.

@@ -20,7 +20,7 @@ PERIOD_ROUNDING = 1e-12  # of the duration over the period, so that the last ins
 
 @dataclass(frozen=True, eq=False)
 class Reference(ReadOnlyArrays):
-    """The planned motion at K sampling instants, k * `period`; N is dq/dx, regular at Type 2."""
+    """The planned motion at K sampling instants, k * `period`."""
 
     robot: ParallelRobot  # the controller's model
     period: float  # [s]
@@ -39,7 +39,7 @@ class Reference(ReadOnlyArrays):
 
     @property
     def planned_wrenches(self) -> dict[str, Array]:
-        """The wrenches (K, 6) by frame, on base axes, along the planned motion."""
+        """Wrenches (K, 6) by frame, on base axes, along the planned motion."""
         frames = self.motion.linearised.frames
         return self.wrenches.evaluate_on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
 

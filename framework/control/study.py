@@ -8,22 +8,20 @@ be stored, for a study that is interrupted.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from framework.control.closed_loop import run_closed_loop
-from framework.control.estimation import Controller
-from framework.control.run_monitor import ControlLoop, Outcomes, Run
+from framework.control.closed_loop import ControlLoop, Outcomes, run_closed_loop
+from framework.control.controllers import Controller
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
-from framework.numerics.kept import ArrayField, Arrays, KeptChunks, fits
-from framework.numerics.tasks import iterate_results
+from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chunks
 
 RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
 
@@ -53,7 +51,7 @@ class Study(Outcomes):
 
     @property
     def failures(self) -> list[tuple[int, int]]:
-        """Seeds of the runs that failed; `draw(robot, spread, seed)` returns the same robot again."""
+        """Seeds of the failed runs; `draw(robot, spread, seed)` returns the same robot again."""
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
@@ -67,7 +65,7 @@ def run_study(
     seed: int = 0,
     executor: Executor | None = None,
     chunk: int | None = None,
-    keeper: KeptRuns | None = None,
+    keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Study:
     """Do `runs` closed-loop runs, each of a robot drawn from the spread.
@@ -88,54 +86,31 @@ def run_study(
     if seed < 0:
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
     started = time.perf_counter()
-    finished = _select_chunks(keeper.read() if keeper is not None else [], runs)
+    size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
+    chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
+    finished: Collection[str] = ()
 
-    def report(partial_runs: float = 0.0) -> None:
-        progress(sum(map(len, finished)) + int(partial_runs))
+    def report(names: Collection[str], partial_runs: float = 0.0) -> None:
+        nonlocal finished
+        finished = names
+        progress(sum(len(chunks[name]) for name in names) + int(partial_runs))
 
     task = partial(run_chunk, controller, loop, spread, seed)
 
-    def run_and_report(part: range) -> Run:
-        return task(part, lambda share: report(share * len(part)))
+    def run_and_report(part: range) -> Arrays:
+        return task(part, lambda share: report(finished, share * len(part)))
 
-    missing = _missing_chunks(finished, runs, min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK))
-    report()
-    for part, run in iterate_results(run_and_report if executor is None else task, missing, executor):
-        finished[part] = run
-        if keeper is not None:
-            keeper.keep(part, run)
-        report()
-    in_order = [finished[part] for part in sorted(finished, key=lambda part: part.start)]
-    return _join_chunks(in_order, name, spread, seed, time.perf_counter() - started)
-
-
-def _join_chunks(chunks: Sequence[Run], controller: str, spread: Spread, seed: int, seconds: float) -> Study:
-    """Join the runs of all chunks, in order, into one study."""
-    arrays = {name: np.concatenate([getattr(run, name) for run in chunks]) for name in _stored_arrays(0, 0)}
-    return Study(controller=controller, spread=spread, seed=seed, **_with_reasons(arrays), seconds=seconds)
-
-
-def _select_chunks(stored: list[tuple[range, Run]], runs: int) -> dict[range, Run]:
-    """Return stored chunks within the first `runs` runs that overlap no earlier chunk."""
-    chunks: dict[range, Run] = {}
-    end = 0
-    for part, run in sorted(stored, key=lambda item: item[0].start):
-        if end <= part.start < part.stop <= runs:
-            chunks[part] = run
-            end = part.stop
-    return chunks
-
-
-def _missing_chunks(finished: Iterable[range], runs: int, chunk: int) -> list[range]:
-    """Return the first `runs` runs without the finished ones, in chunks of at most `chunk` runs."""
-    missing: list[range] = []
-    end = 0
-    end_of_all = range(runs, runs)  # closes the last gap
-    for part in (*sorted(finished, key=lambda part: part.start), end_of_all):
-        gap = range(end, part.start)
-        missing += [gap[first : first + chunk] for first in range(0, len(gap), chunk)]
-        end = part.stop
-    return missing
+    arrays = complete_chunks(
+        run_and_report if executor is None else task,
+        chunks,
+        partial(_chunk_fields, controller.reference.robot.n_a),
+        executor=executor,
+        keeper=keeper,
+        progress=report,
+    )
+    outcomes: dict[str, Any] = {**arrays, "why": tuple(arrays["why"].tolist())}
+    seconds = time.perf_counter() - started
+    return Study(controller=name, spread=spread, seed=seed, seconds=seconds, **outcomes)
 
 
 def run_chunk(
@@ -145,66 +120,31 @@ def run_chunk(
     seed: int,
     chunk: range,
     report_progress: Callable[[float], None] = lambda share: None,
-) -> Run:
-    """Do the runs of one chunk; report the share of the motion that is done."""
+) -> Arrays:
+    """Do the runs of one chunk; return their outcomes as arrays, by field of `Outcomes`.
+
+    `report_progress` is called with the share of the motion that is done.
+    """
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
-    return run_closed_loop(controller, loop, spread, variations, report_progress=report_progress)
+    run = run_closed_loop(controller, loop, spread, variations, report_progress=report_progress)
+    return {field.name: np.asarray(getattr(run, field.name)) for field in fields(Outcomes)}
 
 
-# ------------------------------------------------------------------ finished runs on disk
-
-
-def _stored_arrays(runs: int, motors: int) -> dict[str, ArrayField]:
-    """Return types and shapes of the arrays of a chunk that are stored, by field of `Run`."""
-    numbers = ArrayField("f", (runs,))
-    return {
-        "passed": ArrayField("b", (runs,)),
-        "why": ArrayField("U", (runs,)),
-        "tracking_error": numbers,
-        "end_error": numbers,
-        "peak_torque": ArrayField("f", (runs, motors)),
-        "payload": numbers,
+def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
+    """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`."""
+    numbers = ArrayField("f", (len(chunk),))
+    return dict.fromkeys(("tracking_error", "end_error", "payload"), numbers) | {
+        "passed": ArrayField("b", (len(chunk),)),
+        "why": ArrayField("U", (len(chunk),)),
+        "peak_torque": ArrayField("f", (len(chunk), motors)),
     }
 
 
-@dataclass(frozen=True)
-class KeptRuns:
-    """Chunks of one controller's runs in a folder."""
+def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunks:
+    """Return the store in the folder `out` for runs of a controller.
 
-    chunks: KeptChunks
-    motors: int  # of the robot
-
-    @staticmethod
-    def of(out: Path, setup: Mapping[str, Any], controller: str) -> KeptRuns:
-        """Return the store in the folder `out` for runs of this setup, a document of JSON."""
-        plan = dict(setup["plan"])
-        plan.pop("seconds", None)  # the same plan, made in another time
-        return KeptRuns(KeptChunks.of(out, {**setup, "plan": plan}, controller), len(setup["limit"]))
-
-    def read(self) -> list[tuple[range, Run]]:
-        """Return the stored runs with the range of their numbers; other files are ignored."""
-        runs = []
-        for name, arrays in self.chunks.read().items():
-            try:
-                first, stop = map(int, name.split("-"))
-            except ValueError:
-                continue
-            if fits(arrays, _stored_arrays(stop - first, self.motors)):
-                x = np.empty((0, 0, 0))  # not stored
-                runs.append((range(first, stop), Run(**_with_reasons(arrays), x=x)))
-        return runs
-
-    def keep(self, chunk: range, run: Run) -> None:
-        """Store a finished chunk.
-
-        Raises:
-            OutputError: the chunk cannot be written.
-        """
-        arrays = {name: np.asarray(getattr(run, name)) for name in _stored_arrays(0, 0)}
-        self.chunks.keep(f"{chunk.start}-{chunk.stop}", arrays)
-
-
-def _with_reasons(arrays: Arrays) -> dict[str, Any]:
-    """Return stored arrays as fields of `Run` and `Study`, with the reasons as a tuple of strings."""
-    return {**arrays, "why": tuple(arrays["why"].tolist())}
+    `setup` is a document of JSON, of which the time to plan does not count.
+    """
+    plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
+    return KeptChunks.of(out, {**setup, "plan": plan}, controller)

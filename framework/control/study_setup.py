@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from framework.control.closed_loop import run_closed_loop, torque_limit
-from framework.control.controllers import tuned_controller
-from framework.control.estimation import Controller
+from framework.control.closed_loop import SENSORS, ControlLoop, Run, run_closed_loop, torque_limit
+from framework.control.controllers import Controller, tuned_controller
 from framework.control.reference import Reference, reference_of
-from framework.control.run_monitor import SENSORS, ControlLoop, Run
 from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
-from framework.model.documents import naming
+from framework.model.documents import prefix_errors
 from framework.numerics.fields import (
     Table,
     list_of,
@@ -41,7 +36,7 @@ FILE = "robustness.json"
 
 @dataclass(frozen=True, eq=False)
 class StudySetup:
-    """A plan with its sampling, its loop and the spread of robots about their model."""
+    """A plan with its sampling, its control loop and the spread of robots."""
 
     plan: CrossingPlan  # as read from its own document
     period: float  # [s]
@@ -51,7 +46,7 @@ class StudySetup:
 
     @staticmethod
     def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
-        """Return the setup of a new study.
+        """Make the setup of a new study.
 
         The plan is written to a document and read again, so that its torques are those of a later rerun to
         the last bit.
@@ -69,20 +64,14 @@ class StudySetup:
         return reference_of(self.plan, period=self.period)
 
     def controller(self, name: str) -> Controller:
-        """Return the controller of this name with its default gains; raises as `tuned_controller`."""
+        """Return the controller of this name with its default gains.
+
+        Raises as `tuned_controller`.
+        """
         return tuned_controller(name, self.reference)
 
-    def run(self, controller: str, number: int) -> Run:
-        """Repeat one run of the study alone, and record its torques."""
-        return self._run(controller, [number], record=True)
-
-    def count_passes(self, controller: str, numbers: Sequence[int]) -> int:
-        """Count the runs, by their numbers, that pass with a controller."""
-        run = self._run(controller, numbers)
-        return int(np.count_nonzero(run.passed))
-
-    def _run(self, controller: str, numbers: Sequence[int], *, record: bool = False) -> Run:
-        """Repeat runs of the study, by their numbers, together."""
+    def run(self, controller: str, *numbers: int, record: bool = False) -> Run:
+        """Repeat runs of the study together, by their numbers; `record` keeps the torques."""
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 
@@ -94,7 +83,7 @@ class StudySetup:
             **asdict(self.loop),
             "spread": asdict(self.spread),
             "plan": plan_document(self.plan, folder),
-            "versions": versions(),
+            "versions": library_versions(),
         }
 
     @staticmethod
@@ -107,7 +96,7 @@ class StudySetup:
         Raises:
             InvalidInput: the document is another one, or the robot has changed since.
         """
-        with naming(file, InvalidInput):
+        with prefix_errors(file, InvalidInput):
             stated = read_table("", saved, _STUDY, others=None)
             loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
         plan = plan_from_document(stated["plan"], file, robot_file=robot_file)
@@ -126,13 +115,15 @@ _STUDY: Table = {
 }
 
 
-def versions() -> dict[str, str]:
+def library_versions() -> dict[str, str]:
     """Return the versions on which the last bit of a run depends."""
     return {**package_versions(), "python": platform.python_version(), "machine": platform.machine()}
 
 
 def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
-    """Read the set-up of a study that `crossing robustness --out` wrote; return also the whole document.
+    """Read the set-up of a study that `crossing robustness --out` wrote.
+
+    Return also the whole document.
 
     Args:
         robot_file: the robot's file, if not where the document says.

@@ -64,7 +64,10 @@ def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variati
 def draw_noise(
     robot: ParallelRobot, spread: Spread, seeds: Sequence[tuple[int, int]], samples: int
 ) -> Array | None:
-    """Draw encoder noise (samples, R, 2, nv) of positions and speeds [joint units]; None without noise."""
+    """Draw encoder noise (samples, R, 2, nv) of positions and speeds; None without.
+
+    In radians and robot lengths times the joints' scale.
+    """
     if not (spread.noise or spread.speed_noise):
         return None
     deviation = np.array([spread.noise, spread.speed_noise])[:, None]
@@ -74,7 +77,7 @@ def draw_noise(
     return np.stack(runs, axis=1) * deviation * robot.column_scale
 
 
-def vary(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
+def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     """Return the robot with the differences of a variation.
 
     With other places of joints the loops close at another configuration. Only the independent loop equations

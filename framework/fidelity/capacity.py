@@ -37,7 +37,7 @@ IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of multiples over
 
 @dataclass(frozen=True, eq=False)
 class Capacity:
-    """The largest multiple of the wrenches of a request that was planned, and the least that was not.
+    """The largest multiple of a request's wrenches that was planned, and why no more.
 
     plan: under the largest multiple; its certificate and limits are those of any plan.
     refused: the least multiple that was refused (`NoLaw`, `LimitsExceeded`); infinite where none was.
@@ -59,7 +59,7 @@ class Capacity:
 
     @property
     def end(self) -> float:
-        """The least multiple above the largest that was not planned; infinite where all were."""
+        """Least multiple above the largest that was not planned; infinite where all were."""
         return min(self.refused, self.undecided)
 
     @property
@@ -71,7 +71,7 @@ class Capacity:
 
 @takes_options
 def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
-    """Find the largest multiple of `wrenches` with which an admissible law crosses, and why no more.
+    """Find the largest multiple of `wrenches` with which an admissible law crosses.
 
     Args:
         robot, path: as for `plan_crossing`.
@@ -86,7 +86,7 @@ def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
 
 
 def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Request:
-    """Return the request of `largest_load`: of the quickest law, where no duration or goal is given.
+    """Return the request of `largest_load`, by default for the quickest law.
 
     Raises:
         InvalidInput: see `Request.of`.
@@ -100,7 +100,7 @@ def capacity_request(robot: ParallelRobot, path: Path, **options: Any) -> Reques
 def largest_load_of(
     robot: ParallelRobot, request: Request, *, progress: Callable[[int], None] = lambda planned: None
 ) -> Capacity:
-    """Find the largest multiple of the wrenches of a request, as `largest_load`.
+    """Find the largest multiple of the wrenches of a request.
 
     Args:
         progress: called with the number of plans tried, before each.
@@ -143,6 +143,7 @@ class _Multiples:
             return refusal
 
     def _request(self, multiple: float) -> Request:
+        """Return the request under a multiple of the wrenches."""
         return replace(self.request, wrenches=self.unit.times(multiple).document or None)
 
     def is_impossible(self, multiple: float) -> bool:
@@ -165,7 +166,7 @@ class _Multiples:
 
 
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve from 1 until a multiple is planned and one twice as large is not."""
+    """Double or halve from 1 until m is planned and 2 m is not."""
     capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
         if not np.isfinite(capacity.end):
@@ -178,7 +179,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect between the planned multiple and the least that was not, at their geometric mean."""
+    """Bisect, at geometric means, between the largest multiple planned and the least that failed."""
     while capacity.multiple > 0.0 and capacity.end < np.inf:
         if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
             break
@@ -187,7 +188,10 @@ def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Add a multiple that no law carries: the first of IMPOSSIBLE_RATIOS times the refused one, if any."""
+    """Add the least multiple found that no law carries.
+
+    Tried are IMPOSSIBLE_RATIOS times the refused one.
+    """
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)

@@ -9,8 +9,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from framework.errors import InvalidInput, NoAnswer
-from framework.fidelity.fidelity_indicators import Indicators, indicators_of, level_motions, model_of
-from framework.fidelity.model_comparison import fall_of
+from framework.fidelity.fidelity_indicators import (
+    Indicators,
+    compute_indicators,
+    compute_level_motions,
+    robot_at_level,
+)
+from framework.fidelity.model_comparison import measure_fall
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES, RobotDescription
@@ -39,7 +44,7 @@ class ChosenLevel(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The sentence about the level and its evidence."""
+        """The level and its evidence, in a sentence."""
         percent = f"{100 * self.tolerance:g} %"
         if self.simulated:
             return f"{self.level} is enough for {percent}, as the scene keeps"
@@ -51,7 +56,7 @@ class ChosenLevel(NamedTuple):
 
 
 def scene_level(description: RobotDescription, scene: str) -> ChosenLevel | None:
-    """Return the level that a scene states; None without a level or without such a scene."""
+    """Return the level that a scene states, if any."""
     stated = description.scenes.get(scene)
     if stated is None or stated.fidelity is None:
         return None
@@ -83,19 +88,19 @@ def predict_errors(description: RobotDescription, path: Path | str, **options: A
     Raises:
         InvalidInput: an option that cannot be right.
     """
-    robot, has_springs = model_of(description, LEVELS_BY_NAME["rigid"]), bool(description.springs)
+    robot, has_springs = robot_at_level(description, LEVELS_BY_NAME["rigid"]), bool(description.springs)
     smoothness = options.pop("smoothness", None) or SMOOTHNESS[has_springs]
     request = request_without_geometry(robot, path, smoothness=smoothness, **options)
     try:
         plan = plan_request(robot, request)
-        motions = level_motions(description, plan.dynamics, LEVELS_BY_NAME["rigid"], plan.seconds)
-        return indicators_of(motions, fall_of(plan.dynamics)[1])
+        motions = compute_level_motions(description, plan.dynamics, LEVELS_BY_NAME["rigid"], plan.seconds)
+        return compute_indicators(motions, measure_fall(plan.dynamics)[1])
     except NoAnswer:
         return Indicators.of({})
 
 
 def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: Any) -> Request:
-    """Return the request for a path, or for a scene by its name, without a geometry option.
+    """Return the request for a path or a scene's name, without a geometry option.
 
     Raises:
         InvalidInput: a geometry is among the options, or one of them cannot be right.

@@ -50,12 +50,12 @@ class LevelMotion(NamedTuple):
     reason: str = ""
 
 
-def level_motions(
+def compute_level_motions(
     description: RobotDescription, motion: InverseDynamics, own: Level, seconds: float
 ) -> dict[str, LevelMotion]:
-    """Compute, by the levels' names, the torques along a motion that was planned with the level `own`.
+    """Compute the torques of each level along a motion planned with level `own`.
 
-    The law meets the condition (8) of each level.
+    By the levels' names. The law meets the condition (8) of each level.
 
     Args:
         seconds: time that the motion took.
@@ -65,14 +65,16 @@ def level_motions(
         if level is not own:
             started = time.perf_counter()
             try:
-                dynamics = ModelOnMotion.of(motion, model_of(description, level)).resolve(level.geometry)
+                dynamics = ModelOnMotion.of(motion, robot_at_level(description, level)).resolve(
+                    level.geometry
+                )
                 motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
             except NoAnswer as refusal:
                 motions[level.name] = LevelMotion(None, 0.0, f"no torques: {refusal}")
     return motions
 
 
-def model_of(description: RobotDescription, level: Level) -> ParallelRobot:
+def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot:
     """Return the robot with the masses and springs of a level."""
     simplified = with_bodies(description, level.bodies)
     robot = ParallelRobot.from_description(simplified, flexibility=level.flexibility)
@@ -80,7 +82,10 @@ def model_of(description: RobotDescription, level: Level) -> ParallelRobot:
 
 
 class LevelError(NamedTuple):
-    """The estimated errors of a level: of torques over their peak, of the platform over the path's length."""
+    """The estimated errors of a level.
+
+    Of the torques over their peak, of the platform over the path's length.
+    """
 
     torque: float = np.inf
     platform: float = np.inf
@@ -90,7 +95,7 @@ class LevelError(NamedTuple):
         """Both errors in words; empty where unknown."""
         if not np.isfinite(self.torque):
             return ""
-        return f"torques {percent(self.torque)}, platform {percent(self.platform)}"
+        return f"torques {format_percent(self.torque)}, platform {format_percent(self.platform)}"
 
 
 class Indicators(NamedTuple):
@@ -101,7 +106,7 @@ class Indicators(NamedTuple):
 
     @staticmethod
     def of(errors: Mapping[str, LevelError]) -> Indicators:
-        """Return indicators in which the error of a level is at least that of all levels above.
+        """Return indicators in which a level's error is at least that of levels above.
 
         Errors may cancel in a level by chance. An error that is missing or no number counts as infinite; that
         of the highest level is zero.
@@ -120,15 +125,18 @@ class Indicators(NamedTuple):
         return next(level.name for level in LEVELS if self.error[level.name] <= tolerance)
 
 
-def indicators_of(motions: Mapping[str, LevelMotion], control: MotorControl | None) -> Indicators:
-    """Compute the indicators from the levels' motions by name, with feedback of the motors if any."""
+def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl | None) -> Indicators:
+    """Compute the indicators from the levels' motions by name.
+
+    `control` is feedback of the motors, if any.
+    """
     highest, rigid = motions[LEVELS[-1].name].dynamics, motions["rigid"].dynamics
     if highest is None or rigid is None:
         return Indicators.of({})
     times = np.linspace(0.0, rigid.duration, STEPS + 1)
     try:
         motor_speed = platform_wrench(rigid.robot, rigid.motion(times)).motor_speed
-        dynamics = _interpolated_dynamics(rigid, times)
+        dynamics = _interpolate_error_dynamics(rigid, times)
     except NoAnswer:  # at the border of the workspace
         return Indicators.of({})
     if control is not None:
@@ -148,13 +156,13 @@ def indicators_of(motions: Mapping[str, LevelMotion], control: MotorControl | No
     return Indicators.of(errors)
 
 
-def _interpolated_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Compute the dynamics of the platform's error at t (T,), interpolated from INSTANTS instants."""
+def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
+    """Compute the error dynamics of the platform at t (T,), by interpolation."""
     few = np.linspace(0.0, rigid.duration, INSTANTS)
     matrices = np.stack(error_dynamics(rigid, few)).transpose(1, 0, 2, 3)
     return ErrorDynamics(*CubicSpline(few, matrices)(times).transpose(1, 0, 2, 3))
 
 
-def percent(share: float) -> str:
-    """Return a share as text in per cent, with two digits below 10 %."""
+def format_percent(share: float) -> str:
+    """Format a share in per cent, with two digits below 10 %."""
     return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"

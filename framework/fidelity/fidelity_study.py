@@ -26,7 +26,12 @@ import numpy as np
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
 from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
-from framework.fidelity.fidelity_indicators import Indicators, indicators_of, level_motions, model_of
+from framework.fidelity.fidelity_indicators import (
+    Indicators,
+    compute_indicators,
+    compute_level_motions,
+    robot_at_level,
+)
 from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import is_number
@@ -60,15 +65,15 @@ class FidelityStudy(ReadOnlyArrays):
     seconds: float
 
     def is_enough(self, comparison: Comparison) -> bool:
-        """Whether a level keeps torque and platform within the tolerance."""
+        """Return whether a level keeps torque and platform within the tolerance."""
         return max(comparison.torque, comparison.platform) <= self.tolerance
 
     @cached_property
     def neglected_work(self) -> float:
-        """Work of the dry friction that no level models, over that of the motors, absolute values of both.
+        """Work of the dry friction that no level models, over that of the motors.
 
-        Work is compared, as the torque against that friction has no bound near Type 2: condition (8) is met
-        without it. Zero without such friction; infinite where the motors do no work.
+        Absolute values of both. Work is compared, as the torque against that friction has no bound near Type
+        2: condition (8) is met without it. Zero without such friction; infinite where the motors do no work.
         """
         plan, friction = self.highest, neglected_friction(self.highest.dynamics)
         if not friction.any():
@@ -105,7 +110,10 @@ class FidelityStudy(ReadOnlyArrays):
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
-        """Return the largest difference in s of a level's law from the motion's; infinite without one."""
+        """Return the largest difference in s of a level's law from the motion's.
+
+        Infinite without a law.
+        """
         if comparison.motion is None:
             return np.inf
         return float(np.abs(comparison.motion.law(self.times) - self.highest.law(self.times)).max())
@@ -119,7 +127,7 @@ class FidelityStudy(ReadOnlyArrays):
 
     @property
     def scene_entry(self) -> Document | None:
-        """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
+        """Entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
         return None if enough is None else {"level": enough.level.name, "tolerance": self.tolerance}
 
@@ -206,7 +214,7 @@ def fidelity_study(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> FidelityStudy:
-    """Find the least model of a robot that is enough for a motion, with its evidence.
+    """Find the least model of a robot that is enough for a motion, with evidence.
 
     Args:
         robot: of any flexibility; the levels are made from its description.
@@ -224,9 +232,9 @@ def fidelity_study(
     if not (is_number(tolerance) and MIN_TOLERANCE <= tolerance < 1):
         raise InvalidInput(f"tolerance: needs a share in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
     started = time.perf_counter()
-    highest = model_of(robot.description, LEVELS[-1])
+    highest = robot_at_level(robot.description, LEVELS[-1])
     level, plan = _plan_motion(highest, request_without_geometry(highest, path, **options))
-    motions = level_motions(highest.description, plan.dynamics, level, plan.seconds)
+    motions = compute_level_motions(highest.description, plan.dynamics, level, plan.seconds)
     reference = ReferenceMotion.of(plan, highest, tolerance)
     levels: list[Comparison] = []
     for comparison in reference.compare_levels(motions.items()):
@@ -240,7 +248,7 @@ def fidelity_study(
         length=reference.length,
         times=reference.times,
         levels=tuple(levels),
-        indicators=indicators_of(motions, reference.control),
+        indicators=compute_indicators(motions, reference.control),
         fall=reference.fall,
         has_control=reference.control is not None,
         simulating=reference.seconds,
@@ -259,6 +267,6 @@ def _plan_motion(highest: ParallelRobot, request: Request) -> tuple[Level, Cross
     except NoAnswer as refusal:
         rigid = LEVELS_BY_NAME["rigid"]
         with suppress(NoAnswer):
-            robot = model_of(highest.description, rigid)
+            robot = robot_at_level(highest.description, rigid)
             return rigid, plan_request(robot, replace(request, geometry=rigid.geometry))
         raise refusal

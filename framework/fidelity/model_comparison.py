@@ -93,8 +93,11 @@ class Comparison(ReadOnlyArrays):
         return robot.elastic_names[k], float(largest[k])
 
 
-def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return the time constants of the fall in a motion; above MAX_FALL also feedback of the motors."""
+def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
+    """Return the time constants of the fall in a motion, and feedback if needed.
+
+    Motors have feedback where there are more than MAX_FALL.
+    """
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
         return fall, None
@@ -104,7 +107,7 @@ def fall_of(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
 
 @dataclass
 class ReferenceMotion:
-    """The motion of a study, by its plan, and the highest model, in which all are simulated.
+    """The motion of a study, and the highest model, which simulates all levels.
 
     `seconds` is the time of all simulations so far.
     """
@@ -127,7 +130,7 @@ class ReferenceMotion:
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
         close_instants = [crossing.time + offsets for crossing in plan.crossings]
         times = np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *close_instants])
-        fall, control = fall_of(plan.dynamics)
+        fall, control = measure_fall(plan.dynamics)
         return cls(
             plan=plan,
             highest=highest,
@@ -166,7 +169,7 @@ class ReferenceMotion:
             yield below
 
     def _simulate_reference(self) -> Comparison:
-        """Simulate the reference's own torques, with shorter steps if the platform leaves the path.
+        """Simulate the reference's own torques, with shorter steps if needed.
 
         The allowed error of a step is STEP_ERRORS times the tolerance times the path's length.
         """
@@ -179,11 +182,11 @@ class ReferenceMotion:
         return own
 
     def _is_equal(self, motion: InverseDynamics, other: InverseDynamics | None) -> bool:
-        """Whether the torques of two motions are equal but for rounding."""
+        """Return whether the torques of two motions are equal but for rounding."""
         return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
-        """Return the largest difference (T,) of the torques of two motions over their peak.
+        """Return the largest difference (T,) of two motions' torques over their peak.
 
         Dry friction, the same in both, is left out.
         """
@@ -191,14 +194,14 @@ class ReferenceMotion:
         return (np.abs(torque - reference_torque) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
-        """Return the comparison of a level whose torques drive the highest model."""
+        """Compare a level whose torques drive the highest model."""
         platform_error, reason = np.full(len(self.times), np.nan), ""
         started = time.perf_counter()
         try:
-            run = self._run(motion)
+            run = self._simulate_motion(motion)
             reached = self.times <= run.duration
             t = self.times[reached]
-            platform_error[reached] = self._distance(run.configuration(t), motion.platform(t))
+            platform_error[reached] = self._platform_distance(run.configuration(t), motion.platform(t))
             if run.occurrences:
                 s = float(motion.law(np.array(run.duration)))
                 lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {run.duration:.4g} s"
@@ -209,22 +212,22 @@ class ReferenceMotion:
         torque_error = self._torque_error(motion, self.plan.dynamics)
         return Comparison(level, motion, torque_error, platform_error, reason)
 
-    def _run(self, motion: InverseDynamics) -> Simulation:
-        """Simulate the highest model under the torques of a level, from rest at the start of the path.
+    def _simulate_motion(self, motion: InverseDynamics) -> Simulation:
+        """Simulate the highest model under the torques of a level, from rest.
 
         The simulation ends where the platform's error reaches `lost`.
         """
 
         def remaining_distance(t: float, q: Array, v: Array) -> float:
             planned = motion.platform(np.array([min(t, motion.duration)]))
-            return float(self.lost - self._distance(q[None], planned)[0])
+            return float(self.lost - self._platform_distance(q[None], planned)[0])
 
         robot, plan = self.highest, self.plan
         has_same_springs = plan.robot.elastic_names == robot.elastic_names
         start = plan.configuration(0.0) if has_same_springs else assemble(robot, plan.platform(0.0)).q
         return simulate(
             robot,
-            self._drive(motion),
+            self._make_drive(motion),
             method="stiff",  # takes long steps where fast vibrations are not excited
             tolerance=self.step_error,
             start=start,
@@ -234,8 +237,8 @@ class ReferenceMotion:
             samples=2,
         )
 
-    def _drive(self, motion: InverseDynamics) -> Drive:
-        """Return the torques of a level; with controllers of the motors about its angles, if any."""
+    def _make_drive(self, motion: InverseDynamics) -> Drive:
+        """Return the torques of a level, with controllers of the motors if any."""
         robot, control = self.highest, self.control
         feedforward = Drive.of(robot, motion)
         if control is None:
@@ -251,8 +254,11 @@ class ReferenceMotion:
 
         return replace(feedforward, function=torque, feedback=True)
 
-    def _distance(self, q: Array, x: Array) -> Array:
-        """Return the distance (T,) of the platform at q (T, nq) from x (T, n), in path lengths."""
+    def _platform_distance(self, q: Array, x: Array) -> Array:
+        """Return distances (T,) of the platform at q (T, nq) from x (T, n).
+
+        In path lengths.
+        """
         robot = self.highest
         offset = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
         return np.linalg.norm(offset, axis=1) / self.length

@@ -22,8 +22,8 @@ Source: MuJoCo's documentation, chapter "XML Reference". Loops are as hard as th
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -50,7 +50,9 @@ CLOSING_POINT_DISTANCE = 0.1  # robot lengths between the points that close a hi
 
 
 def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
-    """Return the robot with its springs as MJCF; the keyframe `reference` is its assembled reference.
+    """Return the robot as MJCF; the keyframe `reference` is its assembled reference.
+
+    The keyframe `reference` is its assembled reference.
 
     With `hinges` a ball J becomes three, J_hinge_x, J_hinge_y and J_hinge_z, for programs that know no balls:
     turns about the axes of its body, one after the other, all zero in the reference. Where the second is at
@@ -60,32 +62,32 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
         InvalidInput: a loop that MuJoCo has no equality for, see `equality_axes`; a ball with a spring, whose
             torque `hinges` in turn do not have, or without them one with other dynamics about each axis.
     """
-    root = ElementTree.Element("mujoco", model=robot.name)
-    root.append(ElementTree.Comment(f" {START} "))
-    ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
-    ElementTree.SubElement(
+    root = Element("mujoco", model=robot.name)
+    root.append(Comment(f" {START} "))
+    SubElement(root, "compiler", angle="radian", autolimits="false")
+    SubElement(
         root,
         "option",
         timestep=repr(TIME_STEP),
         gravity=vector_text(robot.model.gravity.linear),
         integrator="implicitfast",
     )
-    bodies = [ElementTree.SubElement(root, "worldbody")]
+    bodies = [SubElement(root, "worldbody")]
     q, data = robot.reference.q, robot.model.createData()
     pin.forwardKinematics(robot.model, data, q, np.zeros(robot.model.nv))
     for j in range(1, robot.model.njoints):
-        bodies.append(_body(robot, data, j, bodies[robot.model.parents[j]], hinges=hinges))
+        bodies.append(_add_body(robot, data, j, bodies[robot.model.parents[j]], hinges=hinges))
     _add_loops(robot, root, bodies)
     _add_motors(robot, root)
-    keys = ElementTree.SubElement(root, "keyframe")
-    qpos = vector_text(qpos_of(robot.model, q, hinges=hinges))
-    ElementTree.SubElement(keys, "key", name="reference", qpos=qpos)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+    keys = SubElement(root, "keyframe")
+    qpos = vector_text(convert_to_qpos(robot.model, q, hinges=hinges))
+    SubElement(keys, "key", name="reference", qpos=qpos)
+    indent(root)
+    return tostring(root, encoding="unicode") + "\n"
 
 
-def qpos_of(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
-    """Return q (nq,) in the order of MuJoCo, balls by real part first or hinges at zero."""
+def convert_to_qpos(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
+    """Convert q (nq,) to MuJoCo's order: balls by real part first, or hinges at 0."""
     parts = []
     for joint in list(model.joints)[1:]:
         part = q[joint.idx_q : joint.idx_q + joint.nq]
@@ -96,38 +98,36 @@ def qpos_of(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
 
 
 def ranges_left_out(robot: ParallelRobot) -> tuple[str, ...]:
-    """Return joints whose range in the URDF is not written, since the reference is outside."""
+    """Return the joints whose range is not written, as the reference is outside."""
     return tuple(positions_beyond_limits(robot.limits, robot.reference.q[None]))
 
 
-def _add_motors(robot: ParallelRobot, root: ElementTree.Element) -> None:
-    """Add an actuator for each motor, whose control is the torque [N m], motor side."""
-    actuator = ElementTree.SubElement(root, "actuator")
-    speeds = ElementTree.Element("custom")
+def _add_motors(robot: ParallelRobot, root: Element) -> None:
+    """Add an actuator for each motor, controlled by its torque [N m], motor side."""
+    actuator = SubElement(root, "actuator")
+    speeds = Element("custom")
     for motor in robot.description.actuators:
         words = {"name": f"{motor.joint}_torque", "joint": motor.joint, "gear": repr(float(motor.gear_ratio))}
         if motor.torque_limit is not None:
             limit = vector_text([-motor.torque_limit, motor.torque_limit])
             words |= {"ctrllimited": "true", "ctrlrange": limit, "forcelimited": "true", "forcerange": limit}
-        ElementTree.SubElement(actuator, "motor", words)
+        SubElement(actuator, "motor", words)
         if motor.speed_limit is not None:
             words = {"name": f"{motor.joint}_speed_limit", "data": repr(float(motor.speed_limit))}
-            ElementTree.SubElement(speeds, "numeric", words)
+            SubElement(speeds, "numeric", words)
     if len(speeds):
         root.append(speeds)
 
 
-def _body(
-    robot: ParallelRobot, data: pin.Data, j: int, parent: ElementTree.Element, *, hinges: bool
-) -> ElementTree.Element:
-    """Return the body behind joint j, in that of its parent."""
+def _add_body(robot: ParallelRobot, data: pin.Data, j: int, parent: Element, *, hinges: bool) -> Element:
+    """Add the body behind joint j to that of its parent; return its element."""
     model, inertia = robot.model, robot.model.inertias[j]
     is_split = hinges and is_ball(model.joints[j])
     attributes = _placement_attributes(data.liMi[j] if is_split else model.jointPlacements[j])
-    body = ElementTree.SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | attributes)
+    body = SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | attributes)
     _add_joints(robot, body, np.asarray(data.joints[j].S), j, is_split=is_split)
-    moments = _correct_inertia(inertia.inertia)
-    ElementTree.SubElement(
+    moments = _acceptable_inertia(inertia.inertia)
+    SubElement(
         body,
         "inertial",
         pos=vector_text(inertia.lever),
@@ -137,10 +137,8 @@ def _body(
     return body
 
 
-def _add_joints(
-    robot: ParallelRobot, body: ElementTree.Element, screws: Array, j: int, *, is_split: bool
-) -> None:
-    """Add joint j with its screws (6, k) to a body, or the three hinges in place of a ball."""
+def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, is_split: bool) -> None:
+    """Add joint j with screws (6, k) to a body, or three hinges for a ball."""
     name, joint = str(robot.model.names[j]), robot.model.joints[j]
     columns = range(joint.idx_v, joint.idx_v + joint.nv)
     if is_split and robot.all_stiffness[columns].any():
@@ -149,7 +147,7 @@ def _add_joints(
     if is_split:
         for axis, attributes in zip("xyz", acting, strict=True):
             hinge = {"name": f"{name}_hinge_{axis}", "type": "hinge", "axis": AXIS[axis]}
-            ElementTree.SubElement(body, "joint", hinge | attributes)
+            SubElement(body, "joint", hinge | attributes)
         return
     if any(attributes != acting[0] for attributes in acting):
         raise InvalidInput(
@@ -164,7 +162,7 @@ def _add_joints(
     for limit in robot.limits:
         if limit.joint == name and name not in ranges_left_out(robot):
             words |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
-    ElementTree.SubElement(body, "joint", words | acting[0])
+    SubElement(body, "joint", words | acting[0])
 
 
 def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
@@ -181,8 +179,8 @@ def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
     return {key: repr(float(value)) for key, value in values.items() if value}
 
 
-def _correct_inertia(inertia: Array) -> Array:
-    """Return an inertia matrix that MuJoCo accepts, with principal moments that a body can have.
+def _acceptable_inertia(inertia: Array) -> Array:
+    """Return an inertia (3, 3) that MuJoCo accepts, of a body that can exist.
 
     Planar robots are often given one moment of three; each of the others becomes half of it, which nothing in
     the plane feels. The lesser two grow by what their sum lacks: by rounding if the body is a thin rod.
@@ -192,11 +190,11 @@ def _correct_inertia(inertia: Array) -> Array:
     return axes @ np.diag(np.maximum(moments, MIN_INERTIA)) @ axes.T
 
 
-def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[ElementTree.Element]) -> None:
+def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> None:
     """Add the equalities, and sites at the frames of the platform and the loops."""
     frames = dict(zip(frame_names(robot), robot.frames, strict=True))
     axes = equality_axes(robot)
-    equality = ElementTree.SubElement(root, "equality")
+    equality = SubElement(root, "equality")
     hard = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": HARD}
     for name, frame in frames.items():
         _add_site(robot, bodies, name, frame, np.zeros(3))
@@ -210,20 +208,18 @@ def _add_loops(robot: ParallelRobot, root: ElementTree.Element, bodies: list[Ele
                 for point, end in zip(pair, closure.frames, strict=True):
                     _add_site(robot, bodies, point, frames[end], offset)
             joined = {"name": name, "site1": pair[0], "site2": pair[1]}
-            ElementTree.SubElement(equality, "connect", joined | hard)
+            SubElement(equality, "connect", joined | hard)
     for coupling in robot.description.couplings:
         joined = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
         polynomial = vector_text([coupling.offset, coupling.ratio, 0, 0, 0])
-        ElementTree.SubElement(equality, "joint", joined | {"polycoef": polynomial} | hard)
+        SubElement(equality, "joint", joined | {"polycoef": polynomial} | hard)
 
 
-def _add_site(
-    robot: ParallelRobot, bodies: list[ElementTree.Element], name: str, frame: int, offset: Array
-) -> None:
+def _add_site(robot: ParallelRobot, bodies: list[Element], name: str, frame: int, offset: Array) -> None:
     """Add a site at an offset (3,) [m] from the frame of an index."""
     origin = robot.model.frames[frame]
     placement = _placement_attributes(origin.placement * pin.SE3(np.eye(3), offset))
-    ElementTree.SubElement(bodies[origin.parentJoint], "site", {"name": name} | placement)
+    SubElement(bodies[origin.parentJoint], "site", {"name": name} | placement)
 
 
 def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
@@ -244,7 +240,7 @@ CLOSED_GAP = 1e-10
 
 
 def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
-    """Choose the axes, one of OFF_ORIGIN, that the equalities of each closure lock.
+    """Choose the axes (of OFF_ORIGIN) that the equalities of each closure lock.
 
     Raises:
         InvalidInput: a closure that none of them says; names it, and the axes along which the robot moves.
@@ -256,12 +252,12 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
             locked[closure.name] = closure.axes
             continue
         poses = _configurations_beside(robot) if poses is None else poses
-        locked[closure.name] = _choose_more_axes(robot, closure, poses)
+        locked[closure.name] = _choose_wider_axes(robot, closure, poses)
     return locked
 
 
-def _choose_more_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
-    """Choose the first axes of OFF_ORIGIN with a closure's, all closed at configurations (K, nq)."""
+def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
+    """Choose the first axes of OFF_ORIGIN with a closure's, closed at poses (K, nq)."""
     lacking = dict[tuple[str, ...], float]()
     placements, names = frames_at(robot, poses), frame_names(robot)
     for axes in OFF_ORIGIN:
@@ -283,7 +279,7 @@ def _choose_more_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> t
 
 
 def _configurations_beside(robot: ParallelRobot) -> Array:
-    """Return assembled configurations (K, nq) at and beside the reference, springs at rest and deflected."""
+    """Return assembled poses (K, nq) beside the reference, springs deflected or not."""
     rest = robot.reference.q
     share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
     deflections = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share
@@ -292,7 +288,7 @@ def _configurations_beside(robot: ParallelRobot) -> Array:
 
 
 def frame_names(robot: ParallelRobot) -> list[str]:
-    """Return names of `robot.frames`, in their order."""
+    """Return the names of `robot.frames`, in their order."""
     closures = robot.description.closures
     ends = (name for closure in closures for name in closure.frames)
     return list(dict.fromkeys([robot.description.platform.frame, *ends]))

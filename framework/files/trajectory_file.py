@@ -31,7 +31,9 @@ SIDES = {
 def joint_trajectory(
     plan: CrossingPlan, *, samples: int = DEFAULT_SAMPLES, side: str = "joint"
 ) -> dict[str, Any]:
-    """Return the message as plain data, for YAML or JSON: header, joint_names, `samples` equidistant points.
+    """Return the message of a plan as plain data: header, joint_names, points.
+
+    `samples` equidistant points, for YAML or JSON.
 
     Positions [rad, m], velocities, accelerations, effort [N m, N]; `time_from_start` {sec, nanosec}.
 
@@ -59,7 +61,7 @@ def joint_trajectory(
 
 
 def describe_side(plan: CrossingPlan, side: str = "joint") -> str:
-    """Return a line that says on which side of gears and springs the trajectory is."""
+    """Describe on which side of gears and springs the trajectory is."""
     return SIDES[side] + ("; before the springs of drives and links" if plan.robot.n_e else "")
 
 

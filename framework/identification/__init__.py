@@ -7,6 +7,12 @@
 Open `base_parameters` first: which combinations of masses, inertias and motor parameters torques depend on.
 `identify` finds them in a recorded motion, `calibrate` the geometry in measured poses. `read_recording` reads
 data, `record_sensors` makes them of a simulation.
+
+    combinations           the combinations of parameters that a regressor determines
+    measured_motion        the motion of all joints from recorded samples
+    physical               parameters of bodies that can exist
+    geometry               errors of joint origins as virtual joints
+    calibration_equations  measured poses as equations for these errors
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters

@@ -20,13 +20,13 @@ from framework.identification.calibration_equations import (
     Measurements,
     ParameterEquations,
     eliminate_poses,
-    joint_names,
-    measurements_of,
-    offsets,
+    encoder_names,
+    measurement_offsets,
+    select_measurements,
 )
-from framework.identification.combinations import Combinations, combination_text, determined_combinations
-from framework.identification.geometry import Geometry, geometry_of
-from framework.identification.recording import Recording, recording_of
+from framework.identification.combinations import Combinations, find_combinations, format_combination
+from framework.identification.geometry import Geometry, parametrise_geometry
+from framework.identification.recording import Recording, load_recording
 from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import frames_at, integrate_columns
@@ -50,7 +50,7 @@ LEAST_NOISE = 1e-3  # residuals over the assumed noise that count as rounding
 
 @dataclass(frozen=True, eq=False)
 class Calibration(ReadOnlyArrays):
-    """A calibrated geometry, validated by poses that were held out.
+    """A calibrated geometry, validated by poses that were not used.
 
     Attributes:
         values, deviations: (p,) of `geometry.names` [m, rad], off the file's, with standard deviations.
@@ -132,13 +132,13 @@ def calibrate(
     angle_error: float = ANGLE_ERROR,
     progress: Callable[[int], None] = lambda steps: None,
 ) -> Calibration:
-    """Calibrate the origins of joints and closure frames from motor angles and measured poses.
+    """Calibrate the origins of joints and closure frames by measured poses.
 
     Args:
         data: motor angles, with coordinates of the platform or angles of other joints; or the name of its
             file.
         joints: whose origins are calibrated; by default all between the base and the frames of the platform
-            and of closures, see `geometry_of`.
+            and of closures, see `parametrise_geometry`.
         noise: standard deviations of measurements, by kind: `motor_angle`, `joint`, `platform`.
         length_error, angle_error: standard deviations of the file's dimensions [m, rad].
         progress: called with the number of steps tried.
@@ -152,20 +152,20 @@ def calibrate(
     started = clock.perf_counter()
     noise = noise or {}
     _check_errors(noise, length_error=length_error, angle_error=angle_error)
-    geometry = geometry_of(robot, joints)
-    data = recording_of(robot, data)
-    measured = measurements_of(geometry, data, {**NOISE, **noise})
+    geometry = parametrise_geometry(robot, joints)
+    data = load_recording(robot, data)
+    measured = select_measurements(geometry, data, {**NOISE, **noise})
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
     start = _solve_poses(geometry.model, measured)
-    used = measured.rows(~is_test)
+    used = measured.select_instants(~is_test)
     prior = np.where(geometry.turning, angle_error, length_error)
     solver = GaussNewton(geometry.model, used, start[~is_test], prior)
     solver.run(robot.name, progress)
     _check_plausible(robot, geometry, solver.values / prior, solver.noise)
-    combinations, at_file = _determine(geometry, used, start[~is_test], prior)
-    test = measured.rows(is_test)
+    combinations, at_file = _find_combinations(geometry, used, start[~is_test], prior)
+    test = measured.select_instants(is_test)
     error_before = _prediction_error(geometry.model, test, start[is_test], np.zeros_like(prior))
     error_after = _prediction_error(geometry.model, test, start[is_test], solver.values)
     return Calibration(
@@ -188,7 +188,7 @@ def calibrate(
 
 
 def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
-    """Raise InvalidInput for unknown kinds of noise and errors that are not positive."""
+    """Refuse unknown kinds of noise and errors that are not positive."""
     for name in noise:
         check_choice("kind of noise", name, NOISE)
     for name, value in {**noise, **file_errors}.items():
@@ -197,46 +197,49 @@ def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
 
 
 def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
-    """Solve the forward kinematics of the file's geometry at the measured motor angles: q (T, nq)."""
+    """Solve the forward kinematics q (T, nq) at the measured motor angles.
+
+    The geometry is the file's.
+    """
     stack = forward_kinematics_stack(model, measured.values[:, : measured.driven])
     for refusal in stack.refused.values():
         raise refusal
     return stack.q
 
 
-def _determine(
+def _find_combinations(
     geometry: Geometry, measured: Measurements, q: Array, prior: Array
 ) -> tuple[Combinations, ParameterEquations]:
-    """Compute the combinations of parameters that data or loops determine at poses q of the file's geometry.
+    """Find the parameter combinations that data or loops determine at q (T, nq).
 
-    Return also the equations at q.
+    q are poses of the file's geometry. Return also the equations there.
     """
     equations = eliminate_poses(geometry.model, measured, q)
     loop_rows = equations.loop_slopes * LOOP_GAP / measured.noise.min()  # in units of the noise
-    rows = np.concatenate([rows_of(equations.matrix), rows_of(loop_rows)])
-    return determined_combinations(rows, prior), equations
+    rows = np.concatenate([merge_rows(equations.matrix), merge_rows(loop_rows)])
+    return find_combinations(rows, prior), equations
 
 
-def _check_plausible(robot: ParallelRobot, geometry: Geometry, share: Array, noise: float) -> None:
-    """Raise NotConverged if the noise or a change over its prior, `share` (p,), is implausibly large."""
+def _check_plausible(robot: ParallelRobot, geometry: Geometry, deviations: Array, noise: float) -> None:
+    """Refuse implausible noise, or changes (p,) in prior deviations."""
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
             f"{robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; raise "
             f"length_error or angle_error, give the noise, or look at the data",
             residual=noise,
         )
-    worst = np.abs(share).argmax()
-    if abs(share[worst]) > MAX_PRIOR_DEVIATIONS:
+    worst = np.abs(deviations).argmax()
+    if abs(deviations[worst]) > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
-            f"{robot.name}: {geometry.names[worst]} would be off by {abs(share[worst]):.3g} standard "
+            f"{robot.name}: {geometry.names[worst]} would be off by {abs(deviations[worst]):.3g} standard "
             f"deviations of what the file may be wrong by; raise length_error or angle_error, or "
             f"look at the data",
-            residual=float(abs(share[worst])),
+            residual=float(abs(deviations[worst])),
         )
 
 
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
-    """Compute the root mean square errors (m,) of measurements predicted from motors' angles.
+    """Compute root mean square errors (m,) of measurements predicted by motor angles.
 
     From q (T, nq) the motors are moved to their measured angles and the parameters to `values` (p,), then the
     loops are closed.
@@ -252,7 +255,7 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
             f"motor angles; these data are of another robot, or the file is too far off",
             residual=float(poses.linearised.gap[worst]),
         )
-    return np.sqrt(np.mean(offsets(model, measured, poses.linearised.frames).offset ** 2, axis=0))
+    return np.sqrt(np.mean(measurement_offsets(model, measured, poses.linearised.frames).offset ** 2, axis=0))
 
 
 def _describe_unseen(
@@ -262,13 +265,13 @@ def _describe_unseen(
     equations: ParameterEquations,
     combinations: Combinations,
 ) -> tuple[str, ...]:
-    """Describe the directions of parameters that the data do not determine, with a remedy each.
+    """Describe the parameter directions that the data do not determine, with remedies.
 
     A direction moves the joints so that all measurements stay the same. Another sensor would show it if the
     sensor's value changes along this motion.
     """
     model = geometry.model
-    unused = {name: slope for name, slope in _sensors(model, q).items() if name not in measured.names}
+    unused = {name: slope for name, slope in _sensor_slopes(model, q).items() if name not in measured.names}
     sentences = []
     for direction in combinations.unseen:
         motion = np.zeros((len(q), model.model.nv))
@@ -280,25 +283,25 @@ def _describe_unseen(
             if np.abs(np.vecdot(slope, motion)).max() > least:
                 advice = f"{name} would show it"
                 break
-        sentences.append(f"{unseen_text(geometry.names, direction)}; {advice}")
+        sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)
 
 
-def _sensors(model: ParallelRobot, q: Array) -> dict[str, Array]:
-    """Return the derivatives (T, nv) along all joints of all measurable quantities at q (T, nq), by name.
+def _sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
+    """Compute derivatives (T, nv) of all measurable quantities at q (T, nq), by name.
 
-    They are the position and the turns of the platform's frame, and the angles of single joints.
+    These are the position and the rotation of the platform's frame, and the angles of single joints.
     """
     jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
     sensors = {axis: jacobian[:, k] for k, axis in enumerate(axes)}
-    for column, name in joint_names(model).items():
+    for column, name in encoder_names(model).items():
         sensors[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
     return sensors
 
 
-def unseen_text(names: Sequence[str], direction: Array) -> str:
-    """Return the text about a direction (p,) of parameters that data do not determine.
+def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
+    """Describe a direction (p,) of parameters that data do not determine.
 
     If two parameters change by the same amount, data determine their difference; if by opposite ones, their
     sum.
@@ -311,7 +314,7 @@ def unseen_text(names: Sequence[str], direction: Array) -> str:
         if abs(abs(first) - abs(second)) < MIN_RESPONSE * abs(first):
             kind = "difference" if first * second > 0 else "sum"
             return f"{names[used[0]]} and {names[used[1]]} only as their {kind}"
-    return f"no change by {combination_text(names, direction)}"
+    return f"no change by {format_combination(names, direction)}"
 
 
 class GaussNewton:
@@ -339,17 +342,17 @@ class GaussNewton:
         self.deviations = prior
 
     def run(self, name: str, progress: Callable[[int], None]) -> None:
-        """Iterate until no parameter changes; name is the robot's.
+        """Iterate until no parameter changes; `name` is the robot's.
 
         A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). Poses
         follow the parameters linearly.
         """
         damping = FIRST_DAMPING
         equations = eliminate_poses(self.model, self.measured, self.q)
-        cost = self._weigh(equations)
+        cost = self._update_weights(equations)
         for self.count in range(1, MAX_STEPS + 1):
             progress(self.count)
-            change = self._change(equations, damping)
+            change = self._damped_step(equations, damping)
             q = self._move_poses(equations, change)
             values = self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
@@ -362,9 +365,9 @@ class GaussNewton:
             self.values = values
             equations = next_equations
             damping = max(0.1 * damping, 1e-12)
-            cost = self._weigh(equations)
+            cost = self._update_weights(equations)
             if np.abs(change / self.prior).max() < CONVERGED:
-                self._finish(equations)
+                self._estimate_deviations(equations)
                 return
         raise NotConverged(
             f"{name}: calibration does not settle after {self.count} steps; the file is too far off for "
@@ -373,31 +376,35 @@ class GaussNewton:
         )
 
     def _move_poses(self, equations: ParameterEquations, change: Array) -> Array:
-        """Return the poses (T, nq) after a change (p,) of the parameters, which the joints follow."""
+        """Return the poses (T, nq) after a change (p,) of the parameters.
+
+        Joints follow the parameters as the linearised loops demand.
+        """
         joint_step = equations.step + equations.follow @ change  # (T, k)
         parameter_step = np.tile(change, (len(joint_step), 1))
         columns = np.concatenate([self.model.joints, self.model.elastic])
         return integrate_columns(self.model, self.q, columns, np.hstack([joint_step, parameter_step]))
 
-    def _system(self, equations: ParameterEquations) -> tuple[Array, Array]:
-        """Return rows (N, p) on parameters over their prior deviations, of unit noise, and residuals (N,).
+    def _weighted_rows(self, equations: ParameterEquations) -> tuple[Array, Array]:
+        """Return rows (N, p) of unit noise on parameters over prior deviations.
 
-        The first rows are the data's, weighted by instant; the others are loop equations that no joint can
-        close.
+        Also their residuals (N,). The first rows are the data's, weighted by instant; the others are loop
+        equations that no joint can close.
         """
         weights = self.weights[:, None] / self.noise
         matrix = np.concatenate(
-            [rows_of(weights[..., None] * equations.matrix), rows_of(equations.loop_slopes)]
+            [merge_rows(weights[..., None] * equations.matrix), merge_rows(equations.loop_slopes)]
         )
         residual = np.concatenate([(weights * equations.right).ravel(), equations.open_loops.ravel()])
         return matrix * self.prior, residual
 
-    def _change(self, equations: ParameterEquations, damping: float) -> Array:
-        """Return the damped Gauss-Newton step (p,) by least squares on data, prior and damping.
+    def _damped_step(self, equations: ParameterEquations, damping: float) -> Array:
+        """Compute the damped Gauss-Newton step (p,) of the parameters.
 
-        In units of the prior deviations the rows are [data; 1; sqrt(damping)] step = -[residual; values; 0].
+        In units of the prior deviations the rows [data; 1; sqrt(damping)] step = -[residual; values; 0] are
+        solved by least squares.
         """
-        matrix, residual = self._system(equations)
+        matrix, residual = self._weighted_rows(equations)
         identity = np.eye(len(self.prior))
         rows = np.concatenate([matrix, identity, np.sqrt(damping) * identity])
         residuals = np.concatenate([residual, self.values / self.prior, np.zeros(len(self.prior))])
@@ -405,24 +412,25 @@ class GaussNewton:
         return -self.prior * np.linalg.solve(R, Q.T @ residuals)
 
     def _cost(self, equations: ParameterEquations, values: Array) -> float:
-        """Return the cost of equations at parameters `values` (p,), see the class."""
-        residual = self._system(equations)[1]
+        """Compute the cost of equations at parameters `values` (p,), see the class."""
+        residual = self._weighted_rows(equations)[1]
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
-    def _weigh(self, equations: ParameterEquations) -> float:
-        """Set the noise by the median residual of the instants, and Huber's weights; return the cost.
+    def _update_weights(self, equations: ParameterEquations) -> float:
+        """Update the noise and Huber's weights of the instants; return the cost.
 
-        An instant whose residual is above HUBER times the noise has the weight HUBER noise / residual, so
-        that its cost grows linearly (Huber, Annals of Mathematical Statistics 35, 1964).
+        The noise is the median residual. An instant whose residual is above HUBER times the noise has the
+        weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of Mathematical
+        Statistics 35, 1964).
         """
         rank_per_instant = equations.right.shape[1] - self.measured.driven
         sizes = np.sqrt(np.sum(equations.right**2, axis=1) / max(rank_per_instant, 1))
-        self._set_noise(equations, np.median(sizes))
+        self._estimate_noise(equations, np.median(sizes))
         self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(sizes, RANK_ROUNDING)))
         return self._cost(equations, self.values)
 
-    def _finish(self, equations: ParameterEquations) -> None:
-        """Set the noise by all weighted residuals, and the standard deviations of the parameters.
+    def _estimate_deviations(self, equations: ParameterEquations) -> None:
+        """Set the noise by all residuals, and deviations of the parameters.
 
         With R'R = the normal matrix of data and prior, deviations are the norms of the rows of R^-1.
         """
@@ -430,59 +438,61 @@ class GaussNewton:
 
         residual = self.weights[:, None] * equations.right
         count = equations.right.size - self.measured.driven * len(self.q)
-        self._set_noise(equations, np.sqrt(np.sum(residual**2) / max(count, 1)))
-        matrix, _ = self._system(equations)
+        self._estimate_noise(equations, np.sqrt(np.sum(residual**2) / max(count, 1)))
+        matrix, _ = self._weighted_rows(equations)
         R = np.linalg.qr(np.concatenate([matrix, np.eye(len(self.prior))]), mode="r")
         self.deviations = self.prior * np.linalg.norm(np.linalg.inv(R), axis=1)
         if self.freedom >= 1.0:
             self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 
-    def _set_noise(self, equations: ParameterEquations, residual: float) -> None:
-        """Estimate the noise s over the assumed noise from the root mean square `residual`, and the freedom.
+    def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
+        """Estimate the noise s (over the assumed one), and the degrees of freedom.
 
-        A fit of N equations with a prior determines r(s) = sum of w^2 / (w^2 + s^2) parameters, with w the
-        singular values of the rows: the effective number of parameters of ridge regression (Hastie,
-        Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section 3.4.1). Its residuals
-        have the expected sum of squares s^2 (N - r(s)) = N residual^2, which is solved for s; the left side
-        grows with s. With a freedom N - r below 1 the noise is the assumed one.
+        `residual` is the root mean square of the N residuals. A fit of N equations with a prior determines
+        r(s) = sum of w^2 / (w^2 + s^2) parameters, with w the singular values of the rows: the effective
+        number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements of Statistical
+        Learning, 2009, section 3.4.1). Its residuals have the expected sum of squares s^2 (N - r(s)) = N
+        residual^2, which is solved for s; the left side grows with s. With a freedom N - r below 1 the noise
+        is the assumed one.
         """
         count = equations.right.size - self.measured.driven * len(self.q)
         powers = self._squared_singular_values(equations)
 
-        def freedom(noise: float) -> float:
+        def degrees_of_freedom_at(noise: float) -> float:
             return count - float(np.sum(powers / (powers + noise**2)))
 
         self.noise = 1.0
-        self.freedom = freedom(LEAST_NOISE)
+        self.freedom = degrees_of_freedom_at(LEAST_NOISE)
         if self.freedom < 1.0:
             return
         from scipy.optimize import brentq  # takes time to import
 
-        def excess(noise: float) -> float:
-            return float(noise**2 * freedom(noise) - count * residual**2)
+        def noise_equation(noise: float) -> float:
+            return float(noise**2 * degrees_of_freedom_at(noise) - count * residual**2)
 
         high = max(residual * np.sqrt(count), 1.0)
         self.noise = LEAST_NOISE
-        if excess(LEAST_NOISE) < 0.0:
-            self.noise = float(brentq(excess, LEAST_NOISE, high, xtol=RANK_ROUNDING * LEAST_NOISE))
-        self.freedom = freedom(self.noise)
+        if noise_equation(LEAST_NOISE) < 0.0:
+            self.noise = float(brentq(noise_equation, LEAST_NOISE, high, xtol=RANK_ROUNDING * LEAST_NOISE))
+        self.freedom = degrees_of_freedom_at(self.noise)
 
     def _squared_singular_values(self, equations: ParameterEquations) -> Array:
-        """Return squared singular values (p,) of A S, with the data's rows A and a prior of covariance S S'.
+        """Compute squared singular values (p,) of A S.
 
-        The prior combines the deviations D and the slopes L of loop equations that no joint can close:
-        (S S')^-1 = D^-2 + L'L. With L D = U diag(w) V' that is S = D V diag(1 + w^2)^(-1/2).
+        A are the data's rows, S S' is the covariance of the prior. The prior combines the deviations D and
+        the slopes L of loop equations that no joint can close: (S S')^-1 = D^-2 + L'L. With L D = U diag(w)
+        V' that is S = D V diag(1 + w^2)^(-1/2).
         """
         size = len(self.prior)
         # zero rows make w and V complete where there are fewer loop equations than parameters
-        loops = np.concatenate([rows_of(equations.loop_slopes) * self.prior, np.zeros((size, size))])
+        loops = np.concatenate([merge_rows(equations.loop_slopes) * self.prior, np.zeros((size, size))])
         triangle = np.linalg.qr(loops, mode="r")  # the same w and V as all rows, at (p, p)
         _, w, V_transposed = np.linalg.svd(triangle)
-        rows = rows_of(self.weights[:, None, None] * equations.matrix) * self.prior
+        rows = merge_rows(self.weights[:, None, None] * equations.matrix) * self.prior
         rows = rows @ V_transposed.T / np.sqrt(1.0 + w**2)
         return np.linalg.eigvalsh(rows.T @ rows).clip(0.0)
 
 
-def rows_of(stack: Array) -> Array:
-    """Return a stack (T, m, p) as one matrix (T m, p)."""
+def merge_rows(stack: Array) -> Array:
+    """Merge a stack (T, m, p) into one matrix (T m, p)."""
     return stack.reshape(-1, stack.shape[2])

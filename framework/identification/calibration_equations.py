@@ -36,13 +36,13 @@ class Measurements(ReadOnlyArrays):
     axes: IntArray  # of the platform's coordinates
     others: IntArray  # of 0..2: measured positions of the frame's origin that are no platform coordinates
 
-    def rows(self, instants: BoolArray) -> Measurements:
+    def select_instants(self, instants: BoolArray) -> Measurements:
         """Return the measurements at the instants of a mask (T,)."""
         return replace(self, values=self.values[instants])
 
 
-def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:
-    """Return the measurements of motors, other joints and the platform in a recording.
+def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:
+    """Select the motors, other joints and platform coordinates of a recording.
 
     Args:
         noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
@@ -54,7 +54,7 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
     robot = geometry.robot
     model = geometry.model
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
-    encoders = {column: name for column, name in joint_names(model).items() if name in data.names}
+    encoders = {column: name for column, name in encoder_names(model).items() if name in data.names}
     measured_axes = [name.removeprefix("platform_") for name in data.names if name.startswith("platform_")]
     axes = [axis for axis in robot.axis_names if axis in measured_axes]
     others = [axis for axis in LINEAR_AXES if axis in measured_axes and axis not in axes]
@@ -85,24 +85,26 @@ def measurements_of(geometry: Geometry, data: Recording, noise: dict[str, float]
     )
 
 
-def joint_names(model: ParallelRobot) -> dict[int, str]:
-    """Return the names of passive hinges and slides, which an encoder may measure, by column."""
+def encoder_names(model: ParallelRobot) -> dict[int, str]:
+    """Return column names of passive hinges and slides, by velocity column.
+
+    These are the joints that an encoder may measure.
+    """
     single = single_columns(model.model)
     return {k: f"joint_{model.coordinates.name_of(k)}" for k in model.passive.tolist() if k in single}
 
 
 class MeasuredOffsets(NamedTuple):
-    """Model values less measured ones, and their derivatives along all joints."""
+    """Model values less measured ones, with derivatives along all joints."""
 
     offset: Array  # (T, m)
     slope: Array  # (T, m, nv)
 
 
-def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
-    """Compute the model's joints, platform coordinates and positions less the measured ones, with slopes.
+def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
+    """Compute model less measured values, and slopes along all joints.
 
-    The columns are in the order of `Measurements`. Platform coordinates that are not measured are the model's
-    own.
+    Rows are in the order of `Measurements`. Platform coordinates that are not measured are the model's own.
     """
     joints = measured.columns
     axes = measured.axes
@@ -125,7 +127,7 @@ def offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) ->
 
 
 class ParameterEquations(NamedTuple):
-    """Linear equations right + matrix dp = noise at T instants, and the joints' steps for parameters dp."""
+    """Linear equations right + matrix dp = noise at T instants, for parameters p."""
 
     right: Array  # (T, m) offsets over their noise, without the part that a change of the pose removes
     matrix: Array  # (T, m, p) derivatives of `right` along the parameters
@@ -136,7 +138,7 @@ class ParameterEquations(NamedTuple):
 
 
 def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
-    """Compute the equations of the parameters at q (T, nq), with the poses eliminated.
+    """Compute the equations of the parameters at q (T, nq), poses eliminated.
 
     Offsets over their noise are r + A dp + B z, with z the free motions of the loops. Least squares give
     z = -B^+ (r + A dp), so the equations (1 - B B^+) (r + A dp) remain (variable projection, Golub and
@@ -144,8 +146,8 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
     """
     frames = frames_at(model, q)
     scale = model.column_scale[model.joints]  # (k,)
-    loops = _close_linearly(model, frames)
-    measurements = offsets(model, measured, frames)
+    loops = _solve_linear_loops(model, frames)
+    measurements = measurement_offsets(model, measured, frames)
     slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv) over the noise
     by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
     r = measurements.offset / measured.noise + np.matvec(by_joints, loops.step)  # (T, m)
@@ -165,7 +167,7 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
 
 
 class _LinearLoops(NamedTuple):
-    """Solutions dq = step + follow dp + free z of the linearised loops at T instants, k joints.
+    """Solutions dq = step + follow dp + free z of the linearised loops.
 
     Steps are in radians and lengths of the robot.
     """
@@ -177,8 +179,8 @@ class _LinearLoops(NamedTuple):
     slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
 
 
-def _close_linearly(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
-    """Solve the linearised loop equations for the joints by a singular value decomposition.
+def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
+    """Solve the linearised loops for the joints by singular value decomposition.
 
     F_q = U S V'. The first columns of U and V, as many as the rank, give the step; the other columns of V are
     the free motions, the other columns of U the equations that no joint can close.

@@ -46,7 +46,7 @@ class Combinations(ReadOnlyArrays):
 
     @property
     def gap(self) -> float:
-        """The last singular value within the rank over the next one; infinite at full rank."""
+        """Last singular value within the rank over the next one; infinite at full rank."""
         if self.rank == len(self.singular_values) or not self.rank:
             return np.inf
         least = max(float(self.singular_values[self.rank]), float(np.finfo(float).tiny))
@@ -54,7 +54,7 @@ class Combinations(ReadOnlyArrays):
 
     @property
     def unseen(self) -> Array:
-        """Return directions (p - rank, p) of the parameters that change no base parameter.
+        """Directions (p - rank, p) of the parameters that change no base parameter.
 
         In each of them one parameter that leads no base parameter changes by 1, and the leading ones
         compensate.
@@ -66,8 +66,8 @@ class Combinations(ReadOnlyArrays):
         return directions
 
 
-def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
-    """Compute the combinations of parameters that a regressor (rows, p) determines.
+def find_combinations(regressor: Array, sizes: Array) -> Combinations:
+    """Find the combinations of parameters that a regressor (rows, p) determines.
 
     Args:
         sizes: (p,) typical sizes of the parameters, which make the columns comparable.
@@ -84,25 +84,25 @@ def determined_combinations(regressor: Array, sizes: Array) -> Combinations:
     dependent = seen[others]
 
     # each dependent column is a sum of leading ones: R_dependent = R_leading shares
-    shares = np.linalg.lstsq(R[:, of_rank], R[:, others], rcond=None)[0]  # (rank, dependent)
-    in_sizes = shares * lengths[dependent] / lengths[leading, None]  # of columns in sizes of the parameters
+    weights = np.linalg.lstsq(R[:, of_rank], R[:, others], rcond=None)[0]  # (rank, dependent)
+    in_sizes = weights * lengths[dependent] / lengths[leading, None]  # of columns in sizes of the parameters
     largest = np.abs(in_sizes).max(axis=0, initial=0.0)
-    shares[np.abs(in_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
+    weights[np.abs(in_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
 
     # in the units of the parameters: a column of unit length is the column of the regressor over its length
     unit_lengths = lengths / sizes
     coefficients = np.zeros((rank, len(sizes)))
     coefficients[np.arange(rank), leading] = 1.0
-    coefficients[:, dependent] = shares * unit_lengths[dependent] / unit_lengths[leading, None]
+    coefficients[:, dependent] = weights * unit_lengths[dependent] / unit_lengths[leading, None]
     return Combinations(rank, values, leading, coefficients, np.setdiff1d(np.arange(len(sizes)), seen))
 
 
 def _independent_columns(matrix: Array, rank: int) -> IntArray:
-    """Return the indices (rank,) of the first independent columns of a matrix with columns of unit length.
+    """Return the first independent columns (rank,) of a matrix, by index.
 
-    Gram and Schmidt: a column is independent if it is not in the span of the independent columns before it.
-    Where rounding makes their number differ from the rank, a QR decomposition with column pivoting chooses
-    them.
+    Columns have unit length. Gram and Schmidt: a column is independent if it is not in the span of the
+    independent columns before it. Where rounding makes their number differ from the rank, a QR decomposition
+    with column pivoting chooses them.
     """
     basis = np.empty((len(matrix), 0))
     independent = []
@@ -118,8 +118,8 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
     return np.sort(row_pivots(matrix.T)[:rank])
 
 
-def combination_text(names: Sequence[str], coefficients: Array) -> str:
-    """Return a combination (p,) of parameters as text: `a + 0.25 b - c`."""
+def format_combination(names: Sequence[str], coefficients: Array) -> str:
+    """Format a combination (p,) of parameters as text: `a + 0.25 b - c`."""
     used = np.flatnonzero(coefficients)
     terms = []
     for k in used[:MAX_TERMS]:

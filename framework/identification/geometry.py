@@ -8,18 +8,18 @@ parameters, too.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
 from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.documents import origin_of
-from framework.model.placement import about, placement
-from framework.model.urdf_edits import ChainJoint, joint_element, origin_element
+from framework.model.documents import read_origin
+from framework.model.placement import placement, rotation_about
+from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ReadOnlyArrays
 
 ERRORS = "errors"  # end of the name of a virtual joint
@@ -28,7 +28,9 @@ PLACED = "placed"  # end of the name of the fixed joint that takes the origin of
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ReadOnlyArrays):
-    """A robot with errors of its joint origins: `model` has an elastic virtual joint for each parameter.
+    """A robot with errors of its joint origins as parameters.
+
+    In `model` each parameter is an elastic virtual joint.
 
     joints: those whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
     turning: (p,) true for an angle [rad], false for a length [m].
@@ -41,18 +43,18 @@ class Geometry(ReadOnlyArrays):
     turning: np.ndarray
 
     def description(self, values: Array) -> RobotDescription:
-        """Return the robot's description with its joint origins moved by parameters (p,)."""
+        """Return the robot's description, joint origins moved by parameters (p,)."""
         description = self.robot.description
-        urdf = ElementTree.fromstring(description.urdf_text)
+        urdf = fromstring(description.urdf_text)
         elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
         for joint, move in zip(self.joints, values.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)
-        return replace(description, urdf_text=ElementTree.tostring(urdf, encoding="unicode"))
+        return replace(description, urdf_text=tostring(urdf, encoding="unicode"))
 
 
-def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
-    """Return a robot with its geometric parameters, six of each joint's origin.
+def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
+    """Add six geometric parameters to each joint's origin.
 
     Each joint gets a spring of six virtual joints behind its origin: behind the joint itself if it is fixed,
     else behind a fixed joint that takes over its origin.
@@ -65,7 +67,7 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
         InvalidInput: unknown joints; too many.
     """
     description = robot.description
-    urdf = ElementTree.fromstring(description.urdf_text)
+    urdf = fromstring(description.urdf_text)
     elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
     candidates = _joints_to_frames(description, elements)
     for name in joints or ():
@@ -76,7 +78,7 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
         is_fixed = elements[name].get("type") == "fixed"
         origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
         springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, (1.0,) * len(AXES)))
-    text = ElementTree.tostring(urdf, encoding="unicode")
+    text = tostring(urdf, encoding="unicode")
     with_errors = replace(description, urdf_text=text, springs=tuple(springs))
     return Geometry(
         robot=robot,
@@ -87,37 +89,37 @@ def geometry_of(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Ge
     )
 
 
-def _joints_to_frames(description: RobotDescription, elements: dict[str, ElementTree.Element]) -> list[str]:
-    """Return the joints between the base and the frames of the platform and of closures, in the URDF's order.
+def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
+    """Return the joints between the base and all platform and closure frames.
 
-    A frame is the name of a link, or of a joint for its child link.
+    In the URDF's order. A frame is the name of a link, or of a joint for its child link.
     """
-    joint_of_link = {_end(joint, "child"): joint for joint in elements.values()}
+    joint_of_link = {_link_name(joint, "child"): joint for joint in elements.values()}
     frames = {description.platform.frame, *(name for c in description.closures for name in c.frames)}
     joints = set()
     for frame in frames:
         is_joint = frame not in joint_of_link and frame in elements
-        link = _end(elements[frame], "child") if is_joint else frame
+        link = _link_name(elements[frame], "child") if is_joint else frame
         while link in joint_of_link:
             joints.add(joint_of_link[link].get("name", ""))
-            link = _end(joint_of_link[link], "parent")
+            link = _link_name(joint_of_link[link], "parent")
     return [name for name in elements if name in joints]
 
 
-def _end(joint: ElementTree.Element, end: str) -> str:
+def _link_name(joint: Element, end: str) -> str:
     """Return the name of the joint's link "parent" or "child"; empty without one."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
 
-def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) -> str:
-    """Insert a fixed joint with the origin of a moving joint before this joint; return its name."""
+def _insert_origin_joint(urdf: Element, joint: Element) -> str:
+    """Insert a fixed joint before a moving one, with its origin; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
-    ElementTree.SubElement(urdf, "link", name=link)
+    SubElement(urdf, "link", name=link)
     parent = joint.find("parent")
     origin = joint.find("origin")
-    fixed = joint_element(ChainJoint(name, "fixed"), _end(joint, "parent"), link)
+    fixed = joint_element(NewJoint(name, "fixed"), _link_name(joint, "parent"), link)
     if parent is not None:
         parent.set("link", link)
     if origin is not None:
@@ -127,15 +129,15 @@ def _insert_origin_joint(urdf: ElementTree.Element, joint: ElementTree.Element) 
     return name
 
 
-def _move_origin(joint: ElementTree.Element, move: Array) -> None:
-    """Move a joint's origin by displacements along its axes, then turns about x, y and z in turn (6,).
+def _move_origin(joint: Element, move: Array) -> None:
+    """Move a joint's origin by translations, then turns about x, y, z, move (6,).
 
-    As the virtual joint of `geometry_of` does: three slides, then three hinges.
+    [m, rad] As the virtual joint of `parametrise_geometry` does: three slides, then three hinges.
     """
     old = joint.find("origin")
-    pose = origin_of(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
+    pose = read_origin(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
     for axis, angle in zip(np.eye(3), move[3:], strict=True):
-        pose = pose @ placement(about(axis, angle))
+        pose = pose @ placement(rotation_about(axis, angle))
     if old is not None:
         joint.remove(old)
     joint.append(origin_element(pose))

@@ -16,16 +16,20 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput
-from framework.identification.base_parameters import BaseParameters, base_parameters
+from framework.identification.base_parameters import (
+    BaseParameters,
+    ParameterRegressor,
+    base_parameters,
+    parameter_regressor,
+)
 from framework.identification.measured_motion import MeasuredMotion, measured_motion
 from framework.identification.physical import (
     LinkParameters,
-    link_parameters_of,
-    possible_parameters,
+    collect_link_parameters,
+    fit_possible_parameters,
     with_masses_and_motors,
 )
-from framework.identification.recording import Recording, recording_of
-from framework.identification.torque_parameters import ParameterRegressor, parameter_regressor
+from framework.identification.recording import Recording, load_recording
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
@@ -41,19 +45,22 @@ DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the size of 
 
 
 class Rows(NamedTuple):
-    """Rows A theta = b of T instants, of unit noise up to a common factor."""
+    """Rows A theta = b of T instants, of unit noise up to a common scale."""
 
     matrix: Array  # (T, n, p)
     right: Array  # (T, n)
 
     def select(self, instants: BoolArray) -> Rows:
-        """Return the rows of the marked instants (T,) as one matrix (rows, p) with right side (rows,)."""
+        """Return the rows of the marked instants (T,) as one matrix (rows, p).
+
+        The right side becomes (rows,).
+        """
         return Rows(self.matrix[instants].reshape(-1, self.matrix.shape[2]), self.right[instants].ravel())
 
 
 @dataclass(frozen=True, eq=False)
 class Identification(ReadOnlyArrays):
-    """Identified parameters, validated by torques of instants that were held out.
+    """Identified parameters, validated by torques that were not used.
 
     Attributes:
         base: the base parameters of the robot.
@@ -85,11 +92,11 @@ class Identification(ReadOnlyArrays):
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Base parameters whose standard deviation is above their size."""
-        return self._base_names(_are_unseen(self.base, self.values, self.deviations))
+        return self._base_names(_exceed_their_size(self.base, self.values, self.deviations))
 
     @property
     def keeps_file(self) -> bool:
-        """Whether the file's parameters predict the torques held out better, and stay."""
+        """Whether the file's parameters predict the validation torques better, and stay."""
         return bool((self.link_values == self.links.values).all())
 
     @property
@@ -104,6 +111,7 @@ class Identification(ReadOnlyArrays):
 
     @property
     def _description(self) -> RobotDescription:
+        """The robot's description with the identified parameters."""
         return with_masses_and_motors(self.robot, self.links, self.link_values)
 
     def identified_robot(self) -> ParallelRobot:
@@ -178,10 +186,10 @@ def identify(
     if not (np.isfinite(prior) and prior > 0):
         raise InvalidInput(f"prior: needs a positive number, got {prior!r}")
     base = base_parameters(robot, massless=massless)
-    data = recording_of(robot, data)
+    data = load_recording(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
-    test = _is_held_out(measured.times)
+    test = _is_validation(measured.times)
     rows = _whiten(robot, regressor, measured).select(~test)
     if len(rows.right) <= base.rank:
         raise InvalidInput(
@@ -190,7 +198,7 @@ def identify(
         )
     estimate = _estimate_base_parameters(base, rows)
     file = base.described.values
-    links = link_parameters_of(robot, base.described)
+    links = collect_link_parameters(robot, base.described)
     link_values = _fit_possible_bodies(robot, base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
     error_before = torque_error(robot, regressor, measured, test, file)
@@ -231,17 +239,20 @@ def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: Measu
     least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]
     deviation = np.sqrt(np.maximum(variance, least_variance))  # (T, n)
     weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # diag(variance)^(-1/2) V' (T, n, n)
-    wrench = np.matvec(regressor.motors, measured.torque) - regressor.known  # (T, n)
+    wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
     return Rows(weights @ regressor.matrix, np.matvec(weights, wrench))
 
 
-def _are_unseen(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
-    """Return a mask (rank,) of base parameters whose standard deviation is above their size."""
+def _exceed_their_size(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
+    """Return which base parameters have deviations above their size, (rank,).
+
+    Arguments are values and standard deviations (rank,).
+    """
     return deviations > np.maximum(np.abs(values), np.abs(base.values))
 
 
-def _is_held_out(times: Array) -> BoolArray:
-    """Mark the instants (T,) held out for validation: every fourth block of time."""
+def _is_validation(times: Array) -> BoolArray:
+    """Return which instants (T,) validate: every fourth block of time."""
     share = (times - times[0]) / (times[-1] - times[0])
     blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
@@ -256,11 +267,11 @@ class BaseEstimate(NamedTuple):
 
 
 def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
-    """Estimate the base parameters by least squares, A beta = b, over their sizes (Gautier 1997).
+    """Estimate the base parameters by least squares, A beta = b (Gautier 1997).
 
-    With A = U S V' the solution is V S^-1 U' b, its covariance noise^2 V S^-2 V'. The noise is the root mean
-    square of the residual per degree of freedom. Parameters with a part along directions of zero singular
-    value have infinite deviations.
+    Over their sizes. With A = U S V' the solution is V S^-1 U' b, its covariance noise^2 V S^-2 V'. The noise
+    is the root mean square of the residual per degree of freedom. Parameters with a part along directions of
+    zero singular value have infinite deviations.
     """
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]
@@ -290,12 +301,12 @@ def _fit_possible_bodies(
     """
     sizes = base.described.sizes[base.combinations.leading]
     spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
-    is_unseen = _are_unseen(base, estimate.values, estimate.deviations)
+    is_unseen = _exceed_their_size(base, estimate.values, estimate.deviations)
     file_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
     information = rows.matrix.T @ rows.matrix / estimate.noise**2 + file_rows.T @ file_rows  # (p, p)
     misfit = rows.right - rows.matrix @ base.described.values
     residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
-    return possible_parameters(robot, links, information, residual, prior)
+    return fit_possible_parameters(robot, links, information, residual, prior)
 
 
 def torque_error(
@@ -305,10 +316,10 @@ def torque_error(
     instants: BoolArray,
     parameters: Array,
 ) -> Array:
-    """Compute root mean square errors (n_a,) of torques predicted by parameters (p,), over the measured.
+    """Compute relative root mean square errors (n_a,) of torques by parameters (p,).
 
-    The error e solves G' e = W - G' tau with the predicted wrench W. Only instants count at which G is well
-    conditioned; NaN without any.
+    Over the measured torques. The error e solves G' e = W - G' tau with the predicted wrench W. Only instants
+    count at which G is well conditioned; NaN without any.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
@@ -317,7 +328,7 @@ def torque_error(
     if not len(used):
         return np.full(robot.n_a, np.nan)
     torque = measured.torque[used]
-    wrench = regressor.matrix[used] @ parameters + regressor.known[used]
+    wrench = regressor.matrix[used] @ parameters + regressor.constant[used]
     missing_wrench = wrench - np.matvec(G_transposed[used], torque)
     error = np.matvec(np.linalg.pinv(G_transposed[used]), missing_wrench)  # (used, n_a)
     error_size, torque_size = (np.sqrt(np.mean(values**2, axis=0)) for values in (error, torque))

@@ -40,7 +40,7 @@ END_PERIODS = 1.0  # of the cutoff, left out at either end
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion:
-    """A recorded motion at instants whose noise is nearly independent, with measured torques."""
+    """A recorded motion at instants whose noise is nearly independent."""
 
     source: str  # of the poses: motors or platform
     cutoff: float  # [Hz] of the filter
@@ -60,7 +60,7 @@ def measured_motion(
     poses: str | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> MeasuredMotion:
-    """Compute the recorded motion of all joints, with filtered torques and their noise.
+    """Compute the recorded motion of all joints, with filtered torques.
 
     The noise of torques is what the filter removes, times sqrt(2 cutoff period): the filter passes this share
     of the band of white noise, which ends at half the sampling rate.
@@ -81,11 +81,13 @@ def measured_motion(
     period = uniform_period(data)
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    joints = _subtract_turns(robot, data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio)
-    torque = _measured_torques(robot, data)
+    joints = _subtract_whole_turns(
+        robot, data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
+    )
+    torque = _read_torques(robot, data)
     low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
     angles = low_pass.differentiate(joints)
-    instants = low_pass.instants(data)
+    instants = low_pass.choose_instants(data)
     filtered_torque = low_pass.filter(torque)
     torque_noise = np.std(torque - filtered_torque, axis=0) * np.sqrt(2.0 * low_pass.cutoff * period)
     if poses not in (None, "motors", "platform"):
@@ -115,8 +117,8 @@ def measured_motion(
     )
 
 
-def _measured_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the motors' torques (samples, n_a); refuse a motor whose torque is zero at all samples."""
+def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
+    """Return the motors' torques (samples, n_a); refuse a torque that is always zero."""
     torque = data.columns("torque", robot.actuator_names)
     for joint, column in zip(robot.actuator_names, torque.T, strict=True):
         if not column.any():
@@ -126,14 +128,17 @@ def _measured_torques(robot: ParallelRobot, data: Recording) -> Array:
     return torque
 
 
-def _subtract_turns(robot: ParallelRobot, joints: Array) -> Array:
-    """Subtract whole turns from motors' joints (T, n_a) to start within half a turn of the reference."""
+def _subtract_whole_turns(robot: ParallelRobot, joints: Array) -> Array:
+    """Subtract whole turns from motors' joints (T, n_a), as at the reference.
+
+    They then start within half a turn of the reference.
+    """
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
-    """Return the cutoff [Hz], by default the frequency above which all angles' spectra are noise.
+    """Choose the cutoff [Hz], above which all angles' spectra are noise.
 
     Raises:
         InvalidInput: the cutoff is not in the range that the recording allows, or there is no such range.
@@ -150,7 +155,7 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
 
 
 def _signal_frequency(joints: Array, period: float) -> float:
-    """Return the lowest frequency [Hz] at which all spectra of joints (T, n_a) have fallen to their noise.
+    """Return the frequency [Hz] above which all spectra of joints (T, n_a) are noise.
 
     Noise is the median of the upper half of a smoothed power spectrum. The chord of each signal is subtracted
     and a window applied, so that the ends of the recording add no high frequencies.
@@ -183,15 +188,18 @@ class _LowPass(NamedTuple):
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
     def differentiate(self, values: Array) -> list[Array]:
-        """Filter values (samples, k) and compute their first and second derivatives."""
+        """Filter values (samples, k); return the first two derivatives too."""
         from scipy.interpolate import make_interp_spline
 
         times = self.period * np.arange(len(values))
         spline = make_interp_spline(times, self.filter(values), k=SPLINE_DEGREE)
         return [spline(times, order) for order in range(3)]
 
-    def instants(self, data: Recording) -> IntArray:
-        """Return indices of samples half a period of the cutoff apart, without the ends of the recording."""
+    def choose_instants(self, data: Recording) -> IntArray:
+        """Choose samples half a period of the cutoff apart, by index (T,).
+
+        The ends of the recording are left out.
+        """
         samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff
         margin = int(np.ceil(END_PERIODS * samples_per_period))
         instants = np.arange(margin, len(data) - margin, max(round(0.5 * samples_per_period), 1))
@@ -204,7 +212,7 @@ class _LowPass(NamedTuple):
 
 
 def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
-    """Compute the motion of all joints for motor joints, their rates and accelerations (T, n_a).
+    """Compute the motion of all joints by motor angles, rates and accelerations (T, n_a).
 
     With joint rates N for unit twists, whose rows of motors are N_a: v = N N_a^+ dq_a, and
     a = drift + N N_a^+ (ddq_a - drift_a), with the drift at zero accelerations of the platform.
@@ -223,7 +231,7 @@ def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Calla
 
 
 def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int], None]) -> Array:
-    """Follow the motors' joints (T, n_a) from instant to instant; return the poses (T, nq).
+    """Follow the motors' joints (T, n_a); return the poses (T, nq).
 
     Raises:
         Type2Singularity: the assembly mode ends at a singularity before the last instant.
@@ -234,12 +242,12 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
             q.append(pose.q)
             progress(len(q))
     except Type2Singularity as end:
-        raise _type2_of_motors(robot, end.q, end.platform, end.residual, len(q) / len(q_a)) from end
+        raise _type2_error(robot, end.q, end.platform, end.residual, len(q) / len(q_a)) from end
     return np.array(q)
 
 
 def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
-    """Raise Type2Singularity if the motors may pass a Type 2 singularity between two instants.
+    """Refuse motors that may pass a Type 2 singularity between two instants.
 
     Motor angles do not tell whether the robot continues in the same mode there. A singularity is possible
     where the least singular value of P, extrapolated linearly from either side, reaches zero before the next
@@ -253,13 +261,14 @@ def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops
         return
     k = int(np.flatnonzero(may_vanish)[0])
     x = robot.platform.coordinates(linearised.frames)[k]
-    raise _type2_of_motors(robot, q[k], x, float(linearised.gap[k]), k / len(q))
+    raise _type2_error(robot, q[k], x, float(linearised.gap[k]), k / len(q))
 
 
-def _type2_of_motors(
-    robot: ParallelRobot, q: Array, x: Array, residual: float, share: float
-) -> Type2Singularity:
-    """Return the error for motors that pass Type 2 near q (nq,), at a share of the recording's time."""
+def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, share: float) -> Type2Singularity:
+    """Return the error for motors that pass Type 2 near q (nq,).
+
+    `share` is that of the recording's time.
+    """
     return Type2Singularity(
         f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
         f"{robot.place(x)}, where they do not say how the robot goes on; the poses "
@@ -272,7 +281,7 @@ def _type2_of_motors(
 
 
 def _motion_of_platform(robot: ParallelRobot, platform: list[Array]) -> Motion:
-    """Compute the motion of all joints for platform coordinates, rates and accelerations (T, n)."""
+    """Compute the motion of all joints by platform x, dx, ddx (T, n)."""
     x, dx, ddx = platform
     poses = [assemble(robot, x[0]).q]
     for coordinates in x:  # each from the pose before
@@ -282,7 +291,7 @@ def _motion_of_platform(robot: ParallelRobot, platform: list[Array]) -> Motion:
 
 
 def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array, samples: IntArray) -> float:
-    """Compute the largest difference of poses from the measured motors' joints q_a (T, n_a).
+    """Compute the largest offset of poses from the motors' joints q_a (T, n_a).
 
     In radians, without whole turns, or robot lengths.
 

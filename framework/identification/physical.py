@@ -9,9 +9,9 @@ divides among the links.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -21,11 +21,11 @@ from framework.dynamics.body_parameters import (
     pseudo_inertia,
 )
 from framework.errors import NotConverged
-from framework.identification.torque_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
+from framework.identification.base_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
-from framework.model.documents import attribute, child_element, origin_of, remove_children
+from framework.model.documents import attribute, child_element, read_origin, remove_children
 from framework.model.urdf_edits import inertial_element
 from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
@@ -44,13 +44,13 @@ class LinkParameters(NamedTuple):
     to_parameters: Array  # (p, u) matrix from these to parameters of bodies and motors, `TorqueParameters`
 
 
-def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
-    """Return the parameters of all links with mass and of the motors.
+def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
+    """Collect the parameters of all links with mass and of the motors.
 
     The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
     """
-    urdf = ElementTree.fromstring(robot.description.urdf_text)
-    in_file = {link.get("name", ""): inertial_parameters(link) for link in urdf.findall("link")}
+    urdf = fromstring(robot.description.urdf_text)
+    in_file = {link.get("name", ""): read_inertial_parameters(link) for link in urdf.findall("link")}
     links: list[str] = []
     columns: list[Array] = []  # a link's columns of `to_parameters`, (p, 10)
     for i, j in enumerate(map(int, parameters.bodies)):
@@ -74,7 +74,10 @@ def link_parameters_of(robot: ParallelRobot, parameters: TorqueParameters) -> Li
 
 
 def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
-    """Return the sizes (3 n_a,) of motors' parameters; of a rotor the file's inertia, or next to nothing."""
+    """Return prior sizes (3 n_a,) of motors' parameters.
+
+    Of a rotor the size is the file's inertia, or next to nothing.
+    """
     spread = parameters.sizes[motors].copy()
     rotors = slice(None, None, len(OF_MOTORS))  # the first of each motor's parameters
     rotor_values = parameters.values[motors][rotors]
@@ -83,17 +86,18 @@ def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
 
 
 def _body_sizes(body: Array) -> Array:
-    """Return sizes (10,) of a body's parameters: mass times powers 0, 1, 2 of its radius of gyration.
+    """Compute sizes (10,) of a body's parameters: mass times powers of its radius.
 
-    A point mass at the origin has the radius 0: its moments remain zero.
+    Powers 0, 1, 2 of the radius of gyration. A point mass at the origin has the radius 0: its moments remain
+    zero.
     """
     trace = np.trace(pseudo_inertia(body)[:3, :3])
     radius = np.sqrt(max(trace, 0.0) / body[0])
     return body[0] * radius**LENGTH_POWERS
 
 
-def inertial_parameters(link: ElementTree.Element) -> Array:
-    """Return the ten parameters of a link of the URDF, about its origin; zeros without <inertial>."""
+def read_inertial_parameters(link: Element) -> Array:
+    """Read the ten parameters (10,) of a link about its origin; zeros without."""
     inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(10)
@@ -101,11 +105,11 @@ def inertial_parameters(link: ElementTree.Element) -> Array:
     mass = attribute(child_element(inertial, where, "mass"), where, "value")
     inertia = child_element(inertial, where, "inertia")
     entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
-    pose = origin_of(inertial.find("origin"), where)
+    pose = read_origin(inertial.find("origin"), where)
     return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
 
 
-def possible_parameters(
+def fit_possible_parameters(
     robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
 ) -> Array:
     """Compute the most probable possible parameters (u,) of links and motors.
@@ -137,16 +141,16 @@ def possible_parameters(
     values[motors] = np.maximum(values[motors], 0.0)
     for body in bodies:
         if (values[body] != links.values[body]).any():
-            link = ElementTree.Element("link")
+            link = Element("link")
             _write_inertial(link, values[body])
-            values[body] = inertial_parameters(link)  # of a body that can exist, as a file has it
+            values[body] = read_inertial_parameters(link)  # of a body that can exist, as a file has it
     return values
 
 
 def _minimise_misfit(
     links: LinkParameters, information: Array, residual: Array, deviation: Array
 ) -> tuple[Array, Array]:
-    """Minimise misfit and prior without constraints: the minimum (u,), and a change (u, u).
+    """Minimise misfit and prior without constraints: minimum (u,), change (u, u).
 
     About the minimum both together are |y|^2 for parameters minimum + change y. In units of the deviations
     (u,), with T of `to_parameters`, the quadratic form has the matrix T' A'A T + 1 = V diag(w) V', and the
@@ -160,27 +164,31 @@ def _minimise_misfit(
 
 
 def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return the scaled pseudo-inertia D P D of a link with parameters best + change y, affine in y (u,).
+    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
 
-    D is chosen by the file's values (10,), and a small multiple of 1 is added for rounding.
+    Parameters are best + change y. D is chosen by the file's values (10,), and a small multiple of 1 is added
+    for rounding.
     """
-    D = _balance(file)
+    D = _balancing_scale(file)
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
     offset = D @ pseudo_inertia(best) @ D
     return LinearMatrix(slopes, offset + ROUNDED_BODY * np.eye(4))
 
 
-def _balance(parameters: Array) -> Array:
-    """Return the diagonal D (4, 4) for which D P D has mass 1 and largest second moment 1."""
+def _balancing_scale(parameters: Array) -> Array:
+    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest moment 1.
+
+    P is the pseudo-inertia of parameters (10,); its moments are the second moments.
+    """
     diagonal = np.diag(pseudo_inertia(parameters))
     largest = diagonal[:3].max() or diagonal[3]
     return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
 
 
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
-    """Return the robot's description, with its URDF, for parameters (u,) of links and motors."""
+    """Return the robot's description with parameters (u,) of links and motors."""
     description = robot.description
-    urdf = ElementTree.fromstring(description.urdf_text)
+    urdf = fromstring(description.urdf_text)
     elements = {link.get("name", ""): link for link in urdf.findall("link")}
     for i, name in enumerate(links.links):
         body = slice(10 * i, 10 * i + 10)
@@ -195,16 +203,17 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
         joints[actuator.joint] = replace(in_file, damping=damping, friction=friction)
     return replace(
         description,
-        urdf_text=ElementTree.tostring(urdf, encoding="unicode"),
+        urdf_text=tostring(urdf, encoding="unicode"),
         actuators=tuple(actuators),
         joints=joints,
     )
 
 
-def _write_inertial(link: ElementTree.Element, parameters: Array) -> None:
-    """Write the <inertial> of a link, about its centre of mass, from ten parameters about its origin.
+def _write_inertial(link: Element, parameters: Array) -> None:
+    """Write a link's <inertial> of ten parameters (10,) about its origin.
 
-    Second moments about the centre c are S - m c c', and the inertia is tr(S) - S.
+    <inertial> is about the centre of mass c. Second moments there are S - m c c', and the inertia is tr(S) -
+    S.
     """
     mass = float(parameters[0])
     centre = parameters[1:4] / parameters[0]

@@ -28,13 +28,17 @@ LINEAR_AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False)
 class Recording(ReadOnlyArrays):
-    """Measured samples by column name: `values` (T, columns), SI units, motor side of the gears."""
+    """Measured samples by column name, SI units, motor side of the gears.
+
+    `values` are (T, columns).
+    """
 
     source: str  # name for error messages
     names: tuple[str, ...]
     values: Array
 
     def __len__(self) -> int:
+        """Return the number of samples T."""
         return len(self.values)
 
     def column(self, name: str) -> Array:
@@ -56,7 +60,7 @@ class Recording(ReadOnlyArrays):
         return self.values[:, [self.names.index(name) for name in names]]
 
     def has(self, prefix: str, endings: Sequence[str]) -> bool:
-        """Whether the recording has all columns PREFIX_ENDING."""
+        """Return whether the recording has all columns PREFIX_ENDING."""
         return all(f"{prefix}_{ending}" in self.names for ending in endings)
 
     def as_csv(self) -> str:
@@ -64,13 +68,13 @@ class Recording(ReadOnlyArrays):
         lines = [",".join(map(repr, row)) for row in self.values.tolist()]
         return "\n".join([",".join(self.names), *lines]) + "\n"
 
-    def rows(self, index: slice | IntArray) -> Recording:
+    def select(self, index: slice | IntArray) -> Recording:
         """Return the samples at an index."""
         return Recording(self.source, self.names, self.values[index])
 
 
-def known_columns(robot: ParallelRobot) -> tuple[str, ...]:
-    """Return the names of columns that a recording of this robot may have."""
+def recording_columns(robot: ParallelRobot) -> tuple[str, ...]:
+    """Return the column names that a recording of this robot may have."""
     joints = robot.actuator_names
     passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
     axes = dict.fromkeys([*robot.axis_names, *LINEAR_AXES])
@@ -93,17 +97,17 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
     header = [name.strip() for name in next(reader, [])]
-    known = known_columns(robot)
-    if not set(header) & set(known):
+    valid = recording_columns(robot)
+    if not set(header) & set(valid):
         raise InvalidInput(
             f"{file}: the first line has no column of {robot.name}: "
-            f"{choose_from('column', ', '.join(header[:4]) or 'an empty line', known)}"
+            f"{choose_from('column', ', '.join(header[:4]) or 'an empty line', valid)}"
         )
     twice = sorted({name for name in header if header.count(name) > 1})
     if twice:
         raise InvalidInput(f"{file}: column {twice[0]} is there {header.count(twice[0])} times")
-    used = [k for k, name in enumerate(header) if name in known]
-    rows = [_numbers(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
+    used = [k for k, name in enumerate(header) if name in valid]
+    rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
     if len(rows) < MIN_ROWS:
         raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least {MIN_ROWS} are needed")
     recording = Recording(str(file), tuple(header[k] for k in used), np.array(rows))
@@ -111,8 +115,8 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
     return recording
 
 
-def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
-    """Return the numbers of the columns `used` in one row of cells."""
+def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
+    """Read the numbers of the columns `used` in one row of cells."""
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
     numbers = []
@@ -127,8 +131,11 @@ def _numbers(where: str, header: Sequence[str], used: Sequence[int], cells: Sequ
     return numbers
 
 
-def recording_of(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
-    """Return a checked recording, read if `data` is a file name; raises as `read_recording`."""
+def load_recording(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
+    """Check a recording, or read and check one if `data` is a file name.
+
+    Raises as `read_recording`.
+    """
     if not isinstance(data, Recording):
         return read_recording(robot, data)
     check_recording(robot, data)
@@ -136,7 +143,7 @@ def recording_of(robot: ParallelRobot, data: Recording | str | Path) -> Recordin
 
 
 def check_recording(robot: ParallelRobot, recording: Recording) -> None:
-    """Raise InvalidInput for time that does not advance, and for motor angles in degrees."""
+    """Refuse time that does not advance, and motor angles in degrees."""
     if "time" in recording.names:
         not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(not_later):
@@ -159,7 +166,7 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
 
 
 def _is_in_degrees(angles: Array, start: Array) -> bool:
-    """Whether angles (T, k) are near their start (k,) at the reference only after conversion from degrees.
+    """Return whether angles (T, k) fit their start (k,) only as degrees.
 
     Yes if the first angles are more than half a turn off, conversion brings them nearer than subtraction of
     whole turns does, and all converted angles are within half a turn of the reference.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from framework.errors import InvalidInput, check_choice
-from framework.identification.recording import Recording, known_columns
+from framework.identification.recording import Recording, recording_columns
 from framework.numerics.arrays import Array
 from framework.simulation.result import Simulation
 
@@ -18,7 +18,7 @@ MAX_SAMPLES = 10_000_000
 
 @dataclass(frozen=True)
 class Sensors:
-    """Standard deviations of the noise and steps of sensors, on the motor side; 0 for none.
+    """Noise (standard deviations) and steps of sensors, on the motor side; 0 for none.
 
     Defaults: encoders of 16 bits a motor turn, or of a micrometre; torques from motor currents, to 1 % of
     each motor's largest; a tracker of the platform to 20 micrometres.
@@ -46,7 +46,9 @@ class Sensors:
 def record_sensors(
     simulation: Simulation, torque: Callable[[Array], Array], sensors: Sensors | None = None
 ) -> Recording:
-    """Sample a simulated motion as sensors do: motor angles, motor torques and platform, with their errors.
+    """Sample a simulated motion as sensors do, with their errors.
+
+    Columns are time, motor angles, motor torques and platform.
 
     Args:
         torque: motor torques (T, n_a) of the motion, motor side, at t (T,), such as `plan.torque`.
@@ -70,23 +72,28 @@ def record_sensors(
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
     columns = [
         times[:, None],
-        _measure(random, angles, sensors.angle_noise, steps),
-        _measure(random, torques, sensors.torque_noise * largest, sensors.torque_step * largest),
-        _measure(random, simulation.platform(times), platform_noise, 0.0),
+        _add_sensor_errors(random, angles, sensors.angle_noise, steps),
+        _add_sensor_errors(random, torques, sensors.torque_noise * largest, sensors.torque_step * largest),
+        _add_sensor_errors(random, simulation.platform(times), platform_noise, 0.0),
     ]
     values = np.concatenate(columns, axis=1)
-    return Recording(f"sensors of {robot.name}", known_columns(robot)[: values.shape[1]], values)
+    return Recording(f"sensors of {robot.name}", recording_columns(robot)[: values.shape[1]], values)
 
 
-def _measure(random: np.random.Generator, values: Array, noise: Array | float, step: Array | float) -> Array:
-    """Add noise of this standard deviation to values (T, k), then round to multiples of a nonzero step."""
+def _add_sensor_errors(
+    random: np.random.Generator, values: Array, noise: Array | float, step: Array | float
+) -> Array:
+    """Add noise to values (T, k), and round to multiples of a nonzero step.
+
+    `noise` is the standard deviation.
+    """
     noisy = values + noise * random.standard_normal(values.shape)
     has_step = np.asarray(step) > 0
     divisor = np.where(has_step, step, 1.0)
     return np.where(has_step, np.round(noisy / divisor) * step, noisy)
 
 
-def sensors_of(properties: dict[str, float]) -> Sensors:
+def make_sensors(properties: dict[str, float]) -> Sensors:
     """Return sensors with properties by name, the others by default.
 
     Raises:

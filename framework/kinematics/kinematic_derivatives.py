@@ -5,7 +5,8 @@ P dq_p = -dc, and move the platform. With the platform at rest all joints follow
 wrenches and screws in dF/dq (`jacobian_change`), in the basis of `matrices_and_rates`.
 
 Springs are any joints added to those of the robot: the geometric parameters of a robot are the springs of
-`framework.identification.geometry.geometry_of(robot).model`, and these are the derivatives along them.
+`framework.identification.geometry.parametrise_geometry(robot).model`, and these are the derivatives along
+them.
 """
 
 from __future__ import annotations

@@ -27,10 +27,10 @@ from framework.kinematics.tree_model import (
     tree_model,
 )
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
-from framework.model.documents import naming, parse_xml
+from framework.model.documents import parse_xml, prefix_errors
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.recognise import parse_any
-from framework.model.urdf_edits import bare_urdf, insert_springs, make_continuous_joints_revolute
+from framework.model.urdf_edits import copy_without_shapes, insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import SEVERAL, coordinates_of
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays, read_only
 
@@ -109,7 +109,7 @@ class Mechanism(ReadOnlyArrays):
             RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
             NotAssembled, SingularReference: of a `ParallelRobot`, see `ParallelRobot.of`.
         """
-        with naming(f"{description.file}: urdf"):
+        with prefix_errors(f"{description.file}: urdf"):
             urdf = parse_xml(description.urdf_text)
         return cls.of(_build_mechanism(ParsedRobot(description, urdf), flexibility))
 
@@ -254,7 +254,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
 def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
     """Return pinocchio's model of a robot's tree with a joint for each spring."""
-    file, moving = parsed.description.file, bare_urdf(parsed.urdf)
+    file, moving = parsed.description.file, copy_without_shapes(parsed.urdf)
     make_continuous_joints_revolute(moving)
     insert_springs(moving, springs)
     try:

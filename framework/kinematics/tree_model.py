@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import format_distinct
-from framework.model.placement import turning
+from framework.model.placement import rotation_with_axis
 from framework.model.urdf_elements import SEVERAL
 from framework.numerics.arrays import Array
 from framework.tolerances import SAME_PLACE
@@ -67,7 +67,7 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Coll
                 parent = _add_slides(model, parent, placement, name)
                 placement = pin.SE3.Identity()
             if name not in as_declared:
-                to_centre = pin.SE3(turning("z", _centre_direction(parsed, j)), np.zeros(3))
+                to_centre = pin.SE3(rotation_with_axis("z", _centre_direction(parsed, j)), np.zeros(3))
                 placement = placement * to_centre
                 axes[j] = to_centre.inverse()
         new[j] = model.addJoint(parent, joint, placement, name)

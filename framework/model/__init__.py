@@ -5,6 +5,7 @@ The records
     loop_rows           closures as scalar loop equations
     placement           rigid placements as 4 x 4 matrices
     fidelity_levels     which parts of a robot a model keeps
+    frame_wrench        a wrench at a frame, constant or a table
 
 The robot file (YAML)
     robot_file          read a robot file and its URDF
@@ -14,8 +15,8 @@ The robot file (YAML)
 
 The URDF
     urdf_elements       where it is; its joints, links and inertias, read and checked
-    urdf_edits          its elements, written; changes by a robot file, by springs, and for pinocchio
     visuals             the solids that it shows
+    urdf_edits          its elements, written; changes by a robot file, by springs, and for pinocchio
     documents           XML and YAML within limits; attributes of an element
 
 Springs

@@ -21,18 +21,18 @@ its x matters, which is exact there too.
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, ParseError, fromstring, tostring
 
 import numpy as np
 
 from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
-from framework.model.documents import origin_of
-from framework.model.placement import inverse, placement
+from framework.model.documents import read_origin
+from framework.model.placement import invert_placement, placement
 from framework.model.robot_file_writer import record_entry as spring_entry
-from framework.model.urdf_edits import ChainJoint, joint_element, origin_element
+from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.fields import check_distinct
 from framework.tolerances import BEAM_NEAR_MINUS_X, FILE_ROUNDING
@@ -46,11 +46,13 @@ class Material:
     G: float
 
     def __post_init__(self) -> None:
-        _positive(E=self.E, G=self.G)
+        _check_positive(E=self.E, G=self.G)
 
     @staticmethod
     def isotropic(E: float, poisson: float) -> Material:
-        """Return the material of modulus `E` and Poisson's ratio, G = E / (2 (1 + poisson)).
+        """Return the material of modulus `E` [Pa] and Poisson's ratio.
+
+        G = E / (2 (1 + poisson)).
 
         Raises:
             InvalidInput: E is not positive, or the ratio not between -1 and 0.5.
@@ -76,31 +78,35 @@ class Section:
     shear_z: float | None = None
 
     def __post_init__(self) -> None:
-        _positive(**{name: value for name, value in asdict(self).items() if value is not None})
+        _check_positive(**{name: value for name, value in asdict(self).items() if value is not None})
 
     @staticmethod
-    def tube(outer: float, inner: float = 0.0, shear: float | None = None) -> Section:
+    def tube(outer: float, inner: float = 0.0) -> Section:
         """Return the section of a round bar or tube with radii [m].
 
         Raises:
             InvalidInput: not 0 <= inner < outer.
         """
-        _positive(outer=outer)
+        _check_positive(outer=outer)
         if not 0.0 <= inner < outer:
             raise InvalidInput(f"inner: must be from 0 to below outer ({outer!r}), got {inner!r}")
         area, bend = math.pi * (outer**2 - inner**2), math.pi / 4.0 * (outer**4 - inner**4)
-        return Section(area, bend, bend, 2.0 * bend, shear, shear)
+        return Section(area, bend, bend, 2.0 * bend)
 
     @staticmethod
-    def rectangle(width: float, height: float, shear: float | None = None) -> Section:
-        """Return a full rectangle, `width` [m] along y and `height` along z; J by Saint-Venant's series."""
-        _positive(width=width, height=height)
+    def rectangle(width: float, height: float) -> Section:
+        """Return a full rectangle, `width` [m] along y, `height` [m] along z.
+
+        By Saint-Venant's series J = a b^3 / 3 (1 - 192 b / (pi^5 a) sum tanh(n pi a / (2 b)) / n^5) over
+        odd n, with the longer edge a and the shorter b.
+        """
+        _check_positive(width=width, height=height)
         a, b = max(width, height), min(width, height)
         odd = np.arange(1, 200, 2)
         series = float(np.sum(np.tanh(odd * math.pi * a / (2.0 * b)) / odd**5.0))
         torsion = a * b**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * b / a * series)
         bend_y, bend_z = width * height**3 / 12.0, height * width**3 / 12.0
-        return Section(width * height, bend_y, bend_z, torsion, shear, shear)
+        return Section(width * height, bend_y, bend_z, torsion)
 
 
 class SplitBeam(NamedTuple):
@@ -112,12 +118,12 @@ class SplitBeam(NamedTuple):
 
 
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
-    """Compute the diagonal stiffness [N/m, N m/rad] by axis of a beam along x, exact at its middle.
+    """Compute the diagonal stiffness [N/m, N m/rad] of a beam along x, at its middle.
 
     Raises:
         InvalidInput: the length is not positive.
     """
-    _positive(length=length)
+    _check_positive(length=length)
     E, G, L = material.E, material.G, length
 
     def across(moment: float, shear: float | None) -> float:
@@ -142,7 +148,7 @@ def beam_spring(
     length: float,
     axes: tuple[str, ...] = AXES,
 ) -> Spring:
-    """Return the virtual joint of a link, behind the fixed joint `after` in the middle of its beam.
+    """Return the virtual joint of a link, in the middle of its beam.
 
     The child frame of `after` has x along the beam; see `split_beam`. With fewer `axes` the others are
     rigid. Exact for small loads at the tip (see the module).
@@ -158,11 +164,10 @@ def beam_spring(
 
 
 def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> SplitBeam:
-    """Return the URDF with a fixed joint halfway along the fixed joint `tip`, which reaches from a link's
-    origin to its tip.
+    """Return the URDF with a fixed joint halfway along the fixed joint `tip`.
 
-    The new joint is `<tip>_middle`; the tip stays where it was. Link masses stay on the near half. Its child
-    frame has x along the beam; where y and z of the section point is `y`'s to say.
+    `tip` reaches from a link's origin to its tip, and stays where it was. Link masses stay on the near half.
+    The child frame of the new joint `<tip>_middle` has x along the beam; `y` says where the section points.
 
     Args:
         y: direction (3,) of the section's y axis (the width of `Section.rectangle`) in the axes of the link,
@@ -175,8 +180,8 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
             beam; the beam runs along -x of its link (within 0.01 rad) and no y is given.
     """
     try:
-        root = ElementTree.fromstring(urdf_text)
-    except ElementTree.ParseError as error:
+        root = fromstring(urdf_text)
+    except ParseError as error:
         raise InvalidInput(f"urdf_text: not well-formed XML: {error}") from None
     fixed = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "fixed"}
     check_name("tip", "fixed joint", tip, fixed)
@@ -185,24 +190,24 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     if middle in taken or f"{middle}_link" in taken:
         raise InvalidInput(f"tip: the name {middle!r} is already there")
     origin, parent = joint.find("origin"), joint.find("parent")
-    beam = origin_of(origin, f"joint {tip!r}: <origin>")
+    beam = read_origin(origin, f"joint {tip!r}: <origin>")
     span = beam[:3, 3]
     length = float(np.linalg.norm(span))
     if length == 0.0 or parent is None:
         raise InvalidInput(f"tip: joint {tip!r} has no length")
     half = placement(_section_axes(span / length, y), 0.5 * span)
-    root.append(ElementTree.Element("link", name=f"{middle}_link"))
+    root.append(Element("link", name=f"{middle}_link"))
     parent_link = parent.get("link", "")
-    root.append(joint_element(ChainJoint(middle, "fixed", half), parent_link, f"{middle}_link"))
+    root.append(joint_element(NewJoint(middle, "fixed", half), parent_link, f"{middle}_link"))
     parent.set("link", f"{middle}_link")
     if origin is not None:
         joint.remove(origin)
-    joint.append(origin_element(inverse(half) @ beam))
-    return SplitBeam(ElementTree.tostring(root, encoding="unicode"), middle, length)
+    joint.append(origin_element(invert_placement(half) @ beam))
+    return SplitBeam(tostring(root, encoding="unicode"), middle, length)
 
 
 def _section_axes(along: Array, y: ArrayLike | None) -> Array:
-    """Return a beam's axes as columns (3, 3), from directions (3,) of the beam and of its section's y."""
+    """Return a beam's axes as columns (3, 3), from beam and section directions (3,)."""
     if y is None:
         if 1.0 + along[0] < 0.5 * BEAM_NEAR_MINUS_X**2:
             raise InvalidInput(
@@ -220,7 +225,7 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
     return np.column_stack([along, across, np.cross(along, across)])
 
 
-def _positive(**values: float) -> None:
+def _check_positive(**values: float) -> None:
     """Refuse named values that are not finite and greater than zero."""
     for name, value in values.items():
         if not 0.0 < value < math.inf:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element
 
 from framework.errors import RobotFileError, check_choice, check_name
 
@@ -32,9 +32,10 @@ CLOSURE_KINDS = _LOCKED.keys()
 
 
 def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
-    """Return the locked axes of a closure kind, in the frame of the first body, and rows with a length.
+    """Return the locked axes of a closure kind, in the first body's frame.
 
-    `axis` in {x, y, z} is the axis of the joint; the kinds are tabled for z and turned cyclically.
+    Rows that need a length, such as distance, come last. `axis` in {x, y, z} is the axis of the joint; the
+    kinds are tabled for z and turned cyclically.
 
     Raises:
         RobotFileError: unknown kind or axis.
@@ -47,14 +48,14 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     return (*(name for name in AXES if name in axes), *with_length)
 
 
-def measured_kinds() -> tuple[str, ...]:
+def kinds_with_length() -> tuple[str, ...]:
     """Return the closure kinds that need a length."""
     return tuple(kind for kind, axes in _LOCKED.items() if not set(axes) <= set(AXES))
 
 
 @dataclass(frozen=True)
 class Platform:
-    """The prescribed motion: of a frame on axes of the base frame, or of joints.
+    """The prescribed motion: of a frame on base axes, or of joints.
 
     Of two turns the order counts, see `framework.kinematics.attitude`.
     """
@@ -97,7 +98,7 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown rows, and a length missing or in excess."""
+        """Refuse unknown rows, and a length missing or without a use."""
         valid = {row for rows in _LOCKED.values() for row in rows}
         for row in self.axes:
             check_name(f"closure {self.name}", "axis", row, valid)
@@ -124,6 +125,7 @@ class Spring:
     stiffness: tuple[float, ...]
 
     def exists_in(self, flexibility: str) -> bool:
+        """Return whether a robot of this flexibility has the spring."""
         first = "flexible_joints" if self.part == "joint" else "flexible_links"
         return FLEXIBILITIES.index(flexibility) >= FLEXIBILITIES.index(first)
 
@@ -137,7 +139,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class JointDynamics:
-    """Armature, spring, damping and friction along one coordinate of the tree, on the joint side of a gear.
+    """Armature, spring, damping and friction along one joint coordinate.
 
         torque of the joint = armature a + damping v + stiffness (q - rest) + friction sign(v)
 
@@ -151,8 +153,8 @@ class JointDynamics:
     stiffness: float = 0.0
     rest: float = 0.0
 
-    def seen_through(self, ratio: float) -> JointDynamics:
-        """Return the dynamics on a coordinate whose motion times `ratio` is that of this one."""
+    def reflect_through(self, ratio: float) -> JointDynamics:
+        """Reflect the dynamics through a gear, onto x with q = ratio x."""
         square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
         friction = abs(ratio) * self.friction
         return JointDynamics(
@@ -160,7 +162,7 @@ class JointDynamics:
         )
 
     def __add__(self, other: JointDynamics) -> JointDynamics:
-        """Return the sum of both."""
+        """Return the dynamics of two in parallel, their springs as one."""
         stiffness = self.stiffness + other.stiffness
         moment = self.stiffness * self.rest + other.stiffness * other.rest
         return JointDynamics(
@@ -174,9 +176,10 @@ class JointDynamics:
 
 @dataclass(frozen=True)
 class Coupling:
-    """A loop equation between two joints of one degree of freedom: q_joint = ratio q_of + offset.
+    """A loop equation q_joint = ratio q_of + offset of two joints.
 
-    `ratio` and `offset` are in the units of the joints [rad, m]. Gears, mirrored fingers, <mimic>.
+    Each joint has one degree of freedom; `ratio` and `offset` are in the units of the joints [rad, m]. Gears,
+    mirrored fingers, <mimic>.
     """
 
     joint: str
@@ -190,8 +193,8 @@ class Coupling:
         return f"{self.joint}_of_{self.of}"
 
 
-def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the joints that couplings lock with `locked` ones, and their values [rad, m]."""
+def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
+    """Return the joints that locked ones lock through couplings, with values [rad, m]."""
     further = {}
     for coupling in couplings:
         if coupling.of in locked and coupling.joint not in locked:
@@ -203,7 +206,10 @@ def locked_by_couplings(couplings: Iterable[Coupling], locked: Mapping[str, floa
 
 @dataclass(frozen=True)
 class KeptLevel:
-    """The least level of fidelity that is enough for a scene, to a tolerance (a share)."""
+    """The stored result of a fidelity study: a scene's least sufficient level.
+
+    `tolerance` is relative to the largest torque.
+    """
 
     level: str
     tolerance: float
@@ -284,6 +290,6 @@ class ParsedRobot(NamedTuple):
     """
 
     description: RobotDescription
-    urdf: ElementTree.Element
+    urdf: Element
     dialect: str = "robot file"
     remarks: tuple[str, ...] = ()

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, fromstring
 
 import numpy as np
 import yaml
@@ -34,11 +34,10 @@ MAX_YAML_VALUES = 20_000  # aliases written out
 
 
 @contextmanager
-def naming(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Iterator[None]:
-    """Put the name of the file in front of errors in its content.
+def prefix_errors(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Iterator[None]:
+    """Put the name of a file in front of errors in its content, of type `kind`.
 
-    Raises:
-        InvalidInput: of this kind, with the name; also for what is nested so deeply that Python gives up.
+    Content that is nested too deeply for Python is such an error.
     """
     try:
         yield
@@ -50,7 +49,7 @@ def naming(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Itera
         raise kind(f"{path}: nested too deeply") from None
 
 
-def parse_xml(text: str) -> ElementTree.Element:
+def parse_xml(text: str) -> Element:
     """Parse an XML text without a document type; return its root.
 
     Raises:
@@ -62,33 +61,34 @@ def parse_xml(text: str) -> ElementTree.Element:
         return _build_tree(text)
     except RobotFileError:
         raise
-    except (ElementTree.ParseError, ValueError) as error:
+    except (ParseError, ValueError) as error:
         try:
-            return _build_tree(_mend(text))
-        except (ElementTree.ParseError, ValueError):
+            return _build_tree(_mend_xml(text))
+        except (ParseError, ValueError):
             raise RobotFileError(f"not well-formed XML: {error}") from None
 
 
-def _build_tree(text: str) -> ElementTree.Element:
-    return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
+def _build_tree(text: str) -> Element:
+    """Parse well-formed XML within the limits of `_Builder`."""
+    return fromstring(text, XMLParser(target=_Builder()))
 
 
-def _mend(text: str) -> str:
-    """Return an XML text with prefixes declared and comments emptied, as other parsers accept."""
+def _mend_xml(text: str) -> str:
+    """Declare the prefixes of an XML text and empty its comments, which other parsers forgive."""
     text = re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.DOTALL)
     used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])", text)) - {"xml", "xmlns"}
     new = "".join(f' xmlns:{name}="{name}"' for name in sorted(used) if f"xmlns:{name}" not in text)
     return re.sub(r"<[A-Za-z_][\w.:-]*", lambda tag: tag[0] + new, text, count=1)
 
 
-class _Builder(ElementTree.TreeBuilder):
-    """Builds a tree, and counts."""
+class _Builder(TreeBuilder):
+    """Builds a tree of elements, and counts its elements."""
 
     def __init__(self) -> None:
         super().__init__()
         self._count = 0
 
-    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
+    def start(self, tag: str, attrs: dict[str, str]) -> Element:
         """Begin an element; refuse more than `MAX_XML_ELEMENTS`."""
         self._count += 1
         if self._count > MAX_XML_ELEMENTS:
@@ -96,15 +96,12 @@ class _Builder(ElementTree.TreeBuilder):
         return super().start(tag, attrs)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Refuse a document type."""
         raise RobotFileError("<!DOCTYPE>: document types and entities are not read; leave them out")
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse a YAML text; refuse a huge one, with aliases expanded.
-
-    Raises:
-        RobotFileError: it is not, has a duplicate key, or is no YAML.
-    """
+    """Parse a YAML text of limited size, aliases written out; refuse duplicate keys."""
     if len(text) > MAX_YAML_CHARACTERS:
         raise RobotFileError(f"{len(text)} characters of YAML; at most {MAX_YAML_CHARACTERS} are read")
     try:
@@ -113,8 +110,8 @@ def parse_yaml(text: str) -> Any:
             node = loader.get_single_node()
             if node is None:
                 return None
-            if _size(node, {}) > MAX_YAML_VALUES:
-                raise _too_many()
+            if _count_values(node, {}) > MAX_YAML_VALUES:
+                raise _alias_error()
             return loader.construct_document(node)
         finally:
             loader.dispose()
@@ -144,7 +141,7 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
         """Compose a node; refuse more than `MAX_YAML_VALUES`."""
         self._count += 1
         if self._count > MAX_YAML_VALUES:
-            raise _too_many()
+            raise _alias_error()
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
@@ -162,20 +159,21 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
         return super().construct_mapping(node, deep=deep)
 
 
-def _too_many() -> RobotFileError:
+def _alias_error() -> RobotFileError:
+    """Return the error for too many values."""
     return RobotFileError(f"aliases: more than {MAX_YAML_VALUES} values when written out, or endless")
 
 
-def _size(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Count the values of a node, aliases written out; too many if endless."""
+def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
+    """Count the values of a node, aliases written out; `counted` by node id."""
     if id(node) in counted:
         return counted[id(node)]
     counted[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves
     total = 1
     if isinstance(node, yaml.SequenceNode):
-        total += sum(_size(child, counted) for child in node.value)
+        total += sum(_count_values(child, counted) for child in node.value)
     elif isinstance(node, yaml.MappingNode):
-        total += sum(_size(child, counted) for pair in node.value for child in pair)
+        total += sum(_count_values(child, counted) for pair in node.value for child in pair)
     counted[id(node)] = total
     return total
 
@@ -183,14 +181,10 @@ def _size(node: yaml.Node, counted: dict[int, int]) -> int:
 # ------------------------------------------------------------------ elements of XML
 
 
-def numbers(
+def parse_numbers(
     where: str, text: str | None, count: int, *, largest: float = LARGEST_NUMBER
 ) -> tuple[float, ...]:
-    """Parse `count` finite numbers of an attribute.
-
-    Raises:
-        RobotFileError: another count, or one that is no finite number or larger than `largest`.
-    """
+    """Parse an attribute's text as `count` finite numbers of at most `largest`."""
     try:
         values = tuple(map(float, (text or "").split()))
     except ValueError:
@@ -207,20 +201,14 @@ def numbers(
     return values
 
 
-def number_of(element: ElementTree.Element, where: str, key: str, default: str | None = None) -> float:
-    """Return the number of an attribute, a required one without `default`.
-
-    Raises:
-        RobotFileError: as `attribute` and `numbers` do.
-    """
+def read_number(element: Element, where: str, key: str, default: str | None = None) -> float:
+    """Parse the number in an attribute, a required one without `default`."""
     text = attribute(element, where, key) if default is None else element.get(key, default)
-    return numbers(where if key == "value" else f"{where} {key}", text, 1)[0]
+    return parse_numbers(where if key == "value" else f"{where} {key}", text, 1)[0]
 
 
-def only(
-    element: ElementTree.Element, where: str, children: Collection[str], attributes: Collection[str]
-) -> None:
-    """Refuse unknown and repeated children, and mistyped attributes; other programs may have their own."""
+def check_parts(element: Element, where: str, children: Collection[str], attributes: Collection[str]) -> None:
+    """Refuse unknown and repeated children, and attributes that resemble a valid one."""
     tags = [child.tag for child in element]
     for tag in tags:
         check_name(where, "element", tag, children)
@@ -231,7 +219,7 @@ def only(
             check_name(where, "attribute", attribute, attributes)
 
 
-def child_element(element: ElementTree.Element, where: str, tag: str) -> ElementTree.Element:
+def child_element(element: Element, where: str, tag: str) -> Element:
     """Return the child with this tag; raise RobotFileError if missing."""
     child = element.find(tag)
     if child is None:
@@ -240,7 +228,7 @@ def child_element(element: ElementTree.Element, where: str, tag: str) -> Element
     return child
 
 
-def attribute(element: ElementTree.Element, where: str, key: str) -> str:
+def attribute(element: Element, where: str, key: str) -> str:
     """Return an attribute; raise RobotFileError if missing or empty."""
     value = element.get(key)
     if not value:
@@ -249,27 +237,27 @@ def attribute(element: ElementTree.Element, where: str, key: str) -> str:
     return value
 
 
-def remove_children(element: ElementTree.Element, *tags: str) -> None:
-    """Remove all children with some tags."""
+def remove_children(element: Element, *tags: str) -> None:
+    """Remove all children with one of the tags."""
     for tag in tags:
         for child in element.findall(tag):
             element.remove(child)
 
 
-def origin_of(element: ElementTree.Element | None, where: str) -> Array:
-    """Return the placement (4, 4) of an `<origin xyz rpy>`; the identity without one."""
+def read_origin(element: Element | None, where: str) -> Array:
+    """Read the placement (4, 4) of an `<origin xyz rpy>`; the identity without one."""
     if element is None:
         return np.eye(4)
-    only(element, where, (), ("xyz", "rpy"))
-    xyz = numbers(f"{where} xyz", element.get("xyz", "0 0 0"), 3)
-    rpy = numbers(f"{where} rpy", element.get("rpy", "0 0 0"), 3)
+    check_parts(element, where, (), ("xyz", "rpy"))
+    xyz = parse_numbers(f"{where} xyz", element.get("xyz", "0 0 0"), 3)
+    rpy = parse_numbers(f"{where} rpy", element.get("rpy", "0 0 0"), 3)
     return placement(from_rpy(rpy) if any(rpy) else None, xyz)
 
 
-def axis_of(element: ElementTree.Element, where: str) -> Array:
-    """Return the direction of an `<axis xyz>`, which must not be zero."""
-    only(element, where, (), ("xyz",))
-    axis = np.array(numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
+def read_axis(element: Element, where: str) -> Array:
+    """Read the direction (3,) of an `<axis xyz>`, which must not be zero."""
+    check_parts(element, where, (), ("xyz",))
+    axis = np.array(parse_numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
     if np.abs(axis).max() < SMALLEST_LENGTH:
         raise RobotFileError(f"{where}: the axis is zero")
     return axis

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 from framework.model.description import RobotDescription
 from framework.model.documents import remove_children
@@ -54,7 +54,7 @@ LEVELS_BY_NAME = {level.name: level for level in LEVELS}
 
 
 def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
-    """Return the robot with mass in some `BODIES` only.
+    """Return the robot with mass in none, the payload or all of its bodies.
 
     The payload is the inertia of the platform's link, or of the moving body that the platform's frame is on
     if that link has none of its own, as in `control.variation`. Without any mass nothing acts on the
@@ -62,20 +62,20 @@ def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
     """
     if bodies == BODIES[-1]:
         return description
-    root = ElementTree.fromstring(description.urdf_text)
-    payload = _payload(description, root) if bodies == "payload" else frozenset[str]()
+    root = fromstring(description.urdf_text)
+    payload = _payload_links(description, root) if bodies == "payload" else frozenset[str]()
     for link in root.findall("link"):
         if link.get("name") not in payload:
             remove_children(link, "inertial")
     return replace(
         description,
-        urdf_text=ElementTree.tostring(root, encoding="unicode"),
+        urdf_text=tostring(root, encoding="unicode"),
         joints=description.joints if payload else {},
     )
 
 
-def _payload(description: RobotDescription, root: ElementTree.Element) -> frozenset[str]:
-    """Return names of the links whose inertia is the payload's."""
+def _payload_links(description: RobotDescription, root: Element) -> frozenset[str]:
+    """Return the names of the links whose inertia is the payload's."""
     platform, urdf = description.platform.frame, read_tree(root)
     (link,) = (link for link in root.findall("link") if link.get("name") == platform)
     mass = link.find("inertial/mass")

@@ -24,7 +24,7 @@ TABLE_DEGREE = 3  # of the spline through a table: the torque of an elastic robo
 
 @dataclass(frozen=True, eq=False)
 class FrameWrench(ReadOnlyArrays):
-    """A wrench on the body of one frame.
+    """A wrench of the world on the body of one frame.
 
     `rows` are (force, moment) (6,), or a table (K, 7) of rows with the path coordinate s before it, from 0
     to 1: a cubic spline leads through it, twice continuously differentiable (of less degree through fewer
@@ -62,7 +62,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @property
     def document(self) -> Any:
-        """The wrench in the form of a robot file or plan.json: its numbers, with axes that turn."""
+        """The wrench as written in a robot file or plan.json."""
         numbers = self.rows.tolist()
         return {"wrench": numbers, "axes": self.axes} if self.turns else numbers
 
@@ -75,7 +75,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @staticmethod
     def of(frame: str, given: Any, where: str = "wrenches") -> FrameWrench:
-        """Return the wrench in 6 numbers, a table, or {wrench: ..., axes: base or tool}.
+        """Read a wrench: 6 numbers, a table, or {wrench: ..., axes: base or tool}.
 
         `where` names the mapping that it stands in.
 

@@ -15,10 +15,9 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.model.description import AXES, Closure
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
 
 Product = Literal["u.d", "u.w", "d.d"]  # u, w: an axis of the first, of the second frame; d = p2 - p1
 
@@ -57,13 +56,13 @@ class LoopRows(ReadOnlyArrays):
 
     first: IntArray  # (m,) frame, as index into Mechanism.frames
     second: IntArray  # (m,)
-    square: NDArray[np.bool_]  # (m,) whether the product is d.d
-    rotation: NDArray[np.bool_]  # (m,) whether it is u.w
+    square: BoolArray  # (m,) whether the product is d.d
+    rotation: BoolArray  # (m,) whether it is u.w
     first_axis: IntArray  # (m,)
     second_axis: IntArray  # (m,)
     weight: Array  # (m,) zero of couplings
     constant: Array  # (m,)
-    coupled: NDArray[np.bool_]  # (m,)
+    coupled: BoolArray  # (m,)
     columns: IntArray  # (m, 2) of coupling rows a and b, as indices into the velocity vector
     places: IntArray  # (m, 2) the same in the configuration vector
     ratio: Array  # (m,)
@@ -71,55 +70,60 @@ class LoopRows(ReadOnlyArrays):
     names: tuple[str, ...]  # closure.axis
 
     @cached_property
-    def translation(self) -> NDArray[np.bool_]:
+    def translation(self) -> BoolArray:
         """Whether each row is u.d = 0, (m,)."""
         return read_only(~(self.rotation | self.square) & (self.weight == 1.0) & (self.constant == 0.0))
 
     @cached_property
     def only_translations(self) -> bool:
+        """Whether all rows are u.d = 0."""
         return bool(self.translation.all())
 
     @cached_property
     def has_couplings(self) -> bool:
+        """Whether any row is a coupling."""
         return bool(self.coupled.any())
 
     @cached_property
     def derivative_weight(self) -> Array:
-        """Factors (m,) of the first of both vectors times the rate of the second in the rate of each row."""
+        """Factors (m,) of `first vector . rate of the second` in each row's rate."""
         return read_only(self.weight * (1.0 + self.square))
 
     @cached_property
     def force_weight(self) -> Array:
-        """Factors (m,) of the first vector in the force of each row; zero of rotations."""
+        """Factors (m,) of the first vector in each row's force; 0 of rotations."""
         return read_only(np.where(self.rotation, 0.0, self.derivative_weight))
 
     @cached_property
     def couple_weight(self) -> Array:
-        """Factors (m,) of second vector x first vector in the couple of each row."""
+        """Factors (m,) of `second vector x first vector` in each row's couple."""
         return read_only(np.where(self.rotation, self.weight, 0.0))
 
     @property
     def reach(self) -> Array:
-        """Sizes (m,) [m] that rows prescribe: of d along an axis, or in all; 0 of rotations."""
+        """Distances (m,) [m] that rows prescribe, along an axis or in all; 0 of rotations."""
         has_size = ~self.rotation & (self.weight != 0.0)  # of a coupling it is zero
         along = np.abs(np.divide(self.constant, self.weight, out=np.zeros(len(self.weight)), where=has_size))
         return np.where(self.square, np.sqrt(along), along)
 
     @cached_property
     def vectors(self) -> IntArray:
-        """Indices (4, m) of both axes, then both origins of each row, among four vectors a frame."""
+        """Indices (4, m) of u, w and both origins of each row.
+
+        A frame has four vectors: its three axes, then its origin.
+        """
         ends = np.array([self.first, self.second])
         axes = np.array([self.first_axis, self.second_axis])
         return read_only(np.concatenate([4 * ends + axes, 4 * ends + 3]))
 
     def coupling_residual(self, q: Array) -> Array:
-        """Compute the values (T, c) of the c coupling rows at configurations q (T, nq)."""
+        """Compute residuals (T, c) [rad, m] of the c couplings at configurations q (T, nq)."""
         rows = self.coupled
         joint, of = self.places[rows].T
         return np.asarray(q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows])
 
     def coupling_jacobian(self, nv: int) -> Array:
-        """Return derivatives (m, nv) of the coupling rows along the joints; zero in other rows."""
+        """Return derivatives (m, nv) of coupling rows along the velocities; 0 in other rows."""
         jacobian, rows = np.zeros((len(self.names), nv)), np.flatnonzero(self.coupled)
         joint, of = self.columns[rows].T
         jacobian[rows, joint] = 1.0
@@ -127,7 +131,7 @@ class LoopRows(ReadOnlyArrays):
         return jacobian
 
     def take(self, rows: IntArray) -> LoopRows:
-        """Return the table of some of the rows."""
+        """Return the table of the rows at indices (k,)."""
         names = tuple(self.names[i] for i in rows)
         return LoopRows(**{name: getattr(self, name)[rows] for name in _COLUMNS}, names=names)
 
@@ -149,9 +153,9 @@ class CoupledJoints(NamedTuple):
 def loop_rows(
     closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
 ) -> LoopRows:
-    """Make one row for each locked axis, and one a coupling, on a mechanism's frames."""
+    """Make a row for each locked axis and each coupling, on a mechanism's frames."""
     table = [
-        (f"{closure.name}.{axis}", *map(frames.index, closure.frames), *_axis_entries(closure, axis))
+        (f"{closure.name}.{axis}", *map(frames.index, closure.frames), *_row_entries(closure, axis))
         for closure in closures
         for axis in closure.axes
     ]
@@ -162,8 +166,8 @@ def loop_rows(
     return LoopRows(**dict(zip(_COLUMNS, map(np.array, columns), strict=True)), names=names)
 
 
-def _axis_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
-    """Return the entries of `LoopRows` for one axis of a closure, but name and frames."""
+def _row_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
+    """Return the entries of `LoopRows` for one axis of a closure, from `square` on."""
     if closure.length is not None and axis in ROW_KINDS:
         product, coefficients, _, axes = ROW_KINDS[axis]
         entries = (product == "d.d", product == "u.w", *axes, *coefficients(closure.length))
@@ -178,7 +182,8 @@ def _axis_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
 def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, float]:
     """Return the axes of both frames whose product locks a rotation, and its sign.
 
-    With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and x_k . (R x_j) = +phi_i.
+    With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and x_k . (R x_j) = +phi_i. Here i is
+    `locked_axis`, and `locked` are all locked rotations (0..2).
     """
     following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
     free = {0, 1, 2} - locked
@@ -192,7 +197,7 @@ def _perpendicular_pair(locked_axis: int, locked: set[int]) -> tuple[int, int, f
 
 
 class LockedDirections(NamedTuple):
-    """d pairs of axes of two frames that closures keep alike."""
+    """Pairs of parallel axes of two frames that closures prescribe; d pairs."""
 
     first: IntArray  # (d,) frame, as index into Mechanism.frames
     second: IntArray  # (d,)
@@ -200,13 +205,13 @@ class LockedDirections(NamedTuple):
     closures: tuple[str, ...]  # (d,) names
 
     def take(self, which: IntArray) -> LockedDirections:
-        """Return some of the directions."""
+        """Return the pairs at indices (k,)."""
         names = tuple(self.closures[i] for i in which)
         return LockedDirections(self.first[which], self.second[which], self.axis[which], names)
 
 
 def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> LockedDirections:
-    """Make one direction for each closure that locks two rotations, two for each that locks all."""
+    """Return the parallel axes of closures: one if two rotations are locked, two if all."""
     table, names = [], []
     for closure in closures:
         turns = [axis for axis in closure.axes if axis in ("rx", "ry", "rz")]

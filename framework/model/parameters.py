@@ -38,11 +38,7 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
 
 
 def declared_parameters(text: str) -> dict[str, list[float]]:
-    """Return the declared values of each parameter of a robot file, its own first.
-
-    Raises:
-        RobotFileError: `parameters` is no mapping of names to numbers or lists of numbers.
-    """
+    """Return the declared values of each parameter of a robot file, its own first."""
     if "parameters" not in text:
         return {}
     content = parse_yaml(PLACEHOLDER.sub("0", text))
@@ -51,11 +47,11 @@ def declared_parameters(text: str) -> dict[str, list[float]]:
         return {}
     if not isinstance(declared, dict):
         raise RobotFileError(f"parameters: needs a mapping of names to values, got {short(declared)}")
-    return {_name(name): _values(name, values) for name, values in declared.items()}
+    return {_check_name(name): _read_values(name, values) for name, values in declared.items()}
 
 
-def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tuple[str, dict[str, float]]:
-    """Fill the placeholders of a robot file's text; return text and values.
+def fill_parameters(text: str, given: Mapping[str, float] | None = None) -> tuple[str, dict[str, float]]:
+    """Fill the placeholders of a robot file's text; return text and parameters.
 
     Args:
         given: values of some parameters, in place of their own.
@@ -68,28 +64,24 @@ def with_parameters(text: str, given: Mapping[str, float] | None = None) -> tupl
     for name in given or {}:
         check_name("parameters", "parameter", name, declared)
     own = {name: values[0] for name, values in declared.items()}
-    values = own | {name: _values(name, [value])[0] for name, value in (given or {}).items()}
+    values = own | {name: _read_values(name, [value])[0] for name, value in (given or {}).items()}
     return fill_placeholders(text, values), values
 
 
 def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
-    """Replace each `${...}` of a text by its number.
-
-    Raises:
-        RobotFileError: one is no arithmetic with these parameters, or has no finite value.
-    """
-    return PLACEHOLDER.sub(lambda match: repr(_evaluate(match[1], values)), text) if "${" in text else text
+    """Replace each `${...}` of a text by its finite number."""
+    return PLACEHOLDER.sub(lambda match: repr(_evaluate(match[1], values)), text)
 
 
-def _name(name: Any) -> str:
-    """Return the name of a parameter; refuse others than identifiers, functions and pi."""
+def _check_name(name: Any) -> str:
+    """Return a parameter's name; refuse all but identifiers, and names of functions."""
     if not isinstance(name, str) or not name.isidentifier() or name in _FUNCTIONS or name == "pi":
         raise RobotFileError(f"parameters: {short(name)} is no name for a parameter: letters, digits and _")
     return name
 
 
-def _values(name: str, given: Any) -> list[float]:
-    """Read a number or a list of numbers as the values of a parameter."""
+def _read_values(name: str, given: Any) -> list[float]:
+    """Read the values of a parameter: a number, or a list."""
     values = given if isinstance(given, list) else [given]
     if not values or len(values) > MAX_PARAMETER_VALUES:
         raise RobotFileError(
@@ -102,12 +94,12 @@ def _values(name: str, given: Any) -> list[float]:
 
 
 def _evaluate(expression: str, values: Mapping[str, float]) -> float:
-    """Compute the value of an expression; refuse text too long, no arithmetic, or not finite."""
+    """Compute the finite value of an arithmetic expression."""
     where = f"${{{expression[:60]}}}"
     if len(expression) > MAX_EXPRESSION_CHARACTERS:
         raise RobotFileError(f"{where}: more than {MAX_EXPRESSION_CHARACTERS} letters")
     try:
-        number = float(_value(ast.parse(expression.strip(), mode="eval").body, values, where))
+        number = float(_evaluate_node(ast.parse(expression.strip(), mode="eval").body, values, where))
     except (SyntaxError, ValueError, ArithmeticError, TypeError, RecursionError, MemoryError) as error:
         if isinstance(error, RobotFileError):
             raise
@@ -117,8 +109,8 @@ def _evaluate(expression: str, values: Mapping[str, float]) -> float:
     return number
 
 
-def _value(node: ast.expr, values: Mapping[str, float], where: str) -> float:
-    """Compute the value of a node of the syntax tree; refuse all but arithmetic."""
+def _evaluate_node(node: ast.expr, values: Mapping[str, float], where: str) -> float:
+    """Compute the value of a node of an expression's syntax tree."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         return float(node.value)  # type: ignore[arg-type]  # a number, and no truth value
     if isinstance(node, ast.Name):
@@ -128,8 +120,8 @@ def _value(node: ast.expr, values: Mapping[str, float], where: str) -> float:
         return values[node.id]
     if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
         parts = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.operand,)
-        return _OPERATORS[type(node.op)](*(_value(part, values, where) for part in parts))
+        return _OPERATORS[type(node.op)](*(_evaluate_node(part, values, where) for part in parts))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         check_name(where, "function", node.func.id, _FUNCTIONS)
-        return _FUNCTIONS[node.func.id](*(_value(part, values, where) for part in node.args))
+        return _FUNCTIONS[node.func.id](*(_evaluate_node(part, values, where) for part in node.args))
     raise RobotFileError(f"{where}: only numbers, parameters, + - * / **, parentheses and functions")

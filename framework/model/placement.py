@@ -14,7 +14,7 @@ Vector3 = tuple[float, float, float]
 
 
 def placement(rotation: Array | None = None, translation: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
-    """Return the placement (4, 4) of a rotation matrix and a translation."""
+    """Return the placement (4, 4) of a rotation (3, 3) and a translation (3,) [m]."""
     matrix = np.eye(4)
     if rotation is not None:
         matrix[:3, :3] = rotation
@@ -22,44 +22,49 @@ def placement(rotation: Array | None = None, translation: Sequence[float] | Arra
     return matrix
 
 
-def inverse(matrix: Array) -> Array:
-    """Return the inverse of a placement."""
+def invert_placement(matrix: Array) -> Array:
+    """Invert a placement (4, 4)."""
     turn = matrix[:3, :3].T
     return placement(turn, -turn @ matrix[:3, 3])
 
 
-def about(axis: Sequence[float] | Array, angle: float) -> Array:
-    """Return the rotation matrix (3, 3) of a turn about an axis of any length (Rodrigues)."""
+def rotation_about(axis: Sequence[float] | Array, angle: float) -> Array:
+    """Compute the rotation (3, 3) by an angle [rad] about an axis of any length.
+
+    R = 1 + sin(angle) K + (1 - cos(angle)) K K with K = [axis]x (Rodrigues).
+    """
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew)
 
 
 def from_rpy(rpy: Sequence[float] | Array) -> Array:
-    """Return the rotation matrix of a URDF's roll, pitch and yaw."""
+    """Return the rotation (3, 3) of a URDF's roll, pitch and yaw [rad]."""
     roll, pitch, yaw = rpy
-    return np.asarray(about((0, 0, 1), yaw) @ about((0, 1, 0), pitch) @ about((1, 0, 0), roll))
+    return np.asarray(
+        rotation_about((0, 0, 1), yaw) @ rotation_about((0, 1, 0), pitch) @ rotation_about((1, 0, 0), roll)
+    )
 
 
 def to_rpy(rotation: Array) -> Vector3:
-    """Compute roll, pitch and yaw of a rotation matrix, to rounding at every pitch.
+    """Compute roll, pitch and yaw [rad] of a rotation (3, 3).
 
-    The yaw is taken out before the roll is read, so that the two fit each other where the pitch is
-    a quarter turn and neither is determined alone.
+    Exact to rounding at every pitch: the yaw is taken out before the roll is read, so that the two fit each
+    other at a pitch of a quarter turn, where only their sum or difference is determined.
     """
     pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
-    rest = about((0, 0, 1), -yaw) @ rotation
+    rest = rotation_about((0, 0, 1), -yaw) @ rotation
     return math.atan2(-rest[1, 2], rest[1, 1]), pitch, yaw
 
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
-    """Return the rotation matrix of a quaternion of any length but zero."""
+    """Return the rotation (3, 3) of a quaternion of any length but zero."""
     return np.asarray(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix())
 
 
-def turning(name: str, axis: Sequence[float] | Array) -> Array:
-    """Return a rotation matrix (3, 3) whose column `name` (x, y, z) is the axis."""
+def rotation_with_axis(name: str, axis: Sequence[float] | Array) -> Array:
+    """Return a rotation (3, 3) whose column `name` (x, y, z) is the axis."""
     first = "xyz".index(name)
     main = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     if main[first] == 1.0:

@@ -5,18 +5,18 @@ Every complaint names the file and the key, says what was given and what is vali
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, tostring
 
 from framework.errors import RobotFileError, check_unique
-from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_by_couplings
-from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
-from framework.model.parameters import fill_placeholders, with_parameters
+from framework.model.description import ParsedRobot, RobotDescription, Spring, locked_through_couplings
+from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
+from framework.model.parameters import fill_parameters, fill_placeholders
 from framework.model.placement import from_rpy, placement
-from framework.model.robot_keys import TREE, frame_on_link, joint_dynamics, robot_table
-from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link
+from framework.model.robot_keys import TREE, added_frame_reader, merge_joint_dynamics, robot_table
+from framework.model.urdf_edits import add_frame, free_root, lock_joints, virtual_link_name
 from framework.model.urdf_elements import (
     MOVING,
     Tree,
@@ -38,35 +38,35 @@ def read_robot_file(file: str | Path) -> RobotDescription:
     """
     path = Path(file)
     text = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
-    with naming(path):
-        text, parameters = with_parameters(text)
+    with prefix_errors(path):
+        text, parameters = fill_parameters(text)
         return parse_robot(path, parse_yaml(text), parameters).description
 
 
 def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> ParsedRobot:
-    """Parse the content of the robot file `path` and of its URDF with `parameters`.
+    """Parse the content of the robot file `path` and of its URDF.
 
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file.
     """
     tree = read_table("", content, TREE, others=None)
-    urdf_text, root, urdf = _urdf(path.parent, tree, parameters)
+    urdf_text, root, urdf = _read_urdf(path.parent, tree, parameters)
     locked = tree["locked"]
-    with naming(f"urdf: {tree['urdf']}"):
+    with prefix_errors(f"urdf: {tree['urdf']}"):
         mimicked = declared_couplings(root, locked)
     table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked), locked=tuple(locked))
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]
     robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
-    if further := locked_by_couplings(robot["couplings"], locked):
+    if further := locked_through_couplings(robot["couplings"], locked):
         return parse_robot(path, {**content, "locked": {**locked, **further}}, parameters)
     _merge_joint_springs(robot, locked)
-    _drop_locked(robot, locked)
+    _drop_locked_joints(robot, locked)
     description = RobotDescription(
         name=path.stem,
         file=path,
         urdf_text=urdf_text,
-        joints=joint_dynamics(declared_dynamics(root), robot.pop("joints")),
+        joints=merge_joint_dynamics(declared_dynamics(root), robot.pop("joints")),
         parameters=dict(parameters),
         **robot,
     )
@@ -76,7 +76,7 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
 
 
 def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Move springs on URDF joints, but for locked ones, into the entries of `joints`."""
+    """Move springs on URDF joints that are not locked into the entries of `joints`."""
     for spring in robot["springs"]:
         if isinstance(spring, Spring) or spring["joint"] in locked:
             continue
@@ -89,8 +89,8 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
     robot["springs"] = tuple(spring for spring in robot["springs"] if isinstance(spring, Spring))
 
 
-def _drop_locked(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop couplings, springs and numbers of locked joints from the values of the keys."""
+def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
+    """Drop couplings, springs and entries of locked joints from the values."""
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
     for key in ("reference", "joints"):
@@ -100,13 +100,13 @@ def _drop_locked(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
 # ------------------------------------------------------------------ the tree
 
 
-def _urdf(
+def _read_urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
-) -> tuple[str, ElementTree.Element, Tree]:
-    """Return the URDF with the robot file's changes, as text and parsed, and its names."""
+) -> tuple[str, Element, Tree]:
+    """Read the URDF, changed as the robot file says; return text, root and tree."""
     path = locate_urdf(folder, tree["urdf"])
     text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
-    with naming(f"urdf: {path}"):
+    with prefix_errors(f"urdf: {path}"):
         text = fill_placeholders(text, parameters)
         root = parse_xml(text)
         urdf = read_tree(root)
@@ -115,17 +115,18 @@ def _urdf(
     lock_joints(root, tree["locked"])
     if tree["root"] == "free":
         free_root(root)
-    for frame in list_of(frame_on_link(read_tree(root)))("frames", tree["frames"]):
+    for frame in list_of(added_frame_reader(read_tree(root)))("frames", tree["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         add_frame(root, origin=origin, **frame)
-    return ElementTree.tostring(root, encoding="unicode"), root, read_tree(root)
+    with prefix_errors(f"urdf: {path}"):  # an added frame may have a name that the URDF has
+        return tostring(root, encoding="unicode"), root, read_tree(root)
 
 
 # ------------------------------------------------------------------ what the keys say together
 
 
 def _check_scenes(description: RobotDescription) -> None:
-    """Check the number of coordinates of each point of a path."""
+    """Refuse points of a path with another number of coordinates than the platform."""
     axes = description.platform.names
     for name, scene in description.scenes.items():
         for i, point in enumerate(scene.points):
@@ -137,7 +138,7 @@ def _check_scenes(description: RobotDescription) -> None:
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:
-    """Check that names are unique, also among virtual joints and the URDF's."""
+    """Refuse names that are not unique, also among virtual joints and the URDF's."""
     groups = {
         "actuators": description.motor_joints,
         "closures": [closure.name for closure in description.closures],
@@ -149,9 +150,9 @@ def _check_names(description: RobotDescription, urdf: Tree) -> None:
     for name in groups["springs"]:
         if name in urdf.joints:
             raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")
-        if virtual_link(name) in urdf.frames:
+        if virtual_link_name(name) in urdf.frames:
             raise RobotFileError(
-                f"springs: {name!r} needs the name {virtual_link(name)!r}, taken in the URDF"
+                f"springs: {name!r} needs the name {virtual_link_name(name)!r}, taken in the URDF"
             )
     for actuator in description.actuators:
         kind = urdf.joints[actuator.joint].kind

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring, indent, tostring
 
 import yaml
 
 from framework.errors import OutputError, RobotFileError
-from framework.model.description import Closure, RobotDescription, Scene, locked_axes, measured_kinds
+from framework.model.description import Closure, RobotDescription, Scene, kinds_with_length, locked_axes
 from framework.model.robot_file import read_robot_file
 from framework.model.robot_keys import VERSION
 from framework.model.urdf_elements import read_tree
@@ -22,9 +22,9 @@ from framework.numerics.output import written_together
 def write_robot_file(
     description: RobotDescription, folder: str | Path, *, comments: Iterable[str] = ()
 ) -> Path:
-    """Write NAME.yaml and NAME.urdf into a folder, read both back, and return the YAML's path.
+    """Write NAME.yaml and NAME.urdf into a folder; return the path of the YAML.
 
-    `comments` stand on top of the YAML, a line each.
+    Both are read back first. `comments` stand on top of the YAML, a line each.
 
     Raises:
         OutputError: the folder cannot be written, or these would overwrite the file that was read.
@@ -40,7 +40,7 @@ def write_robot_file(
             raise OutputError(f"--out: would overwrite {target}, which is read; give another folder")
     with written_together(out) as temporary:
         (temporary / f"{name}.urdf").write_text(
-            _urdf_text(description.urdf_text, description.file.parent, out), encoding="utf-8"
+            _moved_urdf_text(description.urdf_text, description.file.parent, out), encoding="utf-8"
         )
         written = temporary / f"{name}.yaml"
         written.write_text(_yaml_text(description, comments), encoding="utf-8")
@@ -53,7 +53,7 @@ def write_robot_file(
 
 
 def record_entry(record: Any) -> dict[str, Any]:
-    """Return a record as entry of a robot file, without empty and zero fields."""
+    """Return a record as an entry of a robot file, without empty and zero fields."""
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in asdict(record).items()
@@ -62,30 +62,30 @@ def record_entry(record: Any) -> dict[str, Any]:
 
 
 def robot_document(description: RobotDescription) -> dict[str, Any]:
-    """Return the content of the robot file; its URDF is NAME.urdf."""
+    """Return the content of the description's robot file; its URDF is NAME.urdf."""
     document: dict[str, Any] = {
         "version": VERSION,
         "urdf": f"{description.name}.urdf",
         "gravity": list(description.gravity),
         "platform": record_entry(description.platform),
         "actuators": [record_entry(actuator) for actuator in description.actuators],
-        "closures": [_closure(closure) for closure in description.closures],
+        "closures": [_closure_entry(closure) for closure in description.closures],
     }
     optional = {
         "springs": [record_entry(spring) for spring in description.springs],
         "couplings": [asdict(coupling) for coupling in description.couplings],
-        "joints": _joints(description),
+        "joints": _joint_entries(description),
         "reference": dict(description.reference),
-        "scenes": {name: _scene(scene) for name, scene in description.scenes.items()},
+        "scenes": {name: _scene_entry(scene) for name, scene in description.scenes.items()},
         "left_out": list(description.left_out),
     }
     return document | {key: value for key, value in optional.items() if value}
 
 
-def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
+def _joint_entries(description: RobotDescription) -> dict[str, dict[str, float]]:
     """Return the entry `joints`, a ball as one joint if its axes are alike."""
     written = dict(description.joints)
-    for name, joint in read_tree(ElementTree.fromstring(description.urdf_text)).joints.items():
+    for name, joint in read_tree(fromstring(description.urdf_text)).joints.items():
         values = [written.get(coordinate) for coordinate in joint.coordinates]
         if len(values) > 1 and values[0] is not None and all(value == values[0] for value in values):
             written = {key: value for key, value in written.items() if key not in joint.coordinates}
@@ -97,17 +97,19 @@ def _joints(description: RobotDescription) -> dict[str, dict[str, float]]:
     }
 
 
-def _closure(closure: Closure) -> dict[str, Any]:
+def _closure_entry(closure: Closure) -> dict[str, Any]:
     """Return the entry of a closure, by kind where its locked axes have one."""
     entry = record_entry(closure)
-    kinds = {locked_axes(kind): kind for kind in ("fixed", "spherical", *measured_kinds())}  # without an axis
+    kinds = {
+        locked_axes(kind): kind for kind in ("fixed", "spherical", *kinds_with_length())
+    }  # without an axis
     if closure.axes in kinds:
         del entry["axes"]
         entry["kind"] = kinds[closure.axes]
     return entry
 
 
-def _scene(scene: Scene) -> dict[str, Any]:
+def _scene_entry(scene: Scene) -> dict[str, Any]:
     """Return the entry of a scene: its path and stated options."""
     stated = {key: value for key, value in vars(scene).items() if value is not None}
     del stated["name"]
@@ -131,12 +133,12 @@ def _yaml_text(description: RobotDescription, comments: Iterable[str] = ()) -> s
     )
 
 
-def _urdf_text(text: str, old: Path, new: Path) -> str:
-    """Return the URDF, its relative mesh files seen from the new folder."""
-    root = ElementTree.fromstring(text)
+def _moved_urdf_text(text: str, old: Path, new: Path) -> str:
+    """Return the URDF's text, relative mesh files seen from the new folder."""
+    root = fromstring(text)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")
         if name and "://" not in name and not os.path.isabs(name):
             mesh.set("filename", Path(os.path.relpath(old / name, new)).as_posix())
-    ElementTree.indent(root)
-    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+    indent(root)
+    return '<?xml version="1.0"?>\n' + tostring(root, encoding="unicode") + "\n"

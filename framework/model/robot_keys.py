@@ -22,8 +22,8 @@ from framework.model.description import (
     Platform,
     Scene,
     Spring,
+    kinds_with_length,
     locked_axes,
-    measured_kinds,
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
@@ -57,8 +57,8 @@ PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number o
 _OPEN_KINDS = ("spline", "polyline")  # which may have more
 
 
-def _version(where: str, given: Any) -> int:
-    """Read the version of a robot file; refuse all but `VERSION`."""
+def _read_version(where: str, given: Any) -> int:
+    """Read the version of a robot file, which must be `VERSION`."""
     version = integer(where, given)
     if version != VERSION:
         raise RobotFileError(f"{where}: got {version}, this program reads version {VERSION}")
@@ -66,7 +66,7 @@ def _version(where: str, given: Any) -> int:
 
 
 TREE: Table = {
-    "version": required(_version),
+    "version": required(_read_version),
     "urdf": required(text),
     "parameters": optional(anything, {}),  # read before the file is, see `parameters`
     "locked": optional(mapping_of(number), {}),
@@ -75,15 +75,15 @@ TREE: Table = {
 }
 
 
-def frame_on_link(urdf: Tree) -> Reader[dict[str, Any]]:
-    """Return a reader of a frame on a link, with a body of mass [kg] and inertia if stated."""
+def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
+    """Return a reader of a frame on a link, with mass [kg] and inertia if stated."""
     table = {
         "name": required(text),
         "parent": required(one_of("link", urdf.links)),
         "xyz": optional(vector3, (0.0, 0.0, 0.0)),
         "rpy": optional(vector3, (0.0, 0.0, 0.0)),
         "mass": optional(positive),
-        "inertia": optional(_moments),
+        "inertia": optional(_read_moments),
     }
 
     def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
@@ -95,8 +95,8 @@ def frame_on_link(urdf: Tree) -> Reader[dict[str, Any]]:
     return record(table, make)
 
 
-def _moments(where: str, given: Any) -> tuple[float, float, float]:
-    """Read principal moments of inertia (3,) [kg m^2] that a body can have."""
+def _read_moments(where: str, given: Any) -> tuple[float, float, float]:
+    """Read principal moments (3,) [kg m^2] that a body can have."""
     moments = vector3(where, given)
     check_inertia(where, np.diag(moments))
     return moments
@@ -106,39 +106,39 @@ def _moments(where: str, given: Any) -> tuple[float, float, float]:
 
 
 def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
-    """Return the keys of the robot on the tree of this URDF.
+    """Return the keys of the robot on this URDF's tree.
 
-    With `is_coupled` couplings may be the only loops. All keys of joints know `locked` joints.
+    With `is_coupled` couplings may be the only loops. All keys of joints accept `locked` joints too.
     """
     movable = [*urdf.movable, *locked]
     coordinates = [*urdf.coordinates, *locked]
-    closure = _closure(urdf)
+    closure = _closure_reader(urdf)
     return {
-        "platform": required(_platform(urdf)),
-        "actuators": required(entries(_actuator(urdf))),
+        "platform": required(_platform_reader(urdf)),
+        "actuators": required(entries(_actuator_reader(urdf))),
         "closures": optional(list_of(closure), ()) if is_coupled else required(entries(closure)),
-        "couplings": optional(entries(_coupling(movable)), ()),
-        "springs": optional(entries(_spring(urdf, movable)), ()),
-        "joints": optional(_joints(urdf, coordinates), {}),
+        "couplings": optional(entries(_coupling_reader(movable)), ()),
+        "springs": optional(entries(_spring_reader(urdf, movable)), ()),
+        "joints": optional(_joints_reader(urdf, coordinates), {}),
         "gravity": optional(vector3, (0.0, 0.0, -9.81)),
         "reference": optional(mapping_of(number, one_of("joint", coordinates)), {}),
-        "scenes": optional(_scenes(urdf), {}),
+        "scenes": optional(_scenes_reader(urdf), {}),
         "left_out": optional(list_of(text), ()),
     }
 
 
-_axes = distinct("axis", AXES)
+_read_axes = distinct("axis", AXES)
 
 
-def _frame(urdf: Tree) -> Reader[str]:
-    """Return a reader of a frame as link; a joint stands for its child, behind springs."""
+def _frame_reader(urdf: Tree) -> Reader[str]:
+    """Return a reader of a frame as its link; a joint stands for its child."""
     return lambda where, given: urdf.link_of(one_of("frame", urdf.frames)(where, given))
 
 
-def _platform(urdf: Tree) -> Reader[Platform]:
-    """Return a reader of a frame with axes, or of joints."""
-    on_axes = {"frame": required(_frame(urdf)), "axes": required(_axes)}
-    of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame(urdf))}
+def _platform_reader(urdf: Tree) -> Reader[Platform]:
+    """Return a reader of a platform: a frame with axes, or joints."""
+    on_axes = {"frame": required(_frame_reader(urdf)), "axes": required(_read_axes)}
+    of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame_reader(urdf))}
 
     def read(where: str, given: Any) -> Platform:
         content = mapping(where, given)
@@ -153,26 +153,26 @@ def _platform(urdf: Tree) -> Reader[Platform]:
     return read
 
 
-def _limit(where: str, given: Any) -> float | None:
-    """Read a limit of a motor; null or infinity is none."""
+def _read_limit(where: str, given: Any) -> float | None:
+    """Read a motor's limit; null or infinity is none."""
     return None if given is None or given == math.inf else positive(where, given)
 
 
-def _actuator(urdf: Tree) -> Reader[Actuator]:
+def _actuator_reader(urdf: Tree) -> Reader[Actuator]:
     """Return a reader of a motor: joint, gear ratio, rotor inertia [kg m^2], limits."""
     table = {
         "joint": required(one_of("joint", urdf.joints)),
         "gear_ratio": optional(positive, 1.0),
         "rotor_inertia": optional(not_negative, 0.0),
-        "torque_limit": optional(_limit),
-        "speed_limit": optional(_limit),
+        "torque_limit": optional(_read_limit),
+        "speed_limit": optional(_read_limit),
     }
     return record(table, lambda _, values: Actuator(**values))
 
 
-def _closure(urdf: Tree) -> Reader[Closure]:
+def _closure_reader(urdf: Tree) -> Reader[Closure]:
     """Return a reader of a closure, by kind, by locked axes, or by kind and length."""
-    table = {"name": required(text), "frames": required(_pair(urdf))}
+    table = {"name": required(text), "frames": required(_pair_reader(urdf))}
     kind = required(one_of("closure kind", CLOSURE_KINDS))
     by_kind = {"kind": kind, "axis": optional(one_of("closure axis", tuple("xyz")), "z")}
     by_length = {"kind": kind, "length": required(positive)}
@@ -182,10 +182,10 @@ def _closure(urdf: Tree) -> Reader[Closure]:
         if ("kind" in content) == ("axes" in content):
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
         if "axes" in content:
-            values = read_table(where, given, table | {"axes": required(_axes)})
+            values = read_table(where, given, table | {"axes": required(_read_axes)})
             axes = tuple(axis for axis in AXES if axis in values["axes"])
         else:
-            is_measured = content["kind"] in measured_kinds()
+            is_measured = content["kind"] in kinds_with_length()
             values = read_table(where, given, table | (by_length if is_measured else by_kind))
             axes = locked_axes(values["kind"], values.get("axis", "z"))
         return Closure(values["name"], values["frames"], axes, values.get("length"))
@@ -193,11 +193,11 @@ def _closure(urdf: Tree) -> Reader[Closure]:
     return read
 
 
-def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
+def _pair_reader(urdf: Tree) -> Reader[tuple[str, str]]:
     """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
-        pair = list_of(_frame(urdf))(where, given)
+        pair = list_of(_frame_reader(urdf))(where, given)
         if len(pair) != 2 or pair[0] == pair[1]:
             raise RobotFileError(f"{where}: needs two different frames, got {list(pair)}")
         if urdf.body(pair[0]) == urdf.body(pair[1]):
@@ -209,7 +209,7 @@ def _pair(urdf: Tree) -> Reader[tuple[str, str]]:
     return read
 
 
-def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
+def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
     """Return a reader of a coupling of two different joints."""
     table = {
         "joint": required(one_of("joint", movable)),
@@ -226,12 +226,13 @@ def _coupling(movable: Sequence[str]) -> Reader[Coupling]:
     return record(table, make)
 
 
-_NOT_NEGATIVE = ("armature", "damping", "friction", "stiffness")
-_JOINT: Table = {"rest": optional(number), **dict.fromkeys(_NOT_NEGATIVE, optional(not_negative))}
+_JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
+    ("armature", "damping", "friction", "stiffness"), optional(not_negative)
+)
 
 
-def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
-    """Return a reader of the entries of each coordinate, or of all coordinates of a joint."""
+def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
+    """Return a reader of the entries of coordinates, or of whole joints."""
     whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
@@ -257,23 +258,23 @@ def _joints(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, floa
     return read
 
 
-def joint_dynamics(
+def merge_joint_dynamics(
     declared: Mapping[str, Mapping[str, float]], given: Mapping[str, Mapping[str, float]]
 ) -> dict[str, JointDynamics]:
-    """Return springs, damping and friction of each coordinate; the robot file overrides the URDF."""
+    """Merge the URDF's joint dynamics with the robot file's, which override."""
     return {
         name: JointDynamics(**{**declared.get(name, {}), **given.get(name, {})})
         for name in dict.fromkeys([*declared, *given])
     }
 
 
-def _spring(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
+def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
     """Return a reader of a virtual spring, or of values of a URDF joint's spring."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
         "after": required(one_of("joint", urdf.joints)),
-        "motion": optional(lambda where, given: () if given == "own" else _axes(where, given), ()),
+        "motion": optional(lambda where, given: () if given == "own" else _read_axes(where, given), ()),
         "stiffness": required(one_or_list_of(positive)),
     }
     on_joint = {
@@ -321,7 +322,9 @@ _MOTION: Table = {
 }
 
 
-def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
+def select_path(
+    where: str, paths: Mapping[str, Any]
+) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
     """Return kind, points and blend [m] of the one path in the values of PATHS.
 
     Raises:
@@ -344,9 +347,9 @@ def one_path(where: str, paths: Mapping[str, Any]) -> tuple[str, tuple[tuple[flo
     return kind, points, paths["blend"]
 
 
-def _scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene, still without its name."""
-    kind, points, _ = one_path(where, values)
+def _make_scene(where: str, values: dict[str, Any]) -> Scene:
+    """Make a scene of its values, still without its name."""
+    kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
         raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")
     if values["duration"] is not None and values["optimize"] == "time":
@@ -355,22 +358,22 @@ def _scene(where: str, values: dict[str, Any]) -> Scene:
     return Scene(name="", kind=kind, points=points, **rest)
 
 
-def _wrenches(urdf: Tree) -> Reader[dict[str, Any]]:
+def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
     """Return a reader of wrenches by frame; a joint stands for its child."""
 
     def read(where: str, given: Any) -> dict[str, Any]:
-        stated = mapping_of(anything, _frame(urdf))(where, given)
+        stated = mapping_of(anything, _frame_reader(urdf))(where, given)
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 
     return read
 
 
-def _scenes(urdf: Tree) -> Reader[dict[str, Scene]]:
+def _scenes_reader(urdf: Tree) -> Reader[dict[str, Scene]]:
     """Return a reader of scenes by name."""
-    scene = {**_MOTION, "wrenches": optional(_wrenches(urdf))}
+    scene = {**_MOTION, "wrenches": optional(_wrenches_reader(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
-        scenes = mapping_of(record(scene, _scene))(where, given)
+        scenes = mapping_of(record(scene, _make_scene))(where, given)
         return {name: replace(scene, name=name) for name, scene in scenes.items()}
 
     return read

@@ -11,16 +11,16 @@ one tree.
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
 from framework.errors import check_name
 from framework.model.description import Spring
 from framework.model.documents import child_element, remove_children
-from framework.model.placement import about, placement, to_rpy
+from framework.model.placement import placement, rotation_about, to_rpy
 from framework.model.urdf_elements import (
     ENTRIES,
     JOINT_TYPES,
@@ -50,19 +50,21 @@ _NUMBERS = {
 
 
 def vector_text(values: Iterable[float]) -> str:
-    """Write numbers to their last digit, and zero without a sign."""
+    """Write numbers with all digits, and zero without a sign."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
-def origin_element(matrix: Array) -> ElementTree.Element:
+def origin_element(matrix: Array) -> Element:
     """Return the `<origin>` of a placement (4, 4)."""
-    return ElementTree.Element(
-        "origin", xyz=vector_text(matrix[:3, 3]), rpy=vector_text(to_rpy(matrix[:3, :3]))
-    )
+    return Element("origin", xyz=vector_text(matrix[:3, 3]), rpy=vector_text(to_rpy(matrix[:3, :3])))
 
 
-class ChainJoint(NamedTuple):
-    """A joint to write: `origin` (4, 4) is its placement in the link before."""
+class NewJoint(NamedTuple):
+    """A joint to write.
+
+    `origin` (4, 4) is its placement in the parent link, `axis` (3,) is in the joint's frame, `limits` are the
+    lower and the upper one [rad, m].
+    """
 
     name: str
     kind: str
@@ -71,19 +73,19 @@ class ChainJoint(NamedTuple):
     limits: Sequence[float] | None = None
 
 
-def joint_element(joint: ChainJoint, parent: str, child: str) -> ElementTree.Element:
-    """Return a `<joint>`, with limits that nothing reaches if URDF requires some.
+def joint_element(joint: NewJoint, parent: str, child: str) -> Element:
+    """Return a `<joint>`; where URDF requires limits and none are given, huge ones.
 
     A continuous joint with limits is a revolute one.
     """
     kind = "revolute" if joint.limits and joint.kind == "continuous" else joint.kind
-    element = ElementTree.Element("joint", name=joint.name, type=kind)
-    ElementTree.SubElement(element, "parent", link=parent)
-    ElementTree.SubElement(element, "child", link=child)
+    element = Element("joint", name=joint.name, type=kind)
+    SubElement(element, "parent", link=parent)
+    SubElement(element, "child", link=child)
     if joint.origin is not None:
         element.append(origin_element(joint.origin))
     if joint.axis is not None:
-        ElementTree.SubElement(element, "axis", xyz=vector_text(joint.axis))
+        SubElement(element, "axis", xyz=vector_text(joint.axis))
     if kind in ("revolute", "prismatic"):
         limit = add_endless_limit(element)
         if joint.limits:
@@ -92,49 +94,49 @@ def joint_element(joint: ChainJoint, parent: str, child: str) -> ElementTree.Ele
 
 
 def chain_elements(
-    parent: str, motions: Sequence[ChainJoint], body: str, end: Array, taken: set[str]
-) -> Iterator[ElementTree.Element]:
-    """Yield joints between two links, with massless links between joints.
+    parent: str, motions: Sequence[NewJoint], body: str, end: Array, taken: set[str]
+) -> Iterator[Element]:
+    """Yield a chain of joints from `parent` to `body`, and the massless links between.
 
     Args:
-        end: (4, 4) placement of the body behind the last joint; a fixed joint where it is none.
+        end: (4, 4) placement of the body behind the last joint; unless the identity, a fixed joint more.
         taken: names of links, which grow by those of the chain.
     """
     for motion in motions:
         is_last = motion is motions[-1] and np.array_equal(end, np.eye(4))
         child = body if is_last else free_name(f"{motion.name}_link", taken)
         if not is_last:
-            yield ElementTree.Element("link", name=child)
+            yield Element("link", name=child)
         yield joint_element(motion, parent, child)
         parent = child
     if parent != body:
-        yield joint_element(ChainJoint(free_name(f"{body}_mount", taken), "fixed", end), parent, body)
+        yield joint_element(NewJoint(free_name(f"{body}_mount", taken), "fixed", end), parent, body)
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Return the wanted name with underscores until free, and mark the name as taken."""
+    """Append underscores to a name until free, and mark the result as taken."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)
     return wanted
 
 
-def visual_element(shape: str, words: dict[str, str], origin: Array) -> ElementTree.Element:
+def visual_element(shape: str, words: dict[str, str], origin: Array) -> Element:
     """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
-    visual = ElementTree.Element("visual")
+    visual = Element("visual")
     visual.append(origin_element(origin))
-    ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), shape, words)
+    SubElement(SubElement(visual, "geometry"), shape, words)
     return visual
 
 
-def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.Element:
+def inertial_element(mass: float, centre: Array, inertia: Array) -> Element:
     """Return the `<inertial>` of a body: mass [kg], centre (3,) [m], central inertia (3, 3) [kg m^2]."""
-    inertial = ElementTree.Element("inertial")
-    ElementTree.SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
-    ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
+    inertial = Element("inertial")
+    SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
+    SubElement(inertial, "mass", value=repr(float(mass)))
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     pairs = zip(names, inertia[np.triu_indices(3)].tolist(), strict=True)
-    ElementTree.SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
+    SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
     return inertial
 
 
@@ -142,7 +144,7 @@ def inertial_element(mass: float, centre: Array, inertia: Array) -> ElementTree.
 
 
 def add_frame(
-    root: ElementTree.Element,
+    root: Element,
     name: str,
     parent: str,
     origin: Array,
@@ -154,8 +156,8 @@ def add_frame(
     The body has its centre at the frame's origin, and `inertia` [kg m^2] about its axes. It looks like the
     box of even density with this mass and inertia: edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on.
     """
-    link = ElementTree.SubElement(root, "link", name=name)
-    root.append(joint_element(ChainJoint(f"{name}_mount", "fixed", origin), parent, name))
+    link = SubElement(root, "link", name=name)
+    root.append(joint_element(NewJoint(f"{name}_mount", "fixed", origin), parent, name))
     if not mass:
         return
     link.append(inertial_element(mass, np.zeros(3), np.diag(inertia)))
@@ -163,16 +165,12 @@ def add_frame(
     if squares.min() > 0.0:
         visual = visual_element("box", {"size": vector_text(np.sqrt(squares))}, np.eye(4))
         link.append(visual)
-        material = ElementTree.SubElement(visual, "material", name=f"{name}_colour")
-        ElementTree.SubElement(material, "color", rgba="0.93 0.72 0.13 1")  # of platforms in the catalogue
+        material = SubElement(visual, "material", name=f"{name}_colour")
+        SubElement(material, "color", rgba="0.93 0.72 0.13 1")  # of platforms in the catalogue
 
 
-def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
-    """Fix some joints of a URDF at given values [rad, m]; a locked joint mimics no other.
-
-    Raises:
-        RobotFileError: a name is not that of a revolute, continuous or prismatic joint.
-    """
+def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
+    """Fix joints of one freedom at given values [rad, m]; remove their mimics."""
     tree = read_tree(root)
     for name, value in locked.items():
         check_name(f"locked.{name}", "joint", name, tree.movable)
@@ -180,15 +178,15 @@ def lock_joints(root: ElementTree.Element, locked: Mapping[str, float]) -> None:
 
 
 def fix_joint(joint: Joint, *values: float) -> None:
-    """Make a joint fixed, its origin moved along with its coordinates [rad, m]."""
+    """Make a joint fixed at the values [rad, m] of its coordinates."""
     if joint.kind in SEVERAL:
         *along, x, y, z = values
         angle = math.hypot(x, y, z)
-        motion = placement(about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
+        motion = placement(rotation_about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
     elif joint.kind == "prismatic":
         motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
     else:
-        motion = placement(about(joint.axis, values[0]))
+        motion = placement(rotation_about(joint.axis, values[0]))
     joint.origin = joint.origin @ motion
     joint.kind = "fixed"
     joint.element.set("type", "fixed")
@@ -196,20 +194,20 @@ def fix_joint(joint: Joint, *values: float) -> None:
     joint.element.append(origin_element(joint.origin))
 
 
-def free_root(root: ElementTree.Element) -> None:
-    """Stand a URDF on a new root link `ground` by six joints, ROOT_JOINTS.
+def free_root(root: Element) -> None:
+    """Mount a URDF on a new root link `ground` by six joints, ROOT_JOINTS.
 
     Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
     90 degrees.
     """
     tree = read_tree(root)
     motions = [
-        ChainJoint(
+        NewJoint(
             name, "revolute" if "_r" in name else "prismatic", np.eye(4), np.eye(3)["xyz".index(name[-1])]
         )
         for name in ROOT_JOINTS
     ]
-    ElementTree.SubElement(root, "link", name=GROUND)
+    SubElement(root, "link", name=GROUND)
     root.extend(chain_elements(GROUND, motions, tree.base, np.eye(4), set(tree.links)))
     for limit in root.findall("joint/limit")[-len(motions) :]:
         limit.set("effort", "0")  # nothing drives them
@@ -218,20 +216,20 @@ def free_root(root: ElementTree.Element) -> None:
 # ------------------------------------------------------------------ for pinocchio
 
 
-def bare_urdf(root: ElementTree.Element) -> ElementTree.Element:
-    """Return a checked URDF without shapes, its numbers parsed by Python.
+def copy_without_shapes(root: Element) -> Element:
+    """Copy a checked URDF without shapes, its numbers parsed by Python.
 
     Pinocchio's parser prints errors in visuals and collisions to the console, and reads numbers by rules of
     its own.
     """
-    bare = ElementTree.Element("robot", name=root.get("name", ""))
+    bare = Element("robot", name=root.get("name", ""))
     bare.extend(_copy_read_parts(element) for element in root if element.tag in ("link", "joint"))
     return bare
 
 
-def _copy_read_parts(element: ElementTree.Element) -> ElementTree.Element:
+def _copy_read_parts(element: Element) -> Element:
     """Copy an element with the first of each child in _READ_PARTS."""
-    copy = ElementTree.Element(element.tag, element.attrib)
+    copy = Element(element.tag, element.attrib)
     for key in _NUMBERS.get(element.tag, ()):
         if key in copy.attrib:
             copy.set(key, vector_text(map(float, copy.attrib[key].split())))
@@ -241,7 +239,7 @@ def _copy_read_parts(element: ElementTree.Element) -> ElementTree.Element:
     return copy
 
 
-def make_continuous_joints_revolute(root: ElementTree.Element) -> None:
+def make_continuous_joints_revolute(root: Element) -> None:
     """Replace continuous joints of a URDF by unlimited revolute ones.
 
     Pinocchio keeps a continuous joint as a point on a circle; a motor behind a gear needs the angle,
@@ -257,13 +255,13 @@ def make_continuous_joints_revolute(root: ElementTree.Element) -> None:
 # ------------------------------------------------------------------ springs
 
 
-def virtual_link(name: str) -> str:
+def virtual_link_name(name: str) -> str:
     """Name of the massless link in front of a virtual joint."""
     return f"{name}_base"
 
 
-def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None:
-    """Put one virtual joint for each coordinate of each spring into a URDF.
+def insert_springs(root: Element, springs: Sequence[Spring]) -> None:
+    """Insert the virtual joints of springs into a URDF.
 
     The springs' names and `after` must be valid for this URDF, as `read_robot_file` checks. Several
     springs behind one joint follow it in the order given.
@@ -277,9 +275,9 @@ def insert_springs(root: ElementTree.Element, springs: Sequence[Spring]) -> None
         kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
         motions = [("revolute" if "r" in axis else "prismatic", AXIS[axis[-1]]) for axis in spring.motion]
         for name, (kind_of_motion, axis) in zip(spring.coordinates, motions or [(kind, own)], strict=True):
-            end, middle = child_element(last[spring.after], "", "child"), virtual_link(name)
-            ElementTree.SubElement(root, "link", name=middle)
-            motion = ChainJoint(name, kind_of_motion, axis=np.array(axis.split(), dtype=float))
+            end, middle = child_element(last[spring.after], "", "child"), virtual_link_name(name)
+            SubElement(root, "link", name=middle)
+            motion = NewJoint(name, kind_of_motion, axis=np.array(axis.split(), dtype=float))
             joint = joint_element(motion, middle, end.get("link", ""))
             end.set("link", middle)
             root.append(joint)

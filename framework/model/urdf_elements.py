@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import sysconfig
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -21,11 +21,11 @@ from framework.errors import MissingPackage, RobotFileError, check_name
 from framework.model.description import Coupling
 from framework.model.documents import (
     attribute,
-    axis_of,
     child_element,
-    number_of,
-    numbers,
-    origin_of,
+    parse_numbers,
+    read_axis,
+    read_number,
+    read_origin,
     remove_children,
 )
 from framework.numerics.arrays import Array, ArrayLike
@@ -44,9 +44,12 @@ ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # of an inertia
 
 @dataclass
 class Joint:
-    """A joint of the tree; `origin` (4, 4) is its placement in the parent link at zero."""
+    """A joint of the tree, with its XML element.
 
-    element: ElementTree.Element
+    `origin` (4, 4) is its placement in the parent link at zero, `axis` (3,) is in its own frame.
+    """
+
+    element: Element
     name: str
     kind: str
     parent: str
@@ -56,6 +59,7 @@ class Joint:
 
     @property
     def moves(self) -> bool:
+        """Whether the joint is not fixed."""
         return self.kind != "fixed"
 
     @property
@@ -66,7 +70,7 @@ class Joint:
 
 @dataclass
 class Tree:
-    """Links and joints of a URDF by name, with the root link; frames are both."""
+    """Links and joints of a URDF by name; `base` is the root link."""
 
     links: list[str]
     joints: dict[str, Joint]
@@ -137,14 +141,14 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 
 def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
-    """Return the coordinate names of a joint of this type."""
+    """Return the names of a joint's coordinates, one for each freedom."""
     if kind in SEVERAL:
         return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])
     return (name,) if kind in MOVING else ()
 
 
-def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
-    """Read the links and joints below `<robot>`.
+def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
+    """Read and check the links and joints below `<robot>`.
 
     `impossible` takes links without a possible inertia, and joints without a possible limit, by name and
     complaint: they lose what is impossible. Without the list they are errors.
@@ -170,7 +174,7 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
         for visual in link.findall("visual"):
-            origin_of(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
+            read_origin(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
         try:
             check_inertial(link, extent)
         except RobotFileError as error:
@@ -178,11 +182,11 @@ def read_tree(root: ElementTree.Element, impossible: list[tuple[str, str]] | Non
                 raise
             impossible.append((link.get("name", ""), str(error)))
             remove_children(link, "inertial")
-    return Tree(links, joints, _base(links, joints))
+    return Tree(links, joints, _find_root(links, joints))
 
 
-def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
-    """Return the root of the tree of links; raise RobotFileError for anything but one tree."""
+def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
+    """Find the root of the tree of links; refuse anything but one tree."""
     for joint in joints.values():
         if joint.child == joint.parent:
             raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
@@ -207,26 +211,16 @@ def _base(links: list[str], joints: Mapping[str, Joint]) -> str:
     return roots[0]
 
 
-def unique_names(root: ElementTree.Element, tag: str) -> list[str]:
-    """Return the unique names of the elements with this tag.
-
-    Raises:
-        RobotFileError: an element has no name, or that of another.
-    """
+def unique_names(root: Element, tag: str) -> list[str]:
+    """Return the names of the elements with a tag; refuse missing and repeated ones."""
     names = [attribute(element, f"<{tag}>", "name") for element in root.findall(tag)]
     if repeated := [name for name, count in Counter(names).items() if count > 1]:
         raise RobotFileError(f"duplicate {tag} {repeated[0]!r}")
     return names
 
 
-def read_joint(
-    element: ElementTree.Element, links: set[str], impossible: list[tuple[str, str]] | None = None
-) -> Joint:
-    """Read a joint between two links of the tree; remove meaningless children from the element.
-
-    Raises:
-        RobotFileError: its type, links, axis, limit or placement cannot be right.
-    """
+def read_joint(element: Element, links: set[str], impossible: list[tuple[str, str]] | None = None) -> Joint:
+    """Read and check a joint between two links; remove its meaningless children."""
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
@@ -241,7 +235,7 @@ def read_joint(
     if kind not in MOVING and axis is not None:
         element.remove(axis)  # without a meaning, and some exporters write 0 0 0
     elif axis is not None:
-        direction = axis_of(axis, f"{where}: <axis>")
+        direction = read_axis(axis, f"{where}: <axis>")
     try:
         if kind in MOVING:
             _check_limit(element, where, is_needed=kind != "continuous")
@@ -252,18 +246,18 @@ def read_joint(
         remove_children(element, "limit")
         add_endless_limit(element)
     element.attrib.pop("independent", None)  # a URDF+ hint, read before
-    origin = origin_of(element.find("origin"), f"{where}: <origin>")
+    origin = read_origin(element.find("origin"), f"{where}: <origin>")
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
 
 
-def add_endless_limit(joint: ElementTree.Element) -> ElementTree.Element:
-    """Add a `<limit>` that nothing reaches."""
+def add_endless_limit(joint: Element) -> Element:
+    """Add a `<limit>` beyond all motions."""
     words = {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
-    return ElementTree.SubElement(joint, "limit", words)
+    return SubElement(joint, "limit", words)
 
 
-def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> None:
-    """Check numbers, and if needed keys, order and signs, of a joint's <limit>."""
+def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
+    """Check a joint's <limit>; if needed, also its keys, order and signs."""
     if is_needed:
         needed = child_element(joint, where, "limit")
         for key in ("effort", "velocity"):
@@ -271,7 +265,7 @@ def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> 
     for limit in joint.findall("limit")[:1]:
         lower, upper, effort, velocity = (
             # some files mean no limit by 1.8e308
-            numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
+            parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
             for key in ("lower", "upper", "effort", "velocity")
         )
         if is_needed and (lower > upper or effort < 0 or velocity < 0):
@@ -281,32 +275,28 @@ def _check_limit(joint: ElementTree.Element, where: str, *, is_needed: bool) -> 
             )
 
 
-def check_inertial(link: ElementTree.Element, extent: float) -> None:
-    """Check the inertia of a link; `extent` [m] is the largest distance of joints.
-
-    Raises:
-        RobotFileError: a number is missing or not finite, or no body has such an inertia.
-    """
+def check_inertial(link: Element, extent: float) -> None:
+    """Refuse a link's inertia that no body has; `extent` [m] is the longest joint offset."""
     where, inertial = f"link {link.get('name')!r}", link.find("inertial")
     if inertial is None:
         return
-    origin_of(inertial.find("origin"), f"{where}: <inertial> <origin>")
-    mass = number_of(child_element(inertial, f"{where}: <inertial>", "mass"), f"{where}: <mass>", "value")
+    read_origin(inertial.find("origin"), f"{where}: <inertial> <origin>")
+    mass = read_number(child_element(inertial, f"{where}: <inertial>", "mass"), f"{where}: <mass>", "value")
     if mass < 0:
         raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")
     inertia = child_element(inertial, f"{where}: <inertial>", "inertia")
-    values = [number_of(inertia, f"{where}: <inertia>", key) for key in ENTRIES]
+    values = [read_number(inertia, f"{where}: <inertia>", key) for key in ENTRIES]
     negligible = mass * (POINT_BODY_GYRATION * extent) ** 2
-    check_inertia(f"{where}: <inertia>", symmetric(*values), negligible=negligible)
+    check_inertia(f"{where}: <inertia>", symmetric_matrix(*values), negligible=negligible)
 
 
-def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
+def symmetric_matrix(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
     """Return the matrix (3, 3) of six ENTRIES."""
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> None:
-    """Refuse an inertia that no body has; `where` starts the complaint.
+    """Refuse an inertia (3, 3) [kg m^2] that no body has.
 
     The inertia about the centre of mass is the integral of (r.r 1 - r r') dm over the body. Its principal
     moments are I1 = b + c, I2 = a + c, I3 = a + b with a, b, c >= 0 the second moments of mass along its
@@ -335,12 +325,8 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         )
 
 
-def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
-    """Return damping and dry friction of <dynamics>, by coordinate, unless zero.
-
-    Raises:
-        RobotFileError: a number is none, or negative.
-    """
+def declared_dynamics(root: Element) -> dict[str, dict[str, float]]:
+    """Return damping and dry friction of <dynamics> by coordinate, positive ones alone."""
     declared = {}
     for joint in root.findall("joint"):
         name, element = joint.get("name", ""), joint.find("dynamics")
@@ -349,7 +335,7 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
             continue
         values = {}
         for key in ("damping", "friction"):
-            value = number_of(element, f"joint {name!r}: <dynamics>", key, "0")
+            value = read_number(element, f"joint {name!r}: <dynamics>", key, "0")
             if value < 0:
                 raise RobotFileError(f"joint {name!r}: <dynamics> {key}: must not be negative, got {value:g}")
             if value:
@@ -359,13 +345,10 @@ def declared_dynamics(root: ElementTree.Element) -> dict[str, dict[str, float]]:
     return declared
 
 
-def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) -> list[Coupling]:
+def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupling]:
     """Take the couplings of <mimic> out of a URDF: q = multiplier q_leader + offset.
 
-    That may be one of the `locked` joints.
-
-    Raises:
-        RobotFileError: no such joint, or a number is none.
+    A leader may be one of the `locked` joints.
     """
     movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
     followed = [*movable, *locked]
@@ -380,7 +363,7 @@ def declared_couplings(root: ElementTree.Element, locked: Iterable[str] = ()) ->
         where = f"joint {name!r}: <mimic>"
         leader = mimic.get("joint", "")
         check_name(where, "movable joint", leader, [other for other in followed if other != name])
-        ratio, offset = (number_of(mimic, where, *pair) for pair in (("multiplier", "1"), ("offset", "0")))
+        ratio, offset = (read_number(mimic, where, *pair) for pair in (("multiplier", "1"), ("offset", "0")))
         couplings.append(Coupling(name, leader, ratio, offset))
     return couplings
 

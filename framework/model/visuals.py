@@ -7,17 +7,17 @@ in metres; cylinders have their axis along z, as in URDF.
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from itertools import product
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, fromstring
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from framework.model.description import RobotDescription
-from framework.model.documents import numbers, origin_of
+from framework.model.documents import parse_numbers, read_origin
 from framework.model.urdf_elements import locate_urdf
 from framework.numerics.arrays import Array, IntArray
 
@@ -31,7 +31,7 @@ _SIZES |= dict.fromkeys(("cylinder", "capsule"), (("radius", 1), ("length", 1)))
 
 
 class Shape(NamedTuple):
-    """A solid on a node."""
+    """A solid, fixed to a pinocchio joint."""
 
     node: int
     kind: str  # box, cylinder, sphere, mesh
@@ -43,13 +43,13 @@ class Shape(NamedTuple):
 
     @property
     def half_edges(self) -> Array:
-        """Half the edges (3,) of a box around a shape that is no mesh."""
+        """Half the edges (3,) [m] of the bounding box; of no mesh."""
         across = 2 * self.size[0]
         edges = {"box": self.size, "cylinder": (across, across, self.size[-1]), "sphere": (across,) * 3}
         return 0.5 * np.array(edges[self.kind])
 
     def corners(self) -> Array:
-        """Return the corners (8, 3) of a box around the shape, in the node's frame."""
+        """Return the corners (8, 3) [m] of the bounding box, in the node's frame."""
         if self.vertices is not None:
             low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         else:
@@ -58,22 +58,22 @@ class Shape(NamedTuple):
         return self.to_node(np.where(signs, high, low))
 
     def to_node(self, points: Array) -> Array:
-        """Return points (m, 3) of the shape in the node's frame."""
+        """Return points (m, 3) of the shape's frame in the node's frame."""
         return np.asarray(points @ self.placement[:3, :3].T + self.placement[:3, 3])
 
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:
-    """Read the visuals of the URDF, without malformed ones and unreadable meshes."""
-    root = ElementTree.fromstring(description.urdf_text)
+    """Read the visuals of the URDF, skipping malformed ones and unreadable meshes."""
+    root = fromstring(description.urdf_text)
     materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
     for link in root.findall("link"):
         frame = model.frames[model.getFrameId(link.get("name", ""), pin.FrameType.BODY)]
         for visual in link.findall("visual"):
             try:
-                kind, size, vertices, faces = _solid(description, visual.find("geometry"))
-                placement = frame.placement.homogeneous @ origin_of(visual.find("origin"), "<origin>")
-                color = _color(visual.find("material"), materials)
+                kind, size, vertices, faces = _read_solid(description, visual.find("geometry"))
+                placement = frame.placement.homogeneous @ read_origin(visual.find("origin"), "<origin>")
+                color = _read_color(visual.find("material"), materials)
             except ValueError:
                 continue
             shapes.append(Shape(frame.parentJoint, kind, size, placement, color, vertices, faces))
@@ -83,14 +83,16 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
 Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, mesh
 
 
-def _solid(description: RobotDescription, geometry: ElementTree.Element | None) -> Solid:
+def _read_solid(description: RobotDescription, geometry: Element | None) -> Solid:
     """Read a `<geometry>`, with sizes [m]; raise ValueError for unknown shapes and sizes of zero."""
     for shape in geometry if geometry is not None else ():
         if shape.tag == "mesh":
-            return "mesh", (), *_mesh(description, shape)
+            return "mesh", (), *_load_mesh(description, shape)
         if shape.tag in _SIZES:
             sizes = [
-                size for key, count in _SIZES[shape.tag] for size in numbers("size", shape.get(key), count)
+                size
+                for key, count in _SIZES[shape.tag]
+                for size in parse_numbers("size", shape.get(key), count)
             ]
             if min(sizes) <= 0:
                 raise ValueError("no size")
@@ -98,14 +100,14 @@ def _solid(description: RobotDescription, geometry: ElementTree.Element | None) 
     raise ValueError("no geometry")
 
 
-def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[Array, IntArray]:
+def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, IntArray]:
     """Return vertices (V, 3) and faces (F, 3) of a mesh file."""
     reference = element.get("filename", "").removeprefix("file://")
     file = locate_urdf(description.file.parent, reference)  # RobotFileError is a ValueError
     if not (reference and os.path.isfile(file) and os.path.getsize(file) <= MAX_MESH_BYTES):
         raise ValueError("no mesh file")
     mesh = coal.MeshLoader().load(
-        os.path.abspath(file), np.array(numbers("scale", element.get("scale", "1 1 1"), 3))
+        os.path.abspath(file), np.array(parse_numbers("scale", element.get("scale", "1 1 1"), 3))
     )
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
     triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
@@ -114,14 +116,12 @@ def _mesh(description: RobotDescription, element: ElementTree.Element) -> tuple[
     return vertices, np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
 
 
-def _color(
-    material: ElementTree.Element | None, materials: Mapping[str | None, ElementTree.Element]
-) -> Color:
+def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
     """Return the colour of a visual, its own or its material's."""
     if material is None:
         return DEFAULT_COLOR
     for element in (material, materials.get(material.get("name"), material)):
         if (color := element.find("color")) is not None:
-            red, green, blue, alpha = numbers("rgba", color.get("rgba"), 4)
+            red, green, blue, alpha = parse_numbers("rgba", color.get("rgba"), 4)
             return red, green, blue, alpha
     return DEFAULT_COLOR

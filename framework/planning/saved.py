@@ -27,8 +27,8 @@ from framework.laws.law import Law, PlannedLaw, check_duration
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.laws.path import PointPath
 from framework.model.description import FLEXIBILITIES
-from framework.model.documents import naming
-from framework.model.robot_keys import PATHS, one_path
+from framework.model.documents import prefix_errors
+from framework.model.robot_keys import PATHS, select_path
 from framework.numerics.fields import (
     Field,
     Table,
@@ -105,7 +105,7 @@ _READ: Table = {
     "flexibility": required(one_of("flexibility", FLEXIBILITIES)),
     "duration": required(positive),
     "request": required(  # options are checked as those of a call
-        record({"path": required(record(PATHS, one_path)), **{name: Field(anything) for name in OPTIONS}})
+        record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
     ),
     "law": required(_read_law),
     "crossings": required(list_of(lambda where, given: read_table(where, given, _TIME, others=None))),
@@ -249,7 +249,7 @@ def plan_from_document(
     """
     stated = _read_plan(saved, file)
     robot = _find_robot(stated, file, robot_file)
-    with naming(file, InvalidInput):
+    with prefix_errors(file, InvalidInput):
         request = _make_request(robot, stated["request"], stated["duration"])
         law = _make_law(stated["law"], stated["duration"], request)
         optimality = _make_optimality(robot, request, stated["optimality"], law.kind)
@@ -276,7 +276,7 @@ def plan_from_document(
         raise InvalidInput(
             f"{file}: the robot has changed since, its law fits no more; plan again ({error})"
         ) from None
-    with naming(file, InvalidInput):
+    with prefix_errors(file, InvalidInput):
         _check_leaves(saved, plan)
     return replace(plan, seconds=stated["seconds"])
 
@@ -295,7 +295,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{file}: version: this program reads plans of version {VERSION}, got "
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
-    with naming(file, InvalidInput):
+    with prefix_errors(file, InvalidInput):
         computed = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected")
         return read_table("", saved, _READ, others=(*computed, "bend", "fidelity"))  # which commands add
 
@@ -335,7 +335,7 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
     """Return the request of the file, checked for the robot and the duration [s] of the law."""
     path = path_of(*stated.pop("path"))
-    with naming("request", InvalidInput):
+    with prefix_errors("request", InvalidInput):
         request = Request.of(robot, path, **stated)
     if request.duration not in (None, duration):
         raise InvalidInput(f"duration: got {duration!r}, but the request says {request.duration!r}")

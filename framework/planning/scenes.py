@@ -10,7 +10,7 @@ from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Arc, Line, Path, Polyline, Spline
 from framework.model.description import Scene
-from framework.model.documents import naming
+from framework.model.documents import prefix_errors
 from framework.planning.options import OPTIONS
 from framework.planning.plan import plan_request
 from framework.planning.request import Request
@@ -30,7 +30,7 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
         raise InvalidInput(f"{robot.name}: unknown scene {short(name)}: it has no scenes")
     if name not in scenes:
         raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")
-    with naming(f"{robot.description.file}: scenes.{name}"):
+    with prefix_errors(f"{robot.description.file}: scenes.{name}"):
         scene_path(scenes[name])
     return scenes[name]
 

@@ -26,7 +26,7 @@ K = TypeVar("K")
 
 @dataclass(frozen=True, eq=False)
 class Examined(Generic[Stack, K]):
-    """The result of a test; pieces that are in neither of the three are dropped."""
+    """The result of a test: pieces proved, undecided or pending; all others are dropped."""
 
     proved: K  # with whatever the proof says of them
     undecided: Stack  # too small to be cut
@@ -53,7 +53,9 @@ def branch_and_bound(
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
 ) -> Partition[Stack, K]:
-    """Test pieces of a region, a stack of arrays, until each is decided; the newest are tested first.
+    """Test pieces of a region until each is decided, or `max_examined` are tested.
+
+    Pieces are rows of a stack of arrays. The newest are tested first, or the nearest.
 
     Args:
         batch: pieces tested at a time.
@@ -88,24 +90,24 @@ def branch_and_bound(
 
 
 class Boxes(NamedTuple):
-    """S boxes in k coordinates."""
+    """S boxes in k coordinates, by their middles and radii."""
 
     middle: Array  # (S, k)
     radii: Array  # (S, k)
 
     @property
     def size(self) -> int:
-        """The number S of boxes."""
+        """Number S of boxes."""
         return len(self.middle)
 
-    def clip(self, lower: Array, upper: Array) -> Boxes:
-        """Return the parts of the boxes between offsets (S, k) from the middles."""
+    def sub_boxes(self, lower: Array, upper: Array) -> Boxes:
+        """Return the boxes between offsets lower and upper (S, k) from the middles."""
         middle = self.middle + 0.5 * (lower + upper)
         rounding = MIDDLE_ROUNDING * (1.0 + np.abs(self.middle))
         return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
 
-    def halves(self, axis: IntArray) -> Boxes:
-        """Cut each box in two across its axis (S,); return all lower halves, then all upper halves."""
+    def halve(self, axis: IntArray) -> Boxes:
+        """Cut each box in two across its axis (S,); return lower halves, then upper halves."""
         is_cut = np.arange(self.middle.shape[1]) == axis[:, None]  # (S, k)
         radii = np.where(is_cut, 0.5 * ROUND_UP * self.radii, self.radii)
         shift = np.where(is_cut, 0.5 * self.radii, 0.0)
@@ -113,7 +115,7 @@ class Boxes(NamedTuple):
 
 
 def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArray) -> tuple[Boxes, Boxes]:
-    """Return the boxes to leave undecided, and the boxes to test next.
+    """Return the boxes to leave undecided, and the parts of the others to test next.
 
     Args:
         wide: the S boxes before they were narrowed.
@@ -127,5 +129,5 @@ def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArr
     stays = is_free & is_small & ~has_shrunk
     is_cut = ~(has_shrunk | stays)
     across = np.where(is_free, boxes.radii.argmax(axis=1), axis)
-    halves = select(boxes, is_cut).halves(across[is_cut])
+    halves = select(boxes, is_cut).halve(across[is_cut])
     return select(boxes, stays), join([select(boxes, has_shrunk), halves])

@@ -1,8 +1,7 @@
 """Proof that equations have no other solutions in boxes than the known ones.
 
 A box is dropped where its linear enclosure has no solution, or where it lies within a region in which a known
-solution is the only one; it is narrowed by the enclosure, or cut. The equations are those of
-`real_displacements` and `leg_paving`.
+solution is the only one; it is narrowed by the enclosure, or cut. The equations are those of `leg_paving`.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, select
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
-from framework.proofs.interval_newton import LinearEnclosure, contract, damped_mixers
+from framework.proofs.interval_newton import LinearEnclosure, contract, damped_inverses
 
 MAX_BOXES = 60_000
 BOXES_PER_BATCH = 4096
@@ -27,7 +26,7 @@ Equations = Callable[[Array, Array], LinearEnclosure]  # of boxes: middles and r
 
 
 class KnownSolutions(NamedTuple):
-    """Solutions, each alone in a box."""
+    """Known solutions, each alone in the box of its radius about its point."""
 
     points: Array  # (k, n)
     radii: Array  # (k,)
@@ -39,8 +38,11 @@ class KnownSolutions(NamedTuple):
         radii = np.array([unique_radius(equations, point) for point in points])
         return KnownSolutions(points, radii, period)
 
-    def contain(self, boxes: Boxes) -> BoolArray:
-        """Whether each of B boxes lies within the region of one solution, (B,), angles up to whole turns."""
+    def contains(self, boxes: Boxes) -> BoolArray:
+        """Return whether each of B boxes lies in the box of one solution, (B,).
+
+        Coordinates count modulo their period, so angles up to whole turns.
+        """
         offset = np.mod(np.abs(boxes.middle[:, None] - self.points), self.period)  # (B, k, n)
         distance = np.minimum(offset, self.period - offset)
         is_inside = np.all(distance + boxes.radii[:, None] < self.radii[:, None], axis=2)
@@ -48,9 +50,10 @@ class KnownSolutions(NamedTuple):
 
 
 def unique_radius(equations: Equations, point: Array) -> float:
-    """Compute the radius of a box about a point (n,) in which the equations have one solution at most.
+    """Compute the radius of a box about a point (n,) with at most one solution.
 
-    The mean of the Jacobian between two points in the box is regular: |Y| times its change is below one.
+    With J at the point and Y its inverse, the mean Jacobian between two points of the box is regular if
+    |Y| |its change| < 1. The change is proportional to the radius.
     """
     n = len(point)
     linear = equations(point[None], np.ones((1, n)))
@@ -61,19 +64,17 @@ def unique_radius(equations: Equations, point: Array) -> float:
     return min(UNIQUENESS_SHARE / float(change.max()), MAX_UNIQUE_RADIUS)
 
 
-def has_no_others(
-    equations: Equations, boxes: Boxes, known: KnownSolutions, max_boxes: int = MAX_BOXES
-) -> bool:
-    """Whether boxes are proved to hold no other solutions; False if not decided."""
+def has_no_others(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:
+    """Return whether boxes provably hold no solutions but the known; False if undecided."""
 
     def test(boxes: Boxes) -> Examined[Boxes, None]:
         """Contract boxes; drop boxes without solutions or inside known ones; halve the others."""
         linear = equations(*boxes)
-        remaining = contract(linear, boxes.radii, damped_mixers(linear, boxes.radii))
+        remaining = contract(linear, boxes.radii, damped_inverses(linear, boxes.radii))
         is_possible = ~remaining.empty
         boxes = select(boxes, is_possible)
-        narrow = boxes.clip(*select(remaining, is_possible))
-        is_open = ~known.contain(narrow)
+        narrow = boxes.sub_boxes(*select(remaining, is_possible))
+        is_open = ~known.contains(narrow)
         boxes = select(boxes, is_open)
         narrow = select(narrow, is_open)
         is_small = narrow.radii.max(axis=1) < MIN_RADIUS
@@ -85,7 +86,7 @@ def has_no_others(
         test,
         boxes,
         batch=BOXES_PER_BATCH,
-        max_examined=max_boxes,
+        max_examined=MAX_BOXES,
         distance=lambda boxes: np.zeros(boxes.size),
     )
     return not (end.undecided.size or end.pending.size)

@@ -28,12 +28,15 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, select
 from framework.numerics.ordered_sums import cross
 from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
-from framework.proofs.rounding import ROUND_UP, times
+from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
 
 class _ChainVector(NamedTuple):
-    """A vector on the last link of a chain of L joints, at S configurations, with its derivatives."""
+    """A vector on the last link of a chain of L joints, and its derivatives.
+
+    At S configurations.
+    """
 
     value: Array  # (S, 3)
     first: Array  # (S, L, 3)
@@ -41,16 +44,16 @@ class _ChainVector(NamedTuple):
 
 
 class _ChainDerivatives(NamedTuple):
-    """The derivatives of one chain at S configurations."""
+    """The derivatives of one chain of L joints at S configurations."""
 
-    turning: Array  # (S, L, 3) w_j, of the second frame as seen from the first; 0 of slides
+    turn_axes: Array  # (S, L, 3) w_j, of the second frame as seen from the first; 0 of slides
     point: _ChainVector  # p from the first frame's origin to the second one's
     lever: Array  # (S, L) |u_j|
 
 
 @dataclass(frozen=True, eq=False)
 class DerivativeBounds:
-    """The equations of a robot in its `moving` joints: a table made once."""
+    """The R equations of a robot in its k `moving` joints, with their scales."""
 
     table: EquationTerms
     row_scale: Array  # (R,)
@@ -64,7 +67,7 @@ class DerivativeBounds:
 
     @staticmethod
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
-        """Make the table of a robot, for slides within `reach` robot lengths of the reference.
+        """Make the equations of a robot, for slides within `reach` robot lengths.
 
         Raises:
             InvalidInput: a ball joint moves: its coordinates do not turn about axes one after the other; or
@@ -88,14 +91,17 @@ class DerivativeBounds:
         )
 
     def configurations(self, u: Array) -> Array:
-        """Return the configurations (S, nq) at offsets u (S, k) [rad, lengths] from the reference."""
+        """Return configurations (S, nq) at offsets u (S, k) [rad, robot lengths].
+
+        Offsets are from the reference.
+        """
         return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
 
     def evaluate(self, q: Array) -> Derivatives:
-        """Evaluate the R equations and their derivatives along k joints at q (S, nq).
+        """Evaluate the R equations, Jacobians and Hessians along k joints at q (S, nq).
 
-        Each term adds to its row, along the joints of its chain. At the end rows are divided by their units,
-        and columns multiplied by those of the joints.
+        Each term adds to its row, along the joints of its chain. Then rows are divided by their units, and
+        columns multiplied by those of the joints.
         """
         S = len(q)
         frames = frames_at(self.robot, q)
@@ -120,7 +126,7 @@ class DerivativeBounds:
 
 
 class Derivatives(NamedTuple):
-    """Values and derivatives of the R equations at the middles of S boxes; the loops have their values."""
+    """Values and derivatives of the R equations at the middles of S boxes."""
 
     bounds: DerivativeBounds
     frames: FrameStack
@@ -141,11 +147,11 @@ class Derivatives(NamedTuple):
         )
 
     def remainders(self, radii: Array) -> Remainders:
-        """Bound the change of values and derivatives within radii (S, k) of the middle, by Taylor's formula.
+        """Bound errors of Taylor's formula within radii (S, k) of the middles.
 
         With H the second derivatives at the middle and T r bounds on the third ones times the radii, values
-        change beside their slopes by (H / 2 + T r / 6) r r at most, slopes by (H + T r / 2) r, and second
-        derivatives by T r.
+        differ from values + slopes d by (H / 2 + T r / 6) r r at most, slopes from those at the middle by (H
+        + T r / 2) r, and second derivatives by T r.
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
@@ -156,7 +162,7 @@ class Derivatives(NamedTuple):
         return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
 
     def _third_bounds(self, radii: Array) -> Array:
-        """Bound the third derivatives, times the radii of the third joint, (S, R, k, k).
+        """Bound sum_k |d3F_ijk| r_k over boxes of radii r, (S, R, k, k).
 
         Radii (S, k) are in radians and metres.
         """
@@ -172,7 +178,7 @@ class Derivatives(NamedTuple):
 
 
 class Remainders(NamedTuple):
-    """Bounds over S boxes, rounding and all."""
+    """Error bounds over S boxes, rounding included."""
 
     values: Array  # (S, R) of the exact values against values + slopes d
     slopes: Array  # (S, R, k) of the exact slopes against those computed at the middle
@@ -182,39 +188,43 @@ class Remainders(NamedTuple):
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     """Compute the derivatives of one chain at S configurations.
 
-    They are u_j = w_j x (p - o_j) and w_i x u_j for i not behind j.
+    Of the point p: u_j = w_j x (p - o_j), and w_i x u_j for i not behind j.
     """
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
-    turning = screws[..., 3:]
-    u = screws[..., :3] + cross(turning, frames.position[:, chain.second, None])
+    turn_axes = screws[..., 3:]
+    u = screws[..., :3] + cross(turn_axes, frames.position[:, chain.second, None])
     origin = 0.0 if chain.first == BASE else frames.position[:, chain.first]
-    point = _ChainVector(frames.position[:, chain.second] - origin, u, _turn_again(chain, turning, u))
-    return _ChainDerivatives(turning, point, np.linalg.norm(u, axis=2))
+    point = _ChainVector(
+        frames.position[:, chain.second] - origin, u, _second_derivatives(chain, turn_axes, u)
+    )
+    return _ChainDerivatives(turn_axes, point, np.linalg.norm(u, axis=2))
 
 
-def _turn_again(chain: Chain, turning: Array, first: Array) -> Array:
+def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
     """Compute w_i x first_j (S, L, L, 3) for an inner joint i and an outer joint j.
 
-    The second derivative along two joints: the inner one turns the derivative along the outer one.
+    The inner joint turns the first derivative (S, L, 3) along the outer one.
     """
     inner, outer = chain.joint_tuples(2)
-    return cross(turning[:, inner], first[:, outer])
+    return cross(turn_axes[:, inner], first[:, outer])
 
 
-def _vector_of(term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack) -> _ChainVector:
+def _term_vector(
+    term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
+) -> _ChainVector:
     """Return the vector of a term, with its derivatives.
 
     The vector of a direction is an axis of the second frame; that of a turn is the axial vector of the
     antisymmetric part of R(q) R(middle)', 0 at the middle; of all others it is the point p.
     """
-    turning = derivatives.turning
+    turn_axes = derivatives.turn_axes
     if term.kind == "direction":
         axis = frames.rotation[:, chain.second, :, term.selected]
-        first = cross(turning, axis[:, None])
-        return _ChainVector(axis, first, _turn_again(chain, turning, first))
+        first = cross(turn_axes, axis[:, None])
+        return _ChainVector(axis, first, _second_derivatives(chain, turn_axes, first))
     if term.kind == "turn":
         zero = np.zeros_like(derivatives.point.value)
-        return _ChainVector(zero, turning, 0.5 * _turn_again(chain, turning, turning))
+        return _ChainVector(zero, turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes))
     return derivatives.point
 
 
@@ -226,7 +236,7 @@ def _differentiate_term(
     A term is factor * axis . vector with an axis of the first frame or of the base, or the square
     factor * p . p. Its slopes are 2 factor p . u_j, its second derivatives 2 factor (p . d2p + u_i . u_j).
     """
-    vector, first, second = _vector_of(term, chain, derivatives, frames)
+    vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
     if is_square:
         axis = vector
@@ -244,8 +254,11 @@ def _differentiate_term(
     return value, factor * slopes, factor * seconds
 
 
-def _widen_levers(chain: Chain, lever: Array, radii: Array) -> Array:
-    """Bound the levers (S, L) over a box of radii (S, L): the joints behind a hinge move the point."""
+def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
+    """Bound the levers (S, L) over boxes of radii (S, L).
+
+    A joint moves the point by at most radius * lever, and so lengthens the levers of hinges before it.
+    """
     widened, reach = lever.copy(), np.zeros(len(radii))
     for j in reversed(range(len(chain.places))):
         if chain.turns[j]:
@@ -255,7 +268,7 @@ def _widen_levers(chain: Chain, lever: Array, radii: Array) -> Array:
 
 
 def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radii: Array) -> Array:
-    """Bound the third derivatives of a term, times the radii (S, L) of the third joint, (S, L, L).
+    """Bound sum_k |d3 term_ijk| r_k (S, L, L) over boxes of radii r (S, L).
 
     |d2p| and |d3p| are at most the lever of the outermost joint if all others turn, else 0. A direction is a
     point whose levers are 1, of slides 0. For a square p . p the product rule gives
@@ -265,13 +278,13 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
     if term.kind in ("direction", "turn"):
         lever = turns[None].astype(float)
     else:
-        lever = _widen_levers(chain, derivatives.lever, radii)  # (S, L)
+        lever = _bound_levers(chain, derivatives.lever, radii)  # (S, L)
     inner, middle, outer = chain.joint_tuples(3)  # (L, L, L)
     thirds = np.einsum("sijk,sk->sij", lever[:, outer] * (turns[inner] & turns[middle]), radii)
     if term.kind == "square":
         inner, outer = chain.joint_tuples(2)
         seconds = lever[:, outer] * turns[inner]  # (S, L, L)
-        mixed = lever[:, :, None] * times(seconds, radii)[:, None]  # |u_i| |d2p_jk| r_k
+        mixed = lever[:, :, None] * np.matvec(seconds, radii)[:, None]  # |u_i| |d2p_jk| r_k
         travel = np.sum(lever * radii, axis=1)[:, None, None]
         distance = np.linalg.norm(derivatives.point.value, axis=1)[:, None, None] + travel
         thirds = 2.0 * (mixed + mixed.swapaxes(1, 2) + travel * seconds + distance * thirds)

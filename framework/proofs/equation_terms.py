@@ -35,7 +35,7 @@ def moving_balls(robot: ParallelRobot) -> list[str]:
 
 
 def stretched_length(robot: ParallelRobot, q: Array) -> float:
-    """Bound the distance of any two frames [robot lengths], links stretched out, slides as in q (nq,)."""
+    """Bound the distance of any two frames [robot lengths] at q (nq,), links in a line."""
     placements = [*robot.model.jointPlacements, *(robot.model.frames[k].placement for k in robot.frames)]
     links = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
     slid = np.abs(difference(robot, robot.neutral, q)[robot.sliding]).sum()
@@ -43,7 +43,7 @@ def stretched_length(robot: ParallelRobot, q: Array) -> float:
 
 
 class Chain(NamedTuple):
-    """The joints that move, from one frame to another one."""
+    """The L moving joints between two frames."""
 
     first: int  # frame, as index into Mechanism.frames, or BASE
     second: int
@@ -53,7 +53,7 @@ class Chain(NamedTuple):
     turns: BoolArray  # (L,)
 
     def joint_tuples(self, count: int) -> IntArray:
-        """Return all tuples of so many joints (count, L, .., L), the inner ones first."""
+        """Return all tuples of `count` joints (count, L, .., L), each sorted inner first."""
         return np.sort(np.indices(count * self.places.shape), axis=0)
 
 
@@ -70,7 +70,7 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquationTerms:
-    """The terms of all equations along the chains of a robot."""
+    """The terms of all platform and loop equations, along the chains of a robot."""
 
     robot: ParallelRobot
     chains: list[Chain]
@@ -87,10 +87,10 @@ class EquationTerms:
         return table
 
     def _platform_term(self, coordinate: int) -> Term:
-        """Return the term of a platform coordinate: of its frame on a base axis, or of one joint."""
+        """Return the term of a platform coordinate, of its frame or of one joint."""
         robot = self.robot
         platform = self.robot.platform
-        chain = self._index_of_chain(BASE, 0)
+        chain = self._chain_index(BASE, 0)
         if isinstance(platform, FramePlatform):
             kind = "point" if robot.translations[coordinate] else "turn"
             return Term(coordinate, chain, kind, int(platform.axes[coordinate]) % 3, 0, 1.0)
@@ -99,7 +99,7 @@ class EquationTerms:
         return Term(coordinate, chain, "joint", 0, joint, 1.0)
 
     def _loop_terms(self, row: int, base_axis: int | None) -> list[Term]:
-        """Return the terms of a loop equation.
+        """Return the terms of a loop equation, one or two.
 
         On an axis of the base, if one is given, two terms: the origin of the second frame less that of the
         first. Otherwise one term of the chain between both frames: the axis of the first frame times an axis
@@ -111,16 +111,16 @@ class EquationTerms:
         second = int(loops.second[row])
         if base_axis is not None:
             return [
-                Term(number, self._index_of_chain(BASE, frame), "point", base_axis, 0, sign)
+                Term(number, self._chain_index(BASE, frame), "point", base_axis, 0, sign)
                 for frame, sign in ((second, 1.0), (first, -1.0))
             ]
         kind = "direction" if loops.rotation[row] else "square" if loops.square[row] else "point"
-        chain = self._index_of_chain(first, second)
+        chain = self._chain_index(first, second)
         axes = int(loops.first_axis[row]), int(loops.second_axis[row])
         return [Term(number, chain, kind, *axes, float(loops.weight[row]))]
 
-    def _index_of_chain(self, first: int, second: int) -> int:
-        """Return the index of the chain between two frames, and add the chain if new."""
+    def _chain_index(self, first: int, second: int) -> int:
+        """Return the index of the chain between two frames; append a new chain."""
         ends = [(chain.first, chain.second) for chain in self.chains]
         if (first, second) in ends:
             return ends.index((first, second))
@@ -137,9 +137,10 @@ class EquationTerms:
 
 
 def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
-    """Return the joints from one frame, or BASE, to another one, with -1 if the joint carries the first.
+    """Return the joints from one frame (or BASE) to another, each with a sign.
 
-    Joints that carry both frames do not move one against the other, and are left out.
+    The sign is -1 if the joint carries the first frame. Joints that carry both frames are left out: they do
+    not move one against the other.
     """
     supports = robot.model.supports
     bodies = scratch_of(robot).bodies
@@ -151,7 +152,7 @@ def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[
 
 
 def planar_axis(robot: ParallelRobot) -> int | None:
-    """Return the base axis that is the normal of a planar robot; None for any other."""
+    """Return the base axis (0..2) normal to a planar robot; None for any other."""
     normal = planar_normal(robot)
     if normal is None:
         return None
@@ -161,10 +162,10 @@ def planar_axis(robot: ParallelRobot) -> int | None:
 
 
 def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
-    """Return axes of the base, by loop row, for closures of points that have no joint in common.
+    """Return the loop rows to write on base axes, by axis (0..2).
 
-    A closure that holds all three translations (of a planar robot both in its plane) may be written on any
-    axes; on those of the base the joints of its two chains do not mix.
+    These are rows of closures that lock all translations (of a planar robot both in its plane) between frames
+    without a joint in common. Any axes will do; on those of the base the joints of the two chains do not mix.
     """
     loops = robot.loops
     across = planar_axis(robot)

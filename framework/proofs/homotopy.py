@@ -21,7 +21,14 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import solve_or_fit
-from framework.proofs.study_quadric import ComplexArray, QuadricFamily, complex_normal, is_first
+from framework.proofs.study_quadric import (
+    ComplexArray,
+    QuadricFamily,
+    append_row,
+    complex_normal,
+    first_occurrences,
+    matrix_products,
+)
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long
@@ -40,14 +47,14 @@ START_SEED, PATH_SEED = 20, 21
 
 
 class StartSystem(NamedTuple):
-    """A random system and its solutions."""
+    """A random system of a family, and its solutions."""
 
     coefficients: ComplexArray  # (K, M)
     z: ComplexArray  # (bound, N), as many as monodromy found
 
 
 @cache
-def start_system(family: QuadricFamily) -> StartSystem:
+def solve_start_system(family: QuadricFamily) -> StartSystem:
     """Find the solutions of a random system of a family by monodromy.
 
     A first system is made to pass through a random point. Solutions are led to a second one and back, each
@@ -64,24 +71,27 @@ def start_system(family: QuadricFamily) -> StartSystem:
     solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]
     for _ in range(MONODROMY_ROUNDS):
         for start, end in ((0, 1), (1, 0)):
-            turned = [_turn_equations(family, system, rng) for system in systems]
+            turned = [_rotate_phases(family, system, rng) for system in systems]
             tracked = track_paths(family, turned[start], turned[end], solutions[start], rng)
             candidates = np.concatenate([solutions[end], tracked.z[tracked.arrived]])
-            solutions[end] = candidates[is_first(candidates)]
+            solutions[end] = candidates[first_occurrences(candidates)]
         if len(solutions[0]) >= family.bound:
             break
     return StartSystem(systems[0], solutions[0])
 
 
-def _turn_equations(
+def _rotate_phases(
     family: QuadricFamily, coefficients: ComplexArray, rng: np.random.Generator
 ) -> ComplexArray:
-    """Multiply each equation by a random complex number of size one: the solutions stay the same."""
+    """Multiply each equation (row) by a random complex number of size one.
+
+    The solutions stay the same.
+    """
     return np.exp(2j * np.pi * rng.random((family.equations, 1))) * coefficients
 
 
 class TrackedPaths(NamedTuple):
-    """The ends of S followed paths."""
+    """The ends of S tracked paths."""
 
     z: ComplexArray  # (S, N) unit points
     arrived: BoolArray  # (S,)
@@ -90,11 +100,11 @@ class TrackedPaths(NamedTuple):
 def track_paths(
     family: QuadricFamily, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
 ) -> TrackedPaths:
-    """Follow solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
+    """Follow solutions z (S, N) from coefficients `start` to `end` (K, M).
 
-    Each path has its own t from 0 to 1 and its own step. A step whose correction is small is taken, and after
-    some good ones the next is twice as long; else it is halved. A path is lost where steps become too short
-    or z too large for the chart.
+    Predictor and corrector. Each path has its own t from 0 to 1 and its own step. A step whose correction is
+    small is taken, and after some good ones the next is twice as long; else it is halved. A path is lost
+    where steps become too short or z too large for the chart.
     """
     chart = complex_normal(rng, family.size)
     homotopy = _LinearHomotopy(family.quadrics(start), family.quadrics(end) - family.quadrics(start), chart)
@@ -118,7 +128,7 @@ def track_paths(
     return TrackedPaths(z / np.linalg.norm(z, axis=1, keepdims=True), t >= 1.0)
 
 
-def refine(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
+def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
     """Refine solutions z (S, N) by Newton steps in the chart (N,) . z = 1."""
     z = z / (z @ chart)[:, None]
     system = _LinearHomotopy(quadrics, 0 * quadrics, chart)
@@ -128,7 +138,7 @@ def refine(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> Comp
 
 
 class PathEnds(NamedTuple):
-    """The ends of all paths to one system."""
+    """The ends of all S paths to one system."""
 
     z: ComplexArray  # (S, N) where paths have arrived
     arrived: BoolArray  # (S,)
@@ -137,18 +147,19 @@ class PathEnds(NamedTuple):
     last: ComplexArray  # (S, N) where paths were last followed to: before the end, different ones are apart
 
 
-def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> PathEnds:
-    """Find the ends of all paths of a family to real coefficients (K, M), on paths that the seed chooses.
+def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> PathEnds:
+    """Find the ends of all paths from the start system to coefficients (K, M).
 
-    Paths that do not arrive, or end far away, are followed again by the endgame, which tells how they end.
+    `seed` chooses the paths. Those that do not arrive, or end far away, are followed again by the endgame,
+    which tells how they end.
     """
     rng = np.random.default_rng([PATH_SEED, seed])
-    first = start_system(family)
+    first = solve_start_system(family)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    start = _turn_equations(family, first.coefficients, rng)
+    start = _rotate_phases(family, first.coefficients, rng)
     z, arrived = track_paths(family, start, target, first.z, rng)
     ends = PathEnds(z, arrived, np.zeros_like(arrived), np.zeros_like(arrived), z.copy())
-    again = np.flatnonzero(~arrived | (sizes(family, z) > FOLLOWED_AGAIN_SIZE))
+    again = np.flatnonzero(~arrived | (displacement_sizes(family, z) > FOLLOWED_AGAIN_SIZE))
     endgame = _endgame(family, start, target, first.z[again], rng)
     is_missing = ~arrived[again]
     missing = again[is_missing]
@@ -160,8 +171,8 @@ def path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> Path
     return ends
 
 
-def sizes(family: QuadricFamily, z: ComplexArray) -> Array:
-    """Compute the size (S,) of z (S, N) as a displacement, infinite at infinity."""
+def displacement_sizes(family: QuadricFamily, z: ComplexArray) -> Array:
+    """Compute |(functions)| / |first function| (S,) at z (S, N), infinite at infinity."""
     values = family.values(z)
     with np.errstate(divide="ignore"):
         return np.linalg.norm(values, axis=1) / np.abs(values[:, 0])
@@ -174,7 +185,7 @@ def _endgame(
     z: ComplexArray,
     rng: np.random.Generator,
 ) -> PathEnds:
-    """Follow paths from z (S, N) over shrinking segments until the exponents tell the ends.
+    """Classify the ends of paths from z (S, N) by growth over shrinking segments.
 
     After segment k a share s = `ENDGAME_SEGMENT_RATIO`^k of the way is left. Of a size s^-w the exponent
     w = -(change of log size) / log(ratio) of successive segments tells infinity (the same w > 0) from a
@@ -183,7 +194,7 @@ def _endgame(
     arrived, infinite, multiple = np.zeros((3, len(z)), dtype=bool)
     ends = PathEnds(z.copy(), arrived, infinite, multiple, z.copy())
     live = np.ones(len(z), dtype=bool)
-    log_sizes = [np.log(sizes(family, z))]
+    log_sizes = [np.log(displacement_sizes(family, z))]
     segment_start = start
     for segment in range(1, ENDGAME_SEGMENTS + 1):
         followed = np.flatnonzero(live)
@@ -192,13 +203,13 @@ def _endgame(
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
         tracked = track_paths(family, segment_start, segment_end, ends.last[followed], rng)
         ends.last[followed], live[followed] = tracked
-        log_sizes.append(np.log(sizes(family, ends.last)))
+        log_sizes.append(np.log(displacement_sizes(family, ends.last)))
         segment_start = segment_end
         if segment < AGREEING_EXPONENTS:
             continue
         changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S)
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
-        leaves = live & _leave_for_infinity(w, log_sizes[-1])
+        leaves = live & _goes_to_infinity(w, log_sizes[-1])
         ends.infinite[leaves] = True
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
         tracked = track_paths(family, segment_end, target, ends.last[is_finite], rng)
@@ -208,8 +219,11 @@ def _endgame(
     return ends
 
 
-def _leave_for_infinity(w: Array, log_size: Array) -> BoolArray:
-    """Whether exponents w (A, S) of successive segments agree and sizes are large, (S,)."""
+def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
+    """Return whether exponents w (A, S) agree and the sizes are large, (S,).
+
+    The A exponents are of successive segments.
+    """
     least = w.min(axis=0)
     largest = w.max(axis=0)
     agree = largest - least < MAX_EXPONENT_SPREAD * largest
@@ -217,33 +231,38 @@ def _leave_for_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """Quadrics z' (start + t change) z = 0 in a chart, t from 0 to 1."""
+    """Quadrics z' (start + t change) z = 0 for t from 0 to 1.
+
+    In the chart . z = 1.
+    """
 
     start: ComplexArray  # (N - 1, N, N)
     change: ComplexArray  # (N - 1, N, N)
     chart: ComplexArray  # (N,) chart . z = 1
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute half the Jacobian (S, N, N), the chart last, at z (S, N) and t (S,)."""
-        S, N = z.shape
-        rows = _multiply_all(self.start, z) + _multiply_all(self.change, z) * t[:, None, None]
-        return np.concatenate([rows, np.broadcast_to(0.5 * self.chart, (S, 1, N))], axis=1)
+        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); chart row last."""
+        rows = matrix_products(self.start, z) + matrix_products(self.change, z) * t[:, None, None]
+        return append_row(rows, 0.5 * self.chart)
 
     def rate(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute dz/dt (S, N) along the way: 2 z' (start + t change) dz/dt = -z' change z."""
-        values = np.einsum("ski,si->sk", _multiply_all(self.change, z), z)  # (S, N - 1)
+        """Compute dz/dt (S, N) along the paths.
+
+        By differentiation: 2 z' (start + t change) dz/dt = -z' change z.
+        """
+        values = np.einsum("ski,si->sk", matrix_products(self.change, z), z)  # (S, N - 1)
         right = np.concatenate([-0.5 * values, np.zeros((len(z), 1))], axis=1)
         return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
 
     def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute the Newton step (S, N), of least norm where the Jacobian is singular to the last bit."""
+        """Compute the Newton step (S, N); of least norm where J is singular."""
         half_jacobian = self.half_jacobian(z, t)
         half_values = 0.5 * np.einsum("ski,si->sk", half_jacobian, z)
         half_values[:, -1] = 0.5 * (z @ self.chart - 1.0)
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
     def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
-        """Predict z (S, N) at t + h and correct; return also the relative size (S,) of the last correction.
+        """Predict z (S, N) at t + h and correct; return z and relative corrections (S,).
 
         The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's.
         """
@@ -257,9 +276,3 @@ class _LinearHomotopy(NamedTuple):
             correction = self.newton_step(ahead, t + h)
             ahead = ahead + correction
         return ahead, np.linalg.norm(correction, axis=1) / np.linalg.norm(ahead, axis=1)
-
-
-def _multiply_all(matrices: ComplexArray, z: ComplexArray) -> ComplexArray:
-    """Multiply K matrices (K, N, N) and S vectors (S, N) in one product, (S, K, N)."""
-    S, N = z.shape
-    return (matrices.reshape(-1, N) @ z.T).T.reshape(S, -1, N)

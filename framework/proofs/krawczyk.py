@@ -10,8 +10,8 @@ Interval Methods for Systems of Equations, 1990, section 5.1). The same holds fo
 complex numbers (Rump 1983). Where the test fails, the box is made a little larger than its image and tested
 again (epsilon-inflation, Rump 2010). Rounding is bounded as `rounding` says.
 
-`existence` is the test of linearised equations in real unknowns, of which one may be a parameter;
-`enclosures` that of quadrics with complex solutions. `regular_ball` has its own bound of the image.
+`prove_existence` is the test of linearised equations in real unknowns, of which one may be a parameter;
+`enclose_solutions` that of quadrics with complex solutions. `regular_ball` has its own bound of the image.
 
 A solution of a real system in a disc about a real point is real: its conjugate is in it too, and there is one
 alone. A disc away from its mirror image holds a solution that is not.
@@ -20,43 +20,36 @@ alone. A disc away from its mirror image holds a solution that is not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.proofs.interval_newton import LinearEnclosure
-from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, identity_defect, inverses, times
-from framework.proofs.study_quadric import ComplexArray
+from framework.proofs.rounding import (
+    ROUND_UP,
+    WIDENING_RATIO,
+    approximate_inverses,
+    gamma,
+    identity_defect,
+)
+from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
 MAX_TESTS = 6  # of boxes that are widened until the test holds
 MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # of discs, away from underflow and overflow
 RANDOM_CHARTS = 200
 
 
-class TestedBoxes(Protocol):
-    """The outcome of the test in S boxes."""
-
-    @property
-    def proved(self) -> BoolArray:
-        """Whether the map takes the box into itself, (S,)."""
-
-    @property
-    def radii(self) -> Array:
-        """Radii of the boxes, (S, k)."""
-
-    @property
-    def image(self) -> Array:
-        """Radii of the images of the boxes, (S, k)."""
-
-
-Tested = TypeVar("Tested", bound=TestedBoxes)
+Tested = TypeVar("Tested", bound=Any)  # S boxes: proved (S,), radii (S, k), radii (S, k) of the image
 
 
 def widen_until_proved(
     test: Callable[[Array], Tested], radii: Array, min_radius: float, max_radius: float
 ) -> Tested:
-    """Test boxes of radii (S, k), widen the boxes without a proof to contain their images, and repeat."""
+    """Test boxes of radii (S, k); widen boxes without a proof, and repeat.
+
+    A wider box contains the image of the one tested.
+    """
     tested = test(radii)
     for _ in range(MAX_TESTS - 1):
         if tested.proved.all():
@@ -67,7 +60,7 @@ def widen_until_proved(
 
 
 class Existence(NamedTuple):
-    """Existence of one solution for each value of the parameter, in S boxes."""
+    """Existence of one solution in S boxes, for each value of the parameter p."""
 
     proved: BoolArray  # (S,)
     lower: Array  # (S, k) off the middle: all solutions in the box are within
@@ -76,10 +69,10 @@ class Existence(NamedTuple):
     spread: Array  # (S, k) distance of the solutions from middle + along * p, 0 for p itself
 
 
-def existence(
+def prove_existence(
     equations: LinearEnclosure, changes: Array, radii: Array, parameter: IntArray | None
 ) -> Existence:
-    """Test whether m equations have one solution in each of S boxes of radii (S, k).
+    """Test whether m equations have one solution in each of S boxes.
 
     The unknowns are u (m,), and one parameter p if k = m + 1. With F = values + J_u du + J_p dp within
     errors, and Y near the inverse of J_u, the map takes du to
@@ -98,19 +91,19 @@ def existence(
         order = np.argsort(order == parameter[:, None], axis=1, kind="stable")
     J_u, J_p = np.split(np.take_along_axis(equations.slopes, order[:, None], axis=2), [m], axis=2)
     r_u, r_p = np.split(np.take_along_axis(radii, order, axis=1), [m], axis=1)
-    Y = inverses(J_u)  # (S, m, m)
+    Y = approximate_inverses(J_u)  # (S, m, m)
 
-    root = -times(Y, equations.values)  # (S, m)
+    root = -np.matvec(Y, equations.values)  # (S, m)
     slope = -(Y @ J_p)  # (S, m, k - m)
     uncertain = equations.errors + gamma(m) * np.abs(equations.values)
-    uncertain = uncertain + times(changes + gamma(m) * np.abs(equations.slopes), radii)
-    error = times(np.abs(Y), uncertain) + times(identity_defect(Y, J_u), r_u)
+    uncertain = uncertain + np.matvec(changes + gamma(m) * np.abs(equations.slopes), radii)
+    error = np.matvec(np.abs(Y), uncertain) + np.matvec(identity_defect(Y, J_u), r_u)
     error = ROUND_UP * error + gamma(m) * np.abs(root)
-    reach = ROUND_UP * (error + ROUND_UP * times(np.abs(slope), r_p))  # of solutions from the root
+    reach = ROUND_UP * (error + ROUND_UP * np.matvec(np.abs(slope), r_p))  # of solutions from the root
     is_inside = ROUND_UP * (np.abs(root) + reach) < r_u  # the image in the box
 
     def restore(of_u: Array, of_p: Array) -> Array:
-        """Join values of u (S, m) and p (S, k - m) in the order of the unknowns (S, k)."""
+        """Join values of u (S, m) and p (S, k - m) to vectors (S, k) of all unknowns."""
         return np.take_along_axis(np.hstack([of_u, of_p]), np.argsort(order, axis=1), axis=1)
 
     return Existence(
@@ -133,7 +126,7 @@ class Enclosures(NamedTuple):
     image: Array  # (S, N) radii of the image of the polydisc
 
 
-def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Enclosures:
+def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Enclosures:
     """Enclose solutions z (S, N) of N - 1 quadrics with coefficients in discs.
 
     The equations are F(z) = (z' Q z, chart . z - 1) = 0 for Q (N - 1, N, N), with the Jacobian (2 Q z, chart)
@@ -153,40 +146,30 @@ def enclosures(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArr
     Q_size = ROUND_UP * np.abs(quadrics)
     Q_error = rounding * Q_size + radii  # (N - 1, N, N)
 
-    gradients = _multiply_each(quadrics, z)  # (S, N - 1, N) Q z
-    gradient_errors = _multiply_each(Q_error, z_size)
-    J = _append_row(2 * gradients, chart)  # (S, N, N)
-    J_error = _append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
+    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
+    gradient_errors = matrix_products(Q_error, z_size)
+    J = append_row(2 * gradients, chart)  # (S, N, N)
+    J_error = append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
     residual = np.abs(np.column_stack([np.matvec(gradients, z), z @ chart - 1.0]))  # (S, N) |F(z)|
     residual += ROUND_UP * np.column_stack(
-        [times(gradient_errors, z_size), rounding * (z_size @ np.abs(chart) + 1.0)]
+        [np.matvec(gradient_errors, z_size), rounding * (z_size @ np.abs(chart) + 1.0)]
     )
-    Y = inverses(J)
+    Y = approximate_inverses(J)
     Y_size = np.abs(Y)
-    offset = ROUND_UP**2 * times(Y_size, residual)  # |Y F(z)|
+    offset = ROUND_UP**2 * np.matvec(Y_size, residual)  # |Y F(z)|
     defect = identity_defect(Y, J) + Y_size @ J_error  # |1 - Y J(z)|
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_change = _append_row(2 * ROUND_UP * _multiply_each(Q_size + radii, r), 0.0 * chart)
-        image = ROUND_UP * (offset + ROUND_UP**2 * times(defect + Y_size @ J_change, r))
+        J_change = append_row(2 * ROUND_UP * matrix_products(Q_size + radii, r), 0.0 * chart)
+        image = ROUND_UP * (offset + ROUND_UP**2 * np.matvec(defect + Y_size @ J_change, r))
         return Enclosures(np.all(image < r, axis=1), r, image)
 
     return widen_until_proved(test, 2 * offset + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
 
 
-def _multiply_each(matrices: Any, vectors: Any) -> Any:
-    """Compute the products (S, K, N) of all matrices (K, N, N) and all vectors (S, N)."""
-    return np.einsum("kij,sj->ski", matrices, vectors)
-
-
-def _append_row(matrices: Any, row: Array) -> Any:
-    """Append one row (N,) to each of the matrices (S, N - 1, N)."""
-    return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
-
-
-def chart_for(z: ComplexArray) -> Array:
-    """Choose a random real chart (N,) with a plane at infinity far from all points z (S, N)."""
+def choose_chart(z: ComplexArray) -> Array:
+    """Choose a random real chart (N,) far from vanishing at all points z (S, N)."""
     charts = np.random.default_rng(0).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)
@@ -194,7 +177,10 @@ def chart_for(z: ComplexArray) -> Array:
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
-    """Whether polydiscs about z (S, N) are pairwise disjoint: in some coordinate two discs do not meet."""
+    """Return whether polydiscs about z (S, N) are pairwise disjoint.
+
+    Two are if their discs of some coordinate do not meet.
+    """
     gap = np.abs(z[:, None] - z[None]) / ROUND_UP - radii[:, None] - radii[None]
     disjoint = (gap > 0).any(axis=2) | np.eye(len(z), dtype=bool)
     return bool(disjoint.all())

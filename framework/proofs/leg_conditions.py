@@ -22,7 +22,14 @@ from framework.model.description import Closure
 from framework.model.loop_rows import ROW_KINDS
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.proofs.equation_terms import planar_axis
-from framework.proofs.study_quadric import Displacements, functions, planar, spatial, spherical, translations
+from framework.proofs.study_quadric import (
+    Displacements,
+    displacement_functions,
+    planar_displacements,
+    spatial_displacements,
+    spherical_displacements,
+    translation_displacements,
+)
 from framework.tolerances import LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
 SAMPLE_POSES = 60  # poses of a leg: three for each of the functions
@@ -32,7 +39,7 @@ RANDOM_SEED = 3
 
 @dataclass(frozen=True, eq=False)
 class LegConditions(ReadOnlyArrays):
-    """Conditions (K, M) on the platform's displacement from the reference, motors locked."""
+    """Linear conditions (K, M) on the platform's displacement, motors locked."""
 
     group: Displacements
     coefficients: Array  # (K, M) of unit size, lengths in lengths of the robot
@@ -40,7 +47,7 @@ class LegConditions(ReadOnlyArrays):
 
 
 class _Edge(NamedTuple):
-    """A joint of the tree or a closure, in one of two directions from body to body."""
+    """A joint of the tree or a closure, from one body to another."""
 
     to: int
     joint: int  # of the tree; 0 for a closure
@@ -48,12 +55,13 @@ class _Edge(NamedTuple):
     forward: bool
 
 
-def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
-    """Find the conditions of all legs, motors and springs as at q (nq,); None if too few.
+def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
+    """Find the conditions of all legs, motors as in q (nq,); None if too few.
 
-    A leg's conditions are the null space of its table: functions of displacements (columns) at random poses.
+    A leg's conditions are the null space of a table: rows are random poses of the leg, columns the functions
+    of the platform's displacement there.
     """
-    group = _group(robot)
+    group = _displacement_group(robot)
     if group is None:
         return None
     K = group.family.equations
@@ -61,11 +69,11 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     sampler = _Sampler.of(robot, q, of_point=group.family.name == "translations")
     conditions = [np.zeros((0, M))]
     rounding = 0.0
-    for count, chain in enumerate(_chains(robot)):
-        poses = sampler.displacements(chain) if count < MAX_LEGS else None
+    for count, chain in enumerate(_leg_chains(robot)):
+        poses = sampler.sample_displacements(chain) if count < MAX_LEGS else None
         if poses is None:
             return None
-        table = functions(*poses)[:, group.chosen]  # (SAMPLE_POSES, M)
+        table = displacement_functions(*poses)[:, group.chosen]  # (SAMPLE_POSES, M)
         sizes, right = np.linalg.svd(table)[1:]
         rank = int(np.sum(sizes > RANK_ROUNDING * sizes[0]))
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * float(sizes[0] / sizes[rank - 1]))
@@ -79,8 +87,8 @@ def leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     return LegConditions(group, rows, rounding)
 
 
-def _group(robot: ParallelRobot) -> Displacements | None:
-    """Return the group of displacements of the platform's coordinates; None without a known family."""
+def _displacement_group(robot: ParallelRobot) -> Displacements | None:
+    """Choose the group of the platform's displacements; None without a known family."""
     if not len(robot.following) or robot.rows.has_couplings:
         return None
     if planar_normal(robot) is not None:
@@ -89,15 +97,15 @@ def _group(robot: ParallelRobot) -> Displacements | None:
         if axis is None or not moves_in_plane:
             return None
         if robot.n == 2:
-            return translations(tuple(sorted(int(k) for k in robot.platform.along)))
-        return planar(axis) if robot.n == 3 else None
+            return translation_displacements(tuple(sorted(int(k) for k in robot.platform.along)))
+        return planar_displacements(axis) if robot.n == 3 else None
     if robot.n == 3 and not robot.translations.any():
-        return spherical()
-    return spatial() if robot.translations.any() else None
+        return spherical_displacements()
+    return spatial_displacements() if robot.translations.any() else None
 
 
-def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
-    """Return all chains from the base to the platform's body that pass no body twice."""
+def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
+    """Yield all chains from the base to the platform's body that pass no body twice."""
     model = robot.model
     edges: list[list[_Edge]] = [[] for _ in range(model.njoints)]  # from each body
 
@@ -126,7 +134,7 @@ def _chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
 
 
 class _Sampler(NamedTuple):
-    """Random poses of chains."""
+    """Draws random poses of chains."""
 
     robot: ParallelRobot
     links: list[list[pin.SE3]]  # of every joint against its parent, motors and springs locked, at random
@@ -137,7 +145,10 @@ class _Sampler(NamedTuple):
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array, *, of_point: bool) -> _Sampler:
-        """Draw poses of all joints, passive ones at random by up to half a turn or a robot length."""
+        """Draw SAMPLE_POSES poses of all joints, motors locked.
+
+        Passive joints move by up to half a turn or a robot length.
+        """
         model = robot.model
         data = robot.model.createData()
         rng = np.random.default_rng(RANDOM_SEED)
@@ -153,10 +164,10 @@ class _Sampler(NamedTuple):
             robot, links, pin.SE3(data.oMf[robot.frames[0]]), planar_normal(robot), data, of_point
         )
 
-    def displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:
-        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform at the end of a chain.
+    def sample_displacements(self, chain: list[_Edge]) -> tuple[Array, Array] | None:
+        """Sample platform displacements R (T, 3, 3), p (T, 3) [robot lengths].
 
-        None where a closure allows no group of motions, whose poses can be drawn.
+        The platform is at the end of a chain. None where a closure allows no group of motions to draw from.
         """
         R = np.empty((SAMPLE_POSES, 3, 3))
         p = np.empty((SAMPLE_POSES, 3))
@@ -180,7 +191,7 @@ class _Sampler(NamedTuple):
         return R, p
 
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3 | None:
-        """Draw a pose of the second frame's body against the first one's that the closure allows.
+        """Draw a pose that a closure allows, of its second body in its first.
 
         Offsets along locked axes are zero, turns about free axes random; a closure with a length keeps it. In
         a plane a closure with all turns free turns about the normal alone. None if the motions are no group:

@@ -38,10 +38,12 @@ SLIDE_SLOPE_ROUNDING = 1e-9  # of the unit by which translations change with a s
 RANDOM_SEED = 5
 
 
-def leg_solutions_complete(
+def are_leg_solutions_complete(
     robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, candidates: Array, x: Array | None
 ) -> bool:
-    """Whether the joints of a leg are proved to have no other solutions; False if not decided.
+    """Return whether a leg provably has no other solutions than the candidates.
+
+    False if not decided.
 
     Args:
         own: (n,) columns of the velocity vector of the leg's joints.
@@ -51,47 +53,50 @@ def leg_solutions_complete(
             are the known solutions.
         x: (n,) coordinates of the platform; None with locked motors.
     """
-    slides = robot.sliding[own]
-    too_many = len(own) > MAX_JOINTS or slides.sum() > 1
+    is_slide = robot.sliding[own]
+    too_many = len(own) > MAX_JOINTS or is_slide.sum() > 1
     if robot.rows.has_couplings or too_many or not single_columns(robot.model).issuperset(own.tolist()):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
     values = equations(candidates, 0.0 * candidates).values
-    region = _region(equations) if values.shape[1] else None
+    region = _joint_region(equations) if values.shape[1] else None
     if region is None:
         return False
     points = candidates[np.abs(values).max(axis=1) < LOOP_GAP]
-    period = np.where(slides, np.inf, 2 * np.pi)
+    period = np.where(is_slide, np.inf, 2 * np.pi)
     return has_no_others(equations, region, KnownSolutions.of(equations, points, period))
 
 
-def _region(equations: LegEquations) -> Boxes | None:
-    """Return boxes of all turns of the hinges and all of a slide that can close; None without a bound.
+def _joint_region(equations: LegEquations) -> Boxes | None:
+    """Return boxes of all hinge turns and all slide lengths that can close.
 
     A whole turn of each hinge is cut in INITIAL_PARTS. A slide reaches from its zero as far as the chain can
-    close.
+    close; None without a bound on that.
     """
     robot = equations.robot
     own = equations.own
-    slides = robot.sliding[own]
+    is_slide = robot.sliding[own]
     half_width = np.pi / INITIAL_PARTS
     turns = np.arange(-np.pi + half_width, np.pi, 2 * half_width)
-    axes = [turns] * int((~slides).sum())  # middles along each joint
+    axes = [turns] * int((~is_slide).sum())  # middles along each joint
     radii = np.full(len(own), half_width)
-    if slides.any():
-        farthest = equations.farthest_slide()
+    if is_slide.any():
+        farthest = equations.bound_slide()
         if farthest is None:
             return None
-        zero = -equations.slides(equations.q)[own[slides]] / robot.length  # off q
-        axes.insert(int(np.argmax(slides)), zero)
-        radii[slides] = farthest
+        zero = -equations.slide_lengths(equations.q)[own[is_slide]] / robot.length  # off q
+        axes.insert(int(np.argmax(is_slide)), zero)
+        radii[is_slide] = farthest
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(own))
     return Boxes(middles, np.repeat(radii[None], len(middles), axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class LegEquations:
-    """The equations of a leg in its own n joints [rad, robot lengths] from q, all others fixed."""
+    """The equations of a leg in its own n joints, all others fixed.
+
+    Joints are offsets [rad, robot lengths] from q.
+    """
 
     robot: ParallelRobot
     own: IntArray  # (n,) columns of the velocity vector
@@ -132,34 +137,34 @@ class LegEquations:
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the equations in boxes (B, n): of loops, then of the platform's position and attitude.
+        """Enclose the equations in boxes (B, n): loops, then platform.
 
         Slopes are along joints in radians and robot lengths.
         """
         robot = self.robot
         own = self.own
         frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
-        slid = np.abs(self.slides(frames.q))  # (B, nv) [m] at most in the box
+        slid = np.abs(self.slide_lengths(frames.q))  # (B, nv) [m] at most in the box
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
-        bounds = [chain.hessian_bounds(radii, slid) for chain in self.chains]
-        enclosures = [self._loops(frames, bounds)]
+        bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
+        enclosures = [self._enclose_loops(frames, bounds)]
         if self.x is not None and isinstance(robot.platform, JointPlatform):
-            enclosures.append(self._platform_joints(frames, radii, self.x))
+            enclosures.append(self._enclose_platform_joints(frames, radii, self.x))
         elif self.x is not None:
-            enclosures.append(self._position(frames, bounds[-1], self.x))
+            enclosures.append(self._enclose_position(frames, bounds[-1], self.x))
         if self.attitude is not None:
-            enclosures.append(self._attitude(frames, bounds[-1], self.attitude))
-        values, slopes, errors = enclosures[0].join(*enclosures[1:])
+            enclosures.append(self._enclose_attitude(frames, bounds[-1], self.attitude))
+        values, slopes, errors = enclosures[0].concatenate(*enclosures[1:])
         units = np.where(robot.sliding[own], robot.length, 1.0)
         longest = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,) chain
         rounding = FRAME_ROUNDING * (1.0 + longest)
         return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
 
-    def _loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
-        """Enclose loop equations: residual and slopes at the middle, bounds of second-order terms.
+    def _enclose_loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
+        """Enclose the loop equations in boxes.
 
-        The bounds are `ChainBounds.square` for the row of a square, `attitude` for one of a rotation, and
-        `position` for one of a translation.
+        Values and slopes are at the middles; errors bound the second-order terms: `ChainBounds.square` of a
+        row d.d, `attitude` of one u.w, and `position` of one u.d.
         """
         rows = self.robot.rows
         loops = self.loops
@@ -172,8 +177,8 @@ class LegEquations:
         errors = chain_bounds[self.chain_of, field].T * np.abs(rows.derivative_weight[loops])
         return LinearEnclosure(values, slopes, errors)
 
-    def _position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
-        """Enclose the position of the platform's frame against x, along the axes of its translations."""
+    def _enclose_position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
+        """Enclose the frame's position less x, along its translation axes."""
         platform = self.robot.platform
         length = self.robot.length
         position = frames.position[:, 0, platform.along]
@@ -182,8 +187,8 @@ class LegEquations:
         errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
 
-    def _attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
-        """Enclose the axes of the platform's frame against the attitude (3, 3): nine equations.
+    def _enclose_attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
+        """Enclose frame axes less the attitude's (3, 3): 9 equations.
 
         An axis e changes by w_j x e along a joint that turns about w_j.
         """
@@ -194,8 +199,8 @@ class LegEquations:
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)
         return LinearEnclosure((axes - attitude.T).reshape(-1, 9), slopes, errors)
 
-    def _platform_joints(self, frames: FrameStack, radii: Array, x: Array) -> LinearEnclosure:
-        """Enclose the platform's own joints against x: sines, then cosines less 1, of hinges' offsets.
+    def _enclose_platform_joints(self, frames: FrameStack, radii: Array, x: Array) -> LinearEnclosure:
+        """Enclose sine and cosine - 1 of the platform joints' offsets from x.
 
         For slides these are the offset [robot lengths] and 0. Second derivatives of sine and cosine are at
         most 1.
@@ -219,12 +224,12 @@ class LegEquations:
             np.tile(errors, 2)[:, is_own],
         )
 
-    def slides(self, q: Array) -> Array:
-        """Compute the lengths (..., nv) [m] by which slides are out in q (..., nq); 0 for hinges."""
+    def slide_lengths(self, q: Array) -> Array:
+        """Compute the lengths (..., nv) [m] of slides in q (..., nq); 0 for hinges."""
         return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
 
-    def farthest_slide(self) -> float | None:
-        """Bound the leg's slide [robot lengths] at which a chain can close; None without a bound.
+    def bound_slide(self) -> float | None:
+        """Bound the leg's slide [robot lengths] where a chain can close; None without.
 
         Where the translations of a chain change by one unit with its slide, whatever its hinges do (tested at
         random joints), the slide is no longer than the other links of the chain, stretched out.
@@ -234,7 +239,7 @@ class LegEquations:
         joints = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, n))
         slopes = self(joints, 0.0 * joints).slopes
         slide = np.flatnonzero(robot.sliding[self.own])[0]
-        other_slides = np.abs(self.slides(self.q))  # (nv,) [m]
+        other_slides = np.abs(self.slide_lengths(self.q))  # (nv,) [m]
         other_slides[self.own[slide]] = 0.0
         ends = robot.rows.reach[self.loops].sum() + (0.0 if self.x is None else np.abs(self.x).sum())
         bounds = []
@@ -253,7 +258,7 @@ class LegEquations:
 
 
 class ChainBounds(NamedTuple):
-    """Bounds on second-order terms over B boxes, all in robot lengths."""
+    """Bounds on second-order terms of a chain over B boxes [robot lengths]."""
 
     position: Array  # (B,) of the carried point
     attitude: Array  # (B,) of a direction
@@ -262,7 +267,7 @@ class ChainBounds(NamedTuple):
 
 
 class LeverChain(NamedTuple):
-    """The joints from a point to the frame of its observer, with their levers.
+    """The joints from a point to its observer's frame, with their levers.
 
     Lengths [m] are rows (1 + nv,): all links stretched out, then 1 for each slide that adds to them.
     """
@@ -275,7 +280,7 @@ class LeverChain(NamedTuple):
 
     @staticmethod
     def of(robot: ParallelRobot, columns: IntArray, first: int, second: int) -> LeverChain:
-        """Walk from the origin of the second frame to the first, or to BASE, and add up the links."""
+        """Add up the links from the second frame's origin to the first frame, or to BASE."""
         model = robot.model
         inside, length = np.zeros(len(columns), dtype=bool), np.zeros(1 + model.nv)
         levers = np.zeros((len(columns), 1 + model.nv))
@@ -285,7 +290,7 @@ class LeverChain(NamedTuple):
             own, span = columns == joint.idx_v, joint.idx_v + np.arange(joint.nv)
             inside |= own
             longer = length.copy()
-            longer[0] += _length(model.jointPlacements[number])
+            longer[0] += _offset_length(model.jointPlacements[number])
             longer[1 + span] = robot.sliding[span]
             levers[own] = length if sign > 0.0 else longer
             length = longer
@@ -294,12 +299,13 @@ class LeverChain(NamedTuple):
         slide = robot.sliding[columns]
         return LeverChain(robot.length, inside & ~slide, inside & slide, levers, length)
 
-    def hessian_bounds(self, radii: Array, slid: Array) -> ChainBounds:
-        """Bound second-order terms in boxes of radii (B, n), slides out by at most `slid` (B, nv) [m].
+    def bound_second_order(self, radii: Array, slid: Array) -> ChainBounds:
+        """Bound second-order terms in boxes of radii (B, n).
 
-        The second derivative of the point along two hinges is at most the lesser of their levers, along a
-        hinge and a slide 1; of a direction along two hinges 1. A point moves by at most `travel`, and half
-        its squared distance has the derivatives p . d2p + u_i . u_j.
+        Slides are out by at most `slid` (B, nv) [m]. The second derivative of the point along two hinges is
+        at most the lesser of their levers, along a hinge and a slide 1; of a direction along two hinges 1. A
+        point moves by at most `travel`, and half its squared distance has the derivatives p . d2p + u_i .
+        u_j.
         """
         shares = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv)
         levers, length = shares @ self.levers.T, shares @ self.length  # (B, n), (B,)
@@ -315,8 +321,9 @@ class LeverChain(NamedTuple):
 
 def _offset_on_body(robot: ParallelRobot, frame: int) -> float:
     """Return the distance [m] of a frame from the joint of its body."""
-    return _length(robot.model.frames[robot.frames[frame]].placement)
+    return _offset_length(robot.model.frames[robot.frames[frame]].placement)
 
 
-def _length(placement: pin.SE3) -> float:
+def _offset_length(placement: pin.SE3) -> float:
+    """Return the length [m] of a placement's translation."""
     return float(np.linalg.norm(placement.translation))

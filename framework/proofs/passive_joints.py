@@ -27,11 +27,12 @@ MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X M - 1| of an inverse X that a 
 INVERSE_FACTOR = 1.2  # of its norm: more than 1 / (1 - MAX_INVERSE_DEFECT)
 
 
-def joints_at(
+def find_joints_at_poses(
     robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
 ) -> list[Array | None]:
-    """Find configurations (nq,) with the platform's frame at positions (k, 3), rotations (k, 3, 3), or None.
+    """Find configurations (nq,) with the platform's frame at k given poses.
 
+    None where no pose is found. `positions` are (k, 3), `rotations` (k, 3, 3), None to leave them free.
     Motors and springs stay as in q (1, nq). Of several configurations the nearest to the reference is taken.
     """
     targets = np.repeat(positions, RANDOM_STARTS, axis=0)  # (T, 3)
@@ -44,20 +45,20 @@ def joints_at(
         slopes[:, :3] /= robot.length
         if target_rotations is None:
             return offsets, slopes[:, :3]
-        return np.hstack([offsets, _turn_offsets(frames.rotation[:, 0], target_rotations)]), slopes
+        return np.hstack([offsets, _rotation_offsets(frames.rotation[:, 0], target_rotations)]), slopes
 
-    starts = np.tile(random_starts(robot, q, RANDOM_STARTS), (len(positions), 1))
+    starts = np.tile(draw_starts(robot, q, RANDOM_STARTS), (len(positions), 1))
     poses, closed = close_all_loops(robot, starts, pose_equations)
     nearest_poses: list[Array | None] = []
     for first in range(0, len(poses), RANDOM_STARTS):
         group = slice(first, first + RANDOM_STARTS)
-        candidates = nearest_turn(robot, poses[group][closed[group]])
+        candidates = remove_whole_turns(robot, poses[group][closed[group]])
         nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 
 
-def _turn_offsets(rotations: Array, targets: Array) -> Array:
-    """Compute the offsets (T, 3) of rotations (T, 3, 3) from their targets.
+def _rotation_offsets(rotations: Array, targets: Array) -> Array:
+    """Compute sine-like offsets (T, 3) of rotations (T, 3, 3) from their targets.
 
     They are the axial vector of (G - G') / 2 with G = R R_target', of the size of the sine of the turn. That
     of a half turn is zero too; there the trace of G is negative, and 1 is added.
@@ -74,7 +75,7 @@ def close_all_loops(
     further: Callable[[FrameStack], tuple[Array, Array]] | None,
     columns: IntArray | None = None,
 ) -> tuple[Array, BoolArray]:
-    """Close the loops by Newton's method from q (T, nq); return configurations (T, nq), and which are closed.
+    """Close the loops by Newton's method from q (T, nq); return q, closed (T,).
 
     Redundant equations count as well, so steps are of least squares, cut to MAX_SEARCH_STEP. One more step is
     taken after all are closed, to reach rounding.
@@ -106,8 +107,8 @@ def close_all_loops(
     return q, size < LOOP_GAP
 
 
-def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
-    """Draw configurations (count, nq): q (1, nq) itself, then q with random values of some joints.
+def draw_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
+    """Draw configurations (count, nq): q (1, nq), then q with random joints.
 
     Args:
         columns: of the random joints; the passive ones by default.
@@ -119,31 +120,34 @@ def random_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray 
 
 
 def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference; no whole turns of hinges in `columns`."""
+    """Compute offsets (..., nv) of q (..., nq) from the reference.
+
+    Hinges in `columns` count up to whole turns.
+    """
     offset = difference(robot, robot.reference.q, q)
     hinges = columns[~robot.sliding[columns]]
     offset[..., hinges] = wrap_angles(offset[..., hinges])
     return offset
 
 
-def nearest_turn(robot: ParallelRobot, q: Array) -> Array:
-    """Return configurations (..., nq) without whole turns of the passive hinges from the reference."""
+def remove_whole_turns(robot: ParallelRobot, q: Array) -> Array:
+    """Remove whole turns of passive hinges from the reference in q (..., nq)."""
     return integrate(robot, robot.reference.q, shortest_offset(robot, q, robot.passive))
 
 
 def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
-    """Compute the distance of a configuration (nq,) from the reference [rad, lengths]."""
+    """Compute the distance [rad, robot lengths] of q (nq,) from the reference."""
     return float(np.linalg.norm(difference(robot, robot.reference.q, q) / robot.column_scale))
 
 
-def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
-    """Whether the loops have one solution near q (nq,), by the theorem of Newton and Kantorovich.
+def has_one_solution_near(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
+    """Return whether the loops provably have one solution near q (nq,).
 
-    The motors are locked, or the platform is (`locked`), and the springs. The theorem asks for
-    beta^2 K |F| <= 1/2 with F the loop equations (and the platform's), beta the norm of the inverse of their
-    Jacobian J (k, k) and K = k^2 max |d2F| a bound on its change: no joint turns a frame that is farther away
-    than all links are long, and an equation is a product of two vectors that turn. All in radians and lengths
-    of the robot, norms of largest entries (Ortega 1968).
+    The springs are locked, and the motors or the platform (`locked`). The theorem of Newton and Kantorovich
+    (Ortega 1968) asks for beta^2 K |F| <= 1/2, in radians, lengths of the robot and norms of largest entries:
+    F (k,) the loop equations (and the platform's), J (k, k) their Jacobian, beta = |J^-1|, and
+    K = k^2 max |d2F| a bound on its change. No joint turns a frame that is farther away than all links are
+    long, and an equation is a product of two vectors that turn.
     """
     linearised = linearised_at(robot, q[None], None)
     J = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]  # (k, k)
@@ -162,7 +166,7 @@ def is_proved(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool
 
 
 def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of rows of joints (T, k) that repeat no earlier row, up to whole turns."""
+    """Return the indices of rows (T, k) that repeat no earlier row, up to whole turns."""
     points = np.exp(1j * joints)  # on the unit circle
     distinct = list[int]()
     for k, point in enumerate(points):

@@ -36,7 +36,13 @@ from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.equation_terms import moving_balls
 from framework.proofs.krawczyk import widen_until_proved
-from framework.proofs.rounding import ROUND_UP, WIDENING_RATIO, gamma, identity_defect, inverses, times
+from framework.proofs.rounding import (
+    ROUND_UP,
+    WIDENING_RATIO,
+    approximate_inverses,
+    gamma,
+    identity_defect,
+)
 from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
@@ -60,7 +66,7 @@ class RegularBall(NamedTuple):
     cells: int  # that were tested
 
 
-def regular_ball(
+def prove_regular_ball(
     robot: ParallelRobot, q: Array, x: Array, within: float, *, max_cells: int = MAX_CELLS
 ) -> RegularBall:
     """Prove a ball about the pose x (n,), q (nq,) to be free of singularities.
@@ -81,15 +87,15 @@ def regular_ball(
     if moving_balls(robot) or robot.rows.has_couplings or unmeasured_turn:
         return RegularBall(0.0, 0)
     test = CellTest(DerivativeBounds.of(robot), x)
-    single = _single_cell(test, q, min(within, MAX_TURN))
+    single = _prove_one_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
         return RegularBall(single, MAX_HALVINGS + STEPS_PER_OCTAVE)
-    many = _many_cells(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4)))
+    many = _prove_cubes(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4)))
     return RegularBall(max(single, many.radius), many.cells)
 
 
-def _single_cell(test: CellTest, q: Array, within: float) -> float:
-    """Compute the largest radius of one cell, a ball, that is proved.
+def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
+    """Compute the largest radius of a ball that is proved as one cell.
 
     First `within` is halved until a ball is proved, then that radius is increased in steps up to its double.
     """
@@ -114,8 +120,8 @@ class _Cubes(NamedTuple):
     numbers: IntArray  # (S, n) numbers of the cube along each axis, among those of its level
     cells: Cells
 
-    def parts(self) -> _Cubes:
-        """Return the 2^n cubes of half the width in each."""
+    def split(self) -> _Cubes:
+        """Split each cube into 2^n of half the width."""
         S, n = self.numbers.shape
         corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) of 0 and 1
         parent = np.repeat(np.arange(S), len(corners))
@@ -124,26 +130,26 @@ class _Cubes(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    """Cubes that halve a first one again and again, about the pose at 0."""
+    """Nested cubes about the pose at 0: each level halves the width."""
 
     width: float  # of the first cube [robot lengths, rad]
 
     def middles(self, cubes: _Cubes) -> Array:
-        """Compute the middles (S, n) of cubes off the pose."""
+        """Compute the middles (S, n) of cubes, from the pose."""
         return self.width * ((cubes.numbers + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
 
-    def nearest(self, cubes: _Cubes) -> Array:
-        """Compute the points (S, n) of cubes that are nearest to the pose."""
+    def nearest_points(self, cubes: _Cubes) -> Array:
+        """Compute the point (S, n) of each cube nearest to the pose."""
         size = 0.5 ** cubes.level[:, None]
         lower, upper = ((cubes.numbers + side) * size - OFF_CENTRE for side in (0, 1))
         return self.width * np.clip(0.0, lower, upper)
 
     def distances(self, cubes: _Cubes) -> Array:
         """Compute the distances (S,) of the cubes from the pose."""
-        return np.linalg.norm(self.nearest(cubes), axis=1) / ROUND_UP
+        return np.linalg.norm(self.nearest_points(cubes), axis=1) / ROUND_UP
 
-    def inward(self, cubes: _Cubes) -> IntArray:
-        """Return the smallest cubes (S, n) next to the nearest points, on the side of the pose.
+    def inward_cubes(self, cubes: _Cubes) -> IntArray:
+        """Return the smallest-level cubes (S, n) beside the nearest points, towards the pose.
 
         Smallest cubes are those of the level MAX_CUTS; a cube is `size` of them wide.
         """
@@ -152,8 +158,8 @@ class _Grid(NamedTuple):
         return np.clip(pose, cubes.numbers * size - 1, (cubes.numbers + 1) * size)
 
 
-def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> RegularBall:
-    """Prove the ball of cubes: to the nearest one that is not proved, or disagrees with its neighbour."""
+def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> RegularBall:
+    """Prove the ball up to the nearest cube that is unproved or on another branch."""
     n = len(test.x)
     grid = _Grid(within / OFF_CENTRE * ROUND_UP)
     start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
@@ -165,7 +171,7 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
         undecided = select(cubes, ~proved & is_smallest)
-        pending = select(cubes, ~proved & ~is_smallest).parts()
+        pending = select(cubes, ~proved & ~is_smallest).split()
         return Examined(select(cubes, proved), undecided, pending)
 
     end = branch_and_bound(
@@ -175,19 +181,19 @@ def _many_cells(test: CellTest, q: Array, within: float, max_cells: int) -> Regu
     proved = select(proved, grid.distances(proved) < end.limit)
     if not len(proved.level):
         return RegularBall(0.0, end.examined)
-    disagreeing = select(proved, ~_agree(test, grid, proved, q))
+    disagreeing = select(proved, ~_agree_with_inner_neighbours(test, grid, proved, q))
     return RegularBall(float(grid.distances(disagreeing).min(initial=end.limit)), end.examined)
 
 
 def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
-    """Test cubes; one whose joints come out on another branch is not proved, and keeps its parent's cell.
+    """Test cubes on the branch that has the signs (1, 2) of the determinants.
 
-    Branches are told by the signs (1, 2) of the determinants.
+    A cube whose joints come out on another branch is not proved, and keeps its parent's cell.
     """
     z = grid.middles(cubes)
     half_widths = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
-    tested = test(z, _close(test, parents, z), half_widths)
+    tested = test(z, _continue_joints(test, parents, z), half_widths)
     is_elsewhere = (tested.signs != signs).any(axis=1)
     cells = []
     for old, new in zip(parents, tested, strict=True):
@@ -196,37 +202,43 @@ def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cu
     return cubes._replace(cells=Cells(*cells))
 
 
-def _agree(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
-    """Whether each cube has its inward neighbour's joints, and the pose's own cube has q, (S,).
+def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
+    """Return whether each cube is on the branch of its inward neighbour, (S,).
 
-    At its point nearest to the pose a cube has one pose, in the box of joints of a cell of size zero. Both
-    cubes have it if the boxes of joints of both contain this box.
+    The cube about the pose is to have the joints q. At its point nearest to the pose a cube has one pose, in
+    the box of joints of a cell of size zero. Both cubes have it if the boxes of joints of both contain this
+    box.
     """
     cells = cubes.cells
-    nearest = grid.nearest(cubes)
+    nearest = grid.nearest_points(cubes)
     neighbour = _inward_neighbours(grid, cubes)
-    joints = _close(test, cells, nearest)
+    joints = _continue_joints(test, cells, nearest)
     point = test(nearest, joints, np.zeros(len(nearest)))
     agree = point.proved & (neighbour >= 0)
     for owners in (cells, select(cells, neighbour)):
-        agree &= _contain(test, owners, joints, ROUND_UP * point.radii)
+        agree &= _contain_joint_boxes(test, owners, joints, ROUND_UP * point.radii)
     home = np.flatnonzero((nearest == 0).all(axis=1))
-    agree[home] &= _contain(test, select(cells, home), np.repeat(q[None], len(home), axis=0), LOOP_GAP)
+    agree[home] &= _contain_joint_boxes(
+        test, select(cells, home), np.repeat(q[None], len(home), axis=0), LOOP_GAP
+    )
     return agree
 
 
-def _contain(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> BoolArray:
-    """Whether the boxes of joints of S cells contain boxes of radii (S, k) about q (S, nq), (S,)."""
+def _contain_joint_boxes(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> BoolArray:
+    """Return whether the joint boxes of S cells contain boxes about q (S, nq), (S,).
+
+    `radii` (S, k) are those of the boxes to contain.
+    """
     robot = test.bounds.robot
     offset = difference(robot, cells.q, q)[:, robot.moving] / test.bounds.column_scale
     return np.all(ROUND_UP * np.abs(offset) + radii <= cells.radii, axis=1)
 
 
 def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
-    """Find the cubes (S,) next to the nearest points, on the side of the pose; -1 for none."""
+    """Find the index (S,) of the cube next to each, towards the pose; -1 for none."""
     keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
     index_of = {tuple(key): index for index, key in enumerate(keys)}
-    inward = grid.inward(cubes).astype(np.intp)  # smallest cubes, each within one cube of every level
+    inward = grid.inward_cubes(cubes).astype(np.intp)  # smallest cubes, each within one cube of every level
     neighbour = np.full(len(keys), -1)
     for level in np.unique(cubes.level).tolist():
         for k, numbers in enumerate((inward >> (MAX_CUTS - level)).tolist()):
@@ -234,21 +246,21 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
     return neighbour
 
 
-def _close(test: CellTest, cells: Cells, z: Array) -> Array:
-    """Compute joints (S, nq) at points z (S, n), on from the middle of a cell each.
+def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
+    """Continue joints (S, nq) from the middles of cells to points z (S, n).
 
     The guess is along the slope of the cell, and Newton's method closes the loops; where it fails, the guess
     is returned.
     """
     robot = test.bounds.robot
-    change = np.clip(times(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
+    change = np.clip(np.matvec(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
     guess = integrate_columns(robot, cells.q, robot.moving, change * test.bounds.column_scale)
     result = close_each(robot, test.x + z * robot.platform_scale, guess)
     return np.where(result.closed[:, None], result.q, guess)
 
 
 class Cells(NamedTuple):
-    """S cells with joints at their middles."""
+    """S cells of platform coordinates, with the joints at their middles."""
 
     z: Array  # (S, n) middles off the pose [robot lengths, rad]
     q: Array  # (S, nq)
@@ -265,10 +277,10 @@ class CellTest(NamedTuple):
     x: Array  # (n,)
 
     def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
-        """Test cells of half a width (S,), or balls of that radius, joints q (S, nq) near their middles z.
+        """Test cells about z (S, n) of half width (S,), or balls of that radius.
 
-        F is [platform - x ; loops]; its slopes along the joints are dF, and P is the block of loops and
-        passive joints.
+        q (S, nq) are the joints at the middles. F is [platform - x ; loops]; its slopes along the joints are
+        dF, and P is the block of loops and passive joints.
         """
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
@@ -276,9 +288,9 @@ class CellTest(NamedTuple):
         platform_values = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         values = np.concatenate([platform_values, derivatives.values[:, robot.n :]], axis=1)
         dF = derivatives.slopes  # (S, k, k)
-        Y = inverses(dF)
+        Y = approximate_inverses(dF)
         slope = Y[:, :, : robot.n]
-        boxes = _joint_boxes(derivatives, values, Y, _extent(slope, half, ball))
+        boxes = _prove_joint_boxes(derivatives, values, Y, _bound_over_cell(slope, half, ball))
         regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
         blocks = (dF, dF[:, robot.n :, robot.n_a :])
         signs = np.stack([np.linalg.slogdet(block).sign for block in blocks], axis=1)
@@ -286,7 +298,10 @@ class CellTest(NamedTuple):
 
 
 class _JointBoxes(NamedTuple):
-    """Boxes of joints with one pose for each x of a cell: x and `error` move joints within `image`."""
+    """Boxes of joints with one pose for each x of a cell.
+
+    x and `error` move joints within `image`.
+    """
 
     proved: BoolArray  # (S,)
     radii: Array  # (S, k)
@@ -295,8 +310,8 @@ class _JointBoxes(NamedTuple):
     remainders: Remainders
 
 
-def _extent(slopes: Array, half: Array, ball: bool) -> Array:
-    """Bound slopes dz over cells or balls, the last axis that of z (n).
+def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
+    """Bound |slopes . dz| over cells or balls, slopes (S, .., n).
 
     By the inequality of Cauchy and Schwarz over balls of radius `half` (S,), by that of the triangle over
     cubes of half the width.
@@ -305,23 +320,24 @@ def _extent(slopes: Array, half: Array, ball: bool) -> Array:
     return sizes * half.reshape(-1, *[1] * (sizes.ndim - 1))
 
 
-def _joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
-    """Widen boxes of joints until Krawczyk's test holds; x moves the joints by reach (S, k) at most.
+def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
+    """Widen boxes of joints until Krawczyk's test holds.
 
-    The map q - Y F takes a box of radii r into itself within reach + error, with the bounds |Y F| of the
-    middle, |1 - Y dF| r of rounding in Y, and |Y| times the remainder of F.
+    x moves the joints by `reach` (S, k) at most. The map q - Y F takes a box of radii r into itself within
+    reach + error, with the bounds |Y F| of the middle, |1 - Y dF| r of rounding in Y, and |Y| times the
+    remainder of F.
     """
     Y_size = np.abs(Y)
     rounding = derivatives.bounds.rounding
     uncertain = gamma(Y.shape[1]) * np.abs(values) + rounding
-    offset = np.abs(times(Y, values)) + times(Y_size, uncertain)
+    offset = np.abs(np.matvec(Y, values)) + np.matvec(Y_size, uncertain)
     defect = identity_defect(Y, derivatives.slopes)
     is_invertible = Y.any(axis=(1, 2))
 
     def test(radii: Array) -> _JointBoxes:
         """Bound the images of boxes of radii (S, k)."""
         remainders = derivatives.remainders(radii)
-        error = ROUND_UP * (offset + times(Y_size, remainders.values) + times(defect, radii))
+        error = ROUND_UP * (offset + np.matvec(Y_size, remainders.values) + np.matvec(defect, radii))
         image = ROUND_UP * (reach + error)
         contracts = _spectral_radius_below_one(Y_size @ remainders.slopes + defect, radii)
         proved = (image < radii).all(axis=1) & contracts & is_invertible
@@ -333,12 +349,12 @@ def _joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array
 def _passive_block_is_regular(
     derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, ball: bool
 ) -> BoolArray:
-    """Whether P = dF/dq of loops and passive joints is regular all over the cells (S,): no Type 2.
+    """Return whether P is regular all over the cells (S,): no Type 2.
 
-    With Y near the inverse of P at the middle it is where a bound N of |1 - Y P| has a spectral radius below
-    1,
+    P = dF/dq of loops and passive joints. With Y near its inverse at the middle, P is regular where a bound N
+    of |1 - Y P| has a spectral radius below 1,
 
-        N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
+    N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
 
     since the joints move by `slope` (S, k, n) times z, and by their error beside that.
     """
@@ -348,15 +364,15 @@ def _passive_block_is_regular(
     dP = derivatives.hessians[:, robot.n :, robot.n_a :]  # (S, s, s, k)
     dP_change = box.remainders.hessians[:, robot.n :, robot.n_a :]
     s, k = dP.shape[2:]
-    Y = inverses(P)
+    Y = approximate_inverses(P)
     Y_size = np.abs(Y)
     dP_size = np.abs(dP)
 
     # the change of Y P along the platform's coordinates, and its rounding
     changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)  # Y dP slope (S, s, s, n)
-    step = _extent(slope, half, ball=False)  # (S, k) of the joints
+    step = _bound_over_cell(slope, half, ball=False)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
-    N = identity_defect(Y, P) + _extent(changes, half, ball) + gamma(s * k) * rounded
+    N = identity_defect(Y, P) + _bound_over_cell(changes, half, ball) + gamma(s * k) * rounded
     # the change of P beside that
     P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
     P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, box.radii)
@@ -366,7 +382,7 @@ def _passive_block_is_regular(
 
 
 def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
-    """Whether matrices N >= 0 (S, k, k) have a spectral radius below 1.
+    """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,).
 
     They have if N w < w for a vector w > 0 (Collatz 1942). Tried are the `weights` (S, k), ones, and the row
     sums, which lie near the eigenvector of Perron.
@@ -375,5 +391,5 @@ def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
     shifted = rows + PERRON_SHIFT * rows.max(axis=1, keepdims=True)
     is_below = np.zeros(len(N), dtype=bool)
     for w in (weights, np.ones_like(rows), shifted):
-        is_below |= (ROUND_UP * times(N, np.broadcast_to(w, rows.shape)) < w).all(axis=1)
+        is_below |= (ROUND_UP * np.matvec(N, np.broadcast_to(w, rows.shape)) < w).all(axis=1)
     return is_below

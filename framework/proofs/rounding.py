@@ -20,17 +20,15 @@ ROUND_UP = 1.0 + 1e-10  # more than rounding takes from a sum of some hundred nu
 
 
 def gamma(terms: int) -> float:
-    """Bound the rounding of a sum of products, relative to the sum of their moduli, eight times over."""
+    """Bound the relative rounding of a sum of `terms` products, eight times over.
+
+    Relative to the sum of the moduli.
+    """
     return 8 * (terms + 4) * UNIT_ROUNDOFF
 
 
-def times(matrices: Array, vectors: Array) -> Array:
-    """Multiply matrices (S, m, k) and vectors (S, k)."""
-    return (matrices @ vectors[:, :, None])[:, :, 0]
-
-
-def inverses(matrices: Any) -> Any:
-    """Compute approximate inverses (S, k, k); zero where a matrix is singular to the last bit."""
+def approximate_inverses(matrices: Any) -> Any:
+    """Compute inverses (S, k, k) up to rounding; zero where a matrix is singular."""
     try:
         return np.linalg.inv(matrices)
     except np.linalg.LinAlgError:
@@ -41,9 +39,9 @@ def inverses(matrices: Any) -> Any:
 
 
 def identity_defect(inverse: Any, matrices: Any) -> Array:
-    """Bound |1 - X M| entry by entry (S, k, k), rounding included, for X near the inverse of M.
+    """Bound |1 - X M| entry by entry (S, k, k), rounding included.
 
-    A product of complex numbers counts as two of real ones.
+    X is near the inverse of M. A product of complex numbers counts as two of real ones.
     """
     identity = np.eye(matrices.shape[1])
     computed = np.abs(identity - inverse @ matrices)

@@ -37,12 +37,12 @@ from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Re
 from framework.proofs.interval_newton import (
     Contracted,
     LinearEnclosure,
-    bordered_bounds,
     contract,
-    pivoting_mixers,
+    enclose_bordered_solutions,
+    pivoted_inverses,
 )
-from framework.proofs.krawczyk import existence
-from framework.proofs.rounding import ROUND_UP, times
+from framework.proofs.krawczyk import prove_existence
+from framework.proofs.rounding import ROUND_UP
 
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
 SLIDE_REACH = 1.2  # [robot lengths] of slides about the reference
@@ -81,7 +81,7 @@ class PavedSet(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class SingularPaving:
-    """All sets of a robot. Outside of their boxes no pose in the region is singular."""
+    """All singular sets of a robot: outside of their boxes no pose is singular."""
 
     robot: ParallelRobot
     sets: tuple[PavedSet, ...]  # Type 2, then Type 1 of each leg
@@ -97,7 +97,7 @@ class SingularPaving:
 
     @property
     def sentence(self) -> str:
-        """State the result in a sentence."""
+        """The result in a sentence."""
         where = "" if self.window is None else " in the window"
         if self.robot.sliding[self.robot.moving].any():
             where += f", slides within {self.reach:.3g} robot lengths of the reference,"
@@ -115,7 +115,9 @@ def pave_singularities(
     reach: float = SLIDE_REACH,
     max_boxes: int = MAX_BOXES,
 ) -> SingularPaving:
-    """Enclose the Type 2 and Type 1 poses of a robot with one or two freedoms, over all its modes.
+    """Enclose all Type 1 and Type 2 poses of a robot with one or two freedoms.
+
+    Over all modes.
 
     Joint limits do not count; springs are at rest; loop equations that repeat others at the reference are
     left out. Poses in which P loses rank without a motion of the platform are among those of Type 2;
@@ -147,14 +149,14 @@ def pave_singularities(
     start = time.perf_counter()
     bounds = DerivativeBounds.of(robot, reach=reach)
     sets = tuple(
-        _pave(SingularBoxTest(bounds, block, region, resolution), reach, max_boxes)
+        _pave_set(SingularBoxTest(bounds, block, region, resolution), reach, max_boxes)
         for block in singular_sets(robot)
     )
     return SingularPaving(robot, sets, region, resolution, reach, time.perf_counter() - start)
 
 
 def _expect_pavable(robot: ParallelRobot) -> None:
-    """Raise InvalidInput for a robot that cannot be paved."""
+    """Refuse a robot that cannot be paved."""
     require_square(robot)
     if robot.n > 2 or robot.n_a != robot.n or not len(robot.following):
         raise InvalidInput(
@@ -165,8 +167,8 @@ def _expect_pavable(robot: ParallelRobot) -> None:
         raise InvalidInput(f"{robot.name}: a platform that turns is paved in a plane only")
 
 
-def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
-    """Pave one set over the whole region: slides within `reach` robot lengths, hinges all the way round."""
+def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
+    """Pave one set over the whole region, slides within `reach` robot lengths."""
     bounds = test.bounds
     robot = bounds.robot
     k = len(bounds.robot.moving)
@@ -193,18 +195,18 @@ def _pave(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
 
 
 def _platform_radii(derivatives: Derivatives, radii: Array, remainders: Array) -> Array:
-    """Bound the change (S, n) [m, rad] of the platform's coordinates from the middles of boxes.
+    """Bound the change (S, n) [m, rad] of platform coordinates over boxes.
 
     Args:
         radii: (S, k) of the boxes; remainders: (S, R) of the values within these radii.
     """
     robot = derivatives.bounds.robot
-    change = times(np.abs(derivatives.slopes[:, : robot.n]), radii) + remainders[:, : robot.n]
+    change = np.matvec(np.abs(derivatives.slopes[:, : robot.n]), radii) + remainders[:, : robot.n]
     return robot.platform_scale * ROUND_UP * change
 
 
 class SingularSet(NamedTuple):
-    """Poses in which a block of dF/dq loses rank."""
+    """Poses in which a block of s rows and columns of dF/dq loses rank."""
 
     name: str  # type_2, or type_1 with the motors of the leg
     rows: IntArray  # (s,)
@@ -227,8 +229,8 @@ def singular_sets(robot: ParallelRobot) -> tuple[SingularSet, ...]:
     return (SingularSet("type_2", loops, passive), *of_legs)
 
 
-class MeasureBounds(NamedTuple):
-    """The bordered scalar g over S boxes."""
+class MeasureEnclosure(NamedTuple):
+    """The bordered scalar g over S boxes, and its slope along k joints."""
 
     valid: BoolArray  # (S,) a pose in the box is singular where g = 0, and there alone
     g: Array  # (S,) at the middle
@@ -237,13 +239,16 @@ class MeasureBounds(NamedTuple):
     slope_changes: Array  # (S, k) within the box
 
 
-def measure_bounds(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureBounds:
-    """Enclose the bordered scalar g of a block P, dg = -psi' dP eta (Govaerts 2000), over boxes."""
+def bound_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
+    """Enclose the bordered scalar g of a block P over boxes.
+
+    Its slope is dg = -psi' dP eta (Govaerts 2000).
+    """
     rows = block.rows[:, None]
     columns = block.columns
     rounding = derivatives.bounds.rounding
     P = derivatives.slopes[:, rows, columns]  # (S, s, s)
-    right, left = bordered_bounds(P, remainders.slopes[:, rows, columns], rounding)
+    right, left = enclose_bordered_solutions(P, remainders.slopes[:, rows, columns], rounding)
     eta = right.z[:, :-1]  # (S, s)
     eta_error = right.error[:, :-1]
     psi = left.z[:, :-1]
@@ -254,24 +259,26 @@ def measure_bounds(block: SingularSet, derivatives: Derivatives, remainders: Rem
     # |psi' dP eta| changes by one factor at a time: dP, then eta, then psi
     psi_size = np.abs(psi)
     eta_size = np.abs(eta) + eta_error
-    slope_changes = _bilinear(psi_size, dP_change, eta_size) + _bilinear(psi_size, np.abs(dP), eta_error)
-    slope_changes += _bilinear(psi_error, np.abs(dP) + dP_change, eta_size)
-    return MeasureBounds(
+    slope_changes = _bilinear_form(psi_size, dP_change, eta_size) + _bilinear_form(
+        psi_size, np.abs(dP), eta_error
+    )
+    slope_changes += _bilinear_form(psi_error, np.abs(dP) + dP_change, eta_size)
+    return MeasureEnclosure(
         valid=right.valid & left.valid,
         g=right.z[:, -1],
         g_error=right.last_error,
-        slope=-_bilinear(psi, dP, eta),
+        slope=-_bilinear_form(psi, dP, eta),
         slope_changes=ROUND_UP * slope_changes,
     )
 
 
-def _bilinear(left: Array, matrices: Array, right: Array) -> Array:
-    """Compute left' M_l right (S, k) of vectors (S, s) and k matrices M_l, stacked as (S, s, s, k)."""
+def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
+    """Compute left' M_l right (S, k) of vectors (S, s) and k matrices M_l (S, s, s, k)."""
     return np.einsum("si,sijl,sj->sl", left, matrices, right, optimize=True)
 
 
 class Arcs(NamedTuple):
-    """Boxes with a proof, and the platform's coordinates in the boxes."""
+    """B boxes with a proved arc in each, and the platform's coordinates on the arc."""
 
     x: Array  # (B, n)
     x_radii: Array  # (B, n)
@@ -280,7 +287,7 @@ class Arcs(NamedTuple):
 
 
 class _SingularEquations(NamedTuple):
-    """{loops = 0, g = 0} in S boxes, and the platform's coordinates."""
+    """The m loop equations and g = 0 in S boxes, and the platform's coordinates."""
 
     enclosure: LinearEnclosure  # in the box itself
     exact: Array  # (S, m + 1) errors of the values at the middle
@@ -291,7 +298,7 @@ class _SingularEquations(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """The parts of S boxes that the singular equations leave, and the arcs proved."""
+    """The remaining parts of S boxes, and the arcs proved."""
 
     remaining: Contracted  # the parts that hold all singular poses
     axis: IntArray  # (S,) to cut across where an arc is proved that is not small enough yet, else NO_AXIS
@@ -301,7 +308,7 @@ class _Decision(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SingularBoxTest:
-    """The test for one set of singular poses."""
+    """The test of boxes for one set of singular poses."""
 
     bounds: DerivativeBounds
     block: SingularSet
@@ -313,13 +320,13 @@ class SingularBoxTest:
 
         The loops drop and narrow all; the measure g decides where it is valid.
         """
-        boxes, (lower, upper), derivatives, loops = self._close(boxes)
+        boxes, (lower, upper), derivatives, loops = self._drop_open_boxes(boxes)
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
-        g = measure_bounds(self.block, derivatives, remainders)
-        equations = self._equations(derivatives, remainders, loops, g, boxes.radii)
-        decision = self._decide(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
+        g = bound_measure(self.block, derivatives, remainders)
+        equations = self._join_equations(derivatives, remainders, loops, g, boxes.radii)
+        decision = self._decide_arcs(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 
         lower[g.valid], upper[g.valid] = decision.remaining
         axis = np.full(boxes.size, NO_AXIS)
@@ -327,28 +334,31 @@ class SingularBoxTest:
         axis[g.valid] = decision.axis
         is_arc[g.valid] = decision.is_arc
         is_open = (lower <= upper).all(axis=1) & ~is_arc
-        narrow = select(boxes.clip(lower, upper), is_open)
+        narrow = select(boxes.sub_boxes(lower, upper), is_open)
         boxes = select(boxes, is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
         return Examined(decision.arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
 
-    def _close(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
-        """Return the boxes in which the loops may close within the window.
+    def _drop_open_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
+        """Drop boxes in which the loops cannot close within the window.
 
-        Also their parts in which they may, their derivatives, and their loop equations.
+        Return the other boxes, their parts in which loops may close, derivatives and loop equations.
         """
         n = self.bounds.robot.n
         derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
         errors = derivatives.remainders(boxes.radii).values
         loops = LinearEnclosure(derivatives.values[:, n:], derivatives.slopes[:, n:], errors[:, n:])
-        remaining = contract(loops, boxes.radii, pivoting_mixers(loops.slopes, boxes.radii))
+        remaining = contract(loops, boxes.radii, pivoted_inverses(loops.slopes, boxes.radii))
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
         boxes = select(boxes, possible)
         parts = select(remaining, possible)
         return boxes, parts, derivatives.take(possible), select(loops, possible)
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
-        """Whether boxes may have poses in the window, whose angles are the same after a whole turn."""
+        """Return whether boxes may have poses in the window, (S,).
+
+        Angles of the window are the same after a whole turn.
+        """
         robot = self.bounds.robot
         if self.window is None:
             return np.ones(len(radii), dtype=bool)
@@ -357,21 +367,24 @@ class SingularBoxTest:
         reach = 0.5 * np.ptp(self.window, axis=0) + _platform_radii(derivatives, radii, errors)
         return (np.abs(offset) <= reach).all(axis=1)
 
-    def _equations(
+    def _join_equations(
         self,
         derivatives: Derivatives,
         remainders: Remainders,
         loops: LinearEnclosure,
-        g: MeasureBounds,
+        g: MeasureEnclosure,
         radii: Array,
     ) -> _SingularEquations:
-        """Return the equations in boxes of radii (S, k), with remainders of wider boxes."""
+        """Join loops and measure to the equations of singular poses.
+
+        In boxes of `radii` (S, k), with remainders of wider boxes.
+        """
         n = self.bounds.robot.n
         rounding = self.bounds.rounding
         g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
         measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
         return _SingularEquations(
-            loops.join(measure),
+            loops.concatenate(measure),
             exact=np.column_stack([np.full_like(loops.errors, rounding), g.g_error]),
             changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
@@ -379,15 +392,16 @@ class SingularBoxTest:
             x_errors=remainders.values[:, :n],
         )
 
-    def _decide(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
-        """Narrow boxes by the equations, and look for an arc in boxes of the radii `wider` (S, k).
+    def _decide_arcs(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
+        """Narrow boxes by the equations, and prove an arc in the wider boxes.
 
-        With two freedoms the set is a curve, and the joint along which it leaves the box first is the
-        parameter; the tested box is not wider along it. With one freedom the set is a point.
+        `wider` (S, k) are radii. With two freedoms the set is a curve, and the joint along which it leaves
+        the box first is the parameter; the tested box is not wider along it. With one freedom the set is a
+        point.
         """
         robot = self.bounds.robot
         slopes = equations.enclosure.slopes
-        lower, upper = contract(equations.enclosure, boxes.radii, pivoting_mixers(slopes, boxes.radii))
+        lower, upper = contract(equations.enclosure, boxes.radii, pivoted_inverses(slopes, boxes.radii))
         parameter = None
         reach = np.zeros(boxes.size)  # of the parameter
         if robot.n == 2:
@@ -395,19 +409,21 @@ class SingularBoxTest:
             parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
             each = np.arange(boxes.size)
             reach = wider[each, parameter] = boxes.radii[each, parameter]
-        proof = existence(
+        proof = prove_existence(
             equations.enclosure._replace(errors=equations.exact), equations.changes, wider, parameter
         )
         lower = np.where(proof.proved[:, None], np.maximum(lower, proof.lower), lower)
         upper = np.where(proof.proved[:, None], np.minimum(upper, proof.upper), upper)
 
         # an arc runs along the parameter, within a tube about its tangent: x = x_slopes (along p + spread)
-        x_radii = np.abs(times(equations.x_slopes, proof.along)) * reach[:, None] + equations.x_errors
-        x_radii = ROUND_UP * (x_radii + times(np.abs(equations.x_slopes), proof.spread))  # (S, n)
+        x_radii = np.abs(np.matvec(equations.x_slopes, proof.along)) * reach[:, None] + equations.x_errors
+        x_radii = ROUND_UP * (x_radii + np.matvec(np.abs(equations.x_slopes), proof.spread))  # (S, n)
         is_small = (2 * robot.length * x_radii <= self.resolution).all(axis=1)
         is_arc = proof.proved & (lower <= upper).all(axis=1) & is_small
         along = np.full(boxes.size, NO_AXIS) if parameter is None else parameter
-        arcs = Arcs(equations.x, robot.platform_scale * x_radii, boxes.clip(proof.lower, proof.upper), along)
+        arcs = Arcs(
+            equations.x, robot.platform_scale * x_radii, boxes.sub_boxes(proof.lower, proof.upper), along
+        )
         return _Decision(
             Contracted(lower, upper), np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc)
         )

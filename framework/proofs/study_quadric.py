@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -35,7 +36,7 @@ NEWTON_STEPS = 50  # from a random point onto the fixed quadrics
 
 @dataclass(frozen=True, eq=False)
 class QuadricFamily:
-    """Systems of quadrics: M members of the family and F fixed equations, as symmetric matrices."""
+    """Systems of quadrics: M members of a linear family, and F fixed equations."""
 
     name: str
     members: Array  # (M, N, N)
@@ -44,12 +45,12 @@ class QuadricFamily:
 
     @property
     def size(self) -> int:
-        """N, the homogeneous coordinates of z."""
+        """Number N of homogeneous coordinates of z."""
         return int(self.members.shape[1])
 
     @property
     def equations(self) -> int:
-        """K, how many members of the family make a system."""
+        """Number K of combinations of members that make a system."""
         return self.size - 1 - len(self.fixed)
 
     def quadrics(self, coefficients: ComplexArray | Array) -> ComplexArray:
@@ -58,16 +59,16 @@ class QuadricFamily:
         return np.concatenate([matrices, self.fixed]).astype(complex)
 
     def quadrics_slack(self, slack: Array) -> Array:
-        """Bound the change (K + F, N, N) of `quadrics` for coefficients known up to slack (K, M)."""
+        """Bound the change (K + F, N, N) of `quadrics` within slack (K, M)."""
         uncertain = np.tensordot(slack, np.abs(self.members), axes=1)
         return np.concatenate([uncertain, np.zeros_like(self.fixed)])
 
     def values(self, z: ComplexArray) -> ComplexArray:
-        """Evaluate the members at points z (S, N), (S, M)."""
+        """Evaluate the members (S, M) at points z (S, N)."""
         return np.einsum("mij,ti,tj->tm", self.members, z, z)
 
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
-        """Return a point (N,) on all fixed quadrics, by Newton's method from random complex numbers."""
+        """Find a random point (N,) on all fixed quadrics, by Newton's method."""
         z = complex_normal(rng, self.size)
         for _ in range(NEWTON_STEPS if len(self.fixed) else 0):
             slopes = 2 * self.fixed @ z
@@ -75,12 +76,12 @@ class QuadricFamily:
         return z / np.linalg.norm(z)
 
     def random_coefficients(self, rng: np.random.Generator) -> ComplexArray:
-        """Return random complex coefficients (K, M), each row of unit size."""
+        """Draw complex coefficients (K, M), each row of unit size."""
         c = complex_normal(rng, (self.equations, len(self.members)))
         return c / np.linalg.norm(c, axis=1, keepdims=True)
 
     def is_dependent(self, coefficients: Array) -> bool:
-        """Whether the functions of (K, M) depend on one another everywhere, so that no solution is single.
+        """Return whether no solution of coefficients (K, M) is single.
 
         They are quotients by the first member: displacements are finite where that is not zero. At a random
         point z of the fixed quadrics the slopes of the quotients f_k / f_1 and of the fixed equations have
@@ -105,8 +106,22 @@ def complex_normal(rng: np.random.Generator, shape: int | tuple[int, ...]) -> Co
     return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
 
 
-def is_first(z: ComplexArray) -> BoolArray:
-    """Whether each unit point z (S, N) of projective space differs from all earlier ones, (S,)."""
+def matrix_products(matrices: Any, z: Any) -> Any:
+    """Compute the products (S, K, N) of K matrices (K, N, N) and S vectors (S, N)."""
+    S, N = z.shape
+    return (matrices.reshape(-1, N) @ z.T).T.reshape(S, -1, N)
+
+
+def append_row(matrices: Any, row: Any) -> Any:
+    """Append one row (N,) to each of the matrices (S, N - 1, N)."""
+    return np.concatenate([matrices, np.broadcast_to(row, (len(matrices), 1, len(row)))], axis=1)
+
+
+def first_occurrences(z: ComplexArray) -> BoolArray:
+    """Return whether each unit point z (S, N) differs from all earlier ones, (S,).
+
+    As points of projective space: up to a complex factor.
+    """
     cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
     coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
@@ -114,17 +129,18 @@ def is_first(z: ComplexArray) -> BoolArray:
 
 @cache
 def _quaternion_products() -> Array:
-    """Return the table (4, 4, 4) of products of quaternions: (a b)_k = sum of table[k, i, j] a_i b_j."""
+    """Return the table (4, 4, 4) of (a b)_k = sum_ij table[k, i, j] a_i b_j."""
     units = [pin.Quaternion(*unit) for unit in np.eye(4)]  # 1, i, j, k; pinocchio puts the real part last
     products = np.array([[np.roll((a * b).coeffs(), 1) for b in units] for a in units])
     return np.moveaxis(products, 2, 0)
 
 
 @cache
-def _forms() -> Array:
-    """Return the 17 functions as symmetric matrices (17, 8, 8) of z = (x, y), in the order of `functions`.
+def _function_forms() -> Array:
+    """Return the 17 functions as quadratic forms (17, 8, 8) of z = (x, y).
 
-    Times |x|^2 these are |x|^2, 4 |y|^2, 2 y x*, 2 x* y and the columns x e x* of R, e = i, j, k.
+    In the order of `displacement_functions`. Times |x|^2 these are |x|^2, 4 |y|^2, 2 y x*, 2 x* y and the
+    columns x e x* of R, e = i, j, k.
     """
     product = _quaternion_products()
     star = np.diag([1.0, -1.0, -1.0, -1.0])  # x* = star x, the conjugate
@@ -144,30 +160,35 @@ def _forms() -> Array:
     return (forms + forms.swapaxes(1, 2)) / 2
 
 
-def functions(R: Array, p: Array) -> Array:
-    """Compute the 17 functions (T, 17) of displacements R (T, 3, 3), p (T, 3): 1, |p|^2, p, R'p, R."""
+def displacement_functions(R: Array, p: Array) -> Array:
+    """Compute the functions 1, |p|^2, p, R'p, R (T, 17) of displacements R, p.
+
+    R (T, 3, 3), p (T, 3).
+    """
     R_transposed_p = np.einsum("tij,ti->tj", R, p)
     square = np.sum(p * p, axis=1, keepdims=True)
     return np.concatenate([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)], axis=1)
 
 
-def displacements(z: Array) -> tuple[Array, Array]:
-    """Compute R (T, 3, 3) and p (T, 3) of real dual quaternions z (T, 8), from their 17 functions."""
-    values = np.einsum("mij,ti,tj->tm", _forms(), z, z)
+def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
+    """Compute R (T, 3, 3), p (T, 3) of real dual quaternions z (T, 8)."""
+    values = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)
     values = values / values[:, :1]  # of 1, |p|^2, p, R'p, R
     return values[:, 8:].reshape(-1, 3, 3), values[:, 2:5]
 
 
 @dataclass(frozen=True, eq=False)
 class Displacements:
-    """A group of displacements, the family of its linear conditions, and where both stand in space."""
+    """A group of displacements, the family of its linear conditions, and its coordinates."""
 
     family: QuadricFamily
     chosen: IntArray  # (M,) which of the 17 functions are the members of the family
     coordinates: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are
 
     def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
-        """Return equivalent conditions (K, M), |p|^2 in the first alone, and bounds (K, M) on their terms.
+        """Eliminate |p|^2 from all but one of the conditions (K, M).
+
+        Return the equivalent conditions, that one first, and bounds (K, M) on the size of their terms.
 
         Towards infinity |p|^2 outgrows all other functions, and the conditions differ in small terms alone.
         The condition in which it counts most is divided by its coefficient, and multiples of that are
@@ -190,34 +211,42 @@ class Displacements:
         return rows, sizes
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
-        """Compute the turns R (T, 3, 3) and shifts p (T, 3) that real solutions z (T, N) stand for."""
+        """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N)."""
         coordinates = np.zeros((len(z), 8))
         coordinates[:, self.coordinates] = z
         if self.family.name == "translations":  # z = (1, p) stands for 1 + eps p / 2
             coordinates[:, 5:] *= 0.5
-        return displacements(coordinates)
+        return displacements_of_quaternions(coordinates)
 
 
 @cache
-def spatial() -> Displacements:
-    """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
+def spatial_displacements() -> Displacements:
+    """Return all displacements: six conditions, at most 40 solutions.
+
+    (Ronga and Vust 1992; Mourrain 1993)
+    """
     study = np.zeros((1, 8, 8))
     study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)
-    family = QuadricFamily("displacements in space", _forms(), study, 40)
+    family = QuadricFamily("displacements in space", _function_forms(), study, 40)
     return Displacements(family, np.arange(17), np.arange(8))
 
 
 @cache
-def spherical() -> Displacements:
-    """Return the turns about a point: three conditions, at most 8 solutions (three quadrics in P^3)."""
+def spherical_displacements() -> Displacements:
+    """Return the rotations about a point: three conditions, at most 8 solutions.
+
+    Three quadrics in P^3.
+    """
     chosen = np.concatenate([[0], np.arange(8, 17)])
-    family = QuadricFamily("turns about a point", _forms()[chosen][:, :4, :4], np.zeros((0, 4, 4)), 8)
+    family = QuadricFamily(
+        "turns about a point", _function_forms()[chosen][:, :4, :4], np.zeros((0, 4, 4)), 8
+    )
     return Displacements(family, chosen, np.arange(4))
 
 
 @cache
-def planar(axis: int) -> Displacements:
-    """Return the displacements in the plane normal to a base axis: three conditions, at most 6 solutions.
+def planar_displacements(axis: int) -> Displacements:
+    """Return the displacements normal to a base axis: three conditions, at most 6 solutions.
 
     Three quadrics in P^3 with a common pair of points on the line x = 0, |y|^2 = 0 (Hunt 1983; Gosselin,
     Sefrioui and Richard 1992).
@@ -226,17 +255,17 @@ def planar(axis: int) -> Displacements:
     c = (axis + 2) % 3
     places = np.array([0, 1 + axis, 5 + b, 5 + c])
     chosen = np.array([0, 1, 2 + b, 2 + c, 5 + b, 5 + c, 8 + 3 * b + b, 8 + 3 * c + b])
-    forms = _forms()[chosen][:, places][:, :, places]
+    forms = _function_forms()[chosen][:, places][:, :, places]
     return Displacements(
         QuadricFamily("displacements in a plane", forms, np.zeros((0, 4, 4)), 6), chosen, places
     )
 
 
 @cache
-def translations(axes: tuple[int, ...]) -> Displacements:
-    """Return the translations along two or three base axes: circles or spheres, at most 2 solutions.
+def translation_displacements(axes: tuple[int, ...]) -> Displacements:
+    """Return the translations along two or three base axes: at most 2 solutions.
 
-    With z = (1, p) the functions are 1, |p|^2 and the coordinates of p.
+    They meet circles or spheres. With z = (1, p) the functions are 1, |p|^2 and the coordinates of p.
     """
     chosen = np.array([0, 1, *(2 + k for k in axes)])
     size = len(axes) + 1

@@ -22,12 +22,12 @@ from framework.kinematics.modes import Leg, leg_signs, legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
-from framework.proofs.leg_paving import leg_solutions_complete
+from framework.proofs.leg_paving import are_leg_solutions_complete
 from framework.proofs.passive_joints import (
     close_all_loops,
     distinct_rows,
-    is_proved,
-    random_starts,
+    draw_starts,
+    has_one_solution_near,
     shortest_offset,
 )
 from framework.proofs.real_displacements import Status
@@ -50,7 +50,7 @@ class WorkingMode(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class WorkingModes:
-    """The working modes that were found, of at most `MAX_COMBINATIONS` of the legs' solutions."""
+    """The working modes found, of at most MAX_COMBINATIONS of the legs' solutions."""
 
     # within the joints' limits first, then by their distance from the reference
     modes: tuple[WorkingMode, ...]
@@ -67,7 +67,7 @@ class WorkingModes:
 
     @property
     def sentence(self) -> str:
-        """State the number of modes, and of solutions of each leg."""
+        """The numbers of modes and of solutions of each leg, in a sentence."""
         proved = sum(mode.proved for mode in self.modes)
         inside = sum(mode.within_limits for mode in self.modes)
         each = ", ".join(
@@ -80,7 +80,9 @@ class WorkingModes:
 
 
 def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
-    """Find every solution of the inverse kinematics at platform coordinates x (n,), springs at rest.
+    """Find all solutions of the inverse kinematics at platform coordinates x (n,).
+
+    Springs at rest.
 
     Raises:
         InvalidInput: x has the wrong length or is not finite, or the platform does not determine the joints.
@@ -88,23 +90,25 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     expect_robot(robot)
     require_square(robot)
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
-    solutions = _leg_solutions(robot, x)
-    modes = _closed_modes(robot, _combinations(robot, solutions), x)
-    modes.sort(key=lambda mode: (not mode.within_limits, float(np.abs(_offset(robot, mode.q)).sum())))
+    solutions = _search_leg_solutions(robot, x)
+    modes = _closed_modes(robot, _combine_solutions(robot, solutions), x)
+    modes.sort(
+        key=lambda mode: (not mode.within_limits, float(np.abs(_reference_offset(robot, mode.q)).sum()))
+    )
     q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)
     return WorkingModes(
         modes=tuple(modes),
         solutions=tuple(len(joints) for joints in solutions),
         legs=tuple(leg.motors for leg in legs(robot)),
         proved_legs=tuple(
-            _has_no_others(robot, leg, joints, q, x)
+            _is_leg_complete(robot, leg, joints, q, x)
             for leg, joints in zip(legs(robot), solutions, strict=True)
         ),
         truncated=prod(len(joints) for joints in solutions) > MAX_COMBINATIONS,
     )
 
 
-def _leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
+def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     """Search the joints (solutions, k) of each leg with the platform at x (n,).
 
     They are offsets from the reference [rad, robot lengths], found by Newton's method from random starts on
@@ -118,22 +122,25 @@ def _leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
         offsets = robot.platform.residual(frames, np.tile(x, (len(frames.position), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
-    starts = random_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
+    starts = draw_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
     q, closed = close_all_loops(robot, starts, platform_equations, columns)
     q = q[closed]
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
-    offsets = (_offset(robot, q) / robot.column_scale)[:, columns]
+    offsets = (_reference_offset(robot, q) / robot.column_scale)[:, columns]
     of_legs = [offsets[:, leg.columns] for leg in legs(robot)]
     return [joints[distinct_rows(joints)] for joints in of_legs]
 
 
-def _offset(robot: ParallelRobot, q: Array) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference, hinges below half a turn."""
+def _reference_offset(robot: ParallelRobot, q: Array) -> Array:
+    """Compute offsets (..., nv) of q (..., nq) from the reference, hinges within half a turn."""
     return shortest_offset(robot, q, np.arange(robot.model.nv))
 
 
-def _combinations(robot: ParallelRobot, solutions: list[Array]) -> Array:
-    """Return the configurations (T, nq) of all combinations of the legs' solutions, one of each leg."""
+def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
+    """Return configurations (T, nq) of all combinations of the legs' solutions.
+
+    One solution of each leg, at most MAX_COMBINATIONS.
+    """
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
     offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))
@@ -141,8 +148,8 @@ def _combinations(robot: ParallelRobot, solutions: list[Array]) -> Array:
     return integrate_columns(robot, robot.reference.q, columns, offsets)
 
 
-def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
-    """Whether a leg is proved to have no other solutions than `solutions` (k, n), off the reference.
+def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
+    """Return whether a leg provably has no other `solutions` (k, n), off the reference.
 
     The legs on which it stands are in turn as in each of the modes q (T, nq). Without modes nothing is proved
     unless the leg stands alone.
@@ -154,18 +161,18 @@ def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x
     fixed[previous] = True
     if not len(q):
         stands_alone = not len(previous) and robot.platform.is_point
-        return stands_alone and leg_solutions_complete(
+        return stands_alone and are_leg_solutions_complete(
             robot, columns, fixed, robot.reference.q, solutions[:0], x
         )
-    offsets = _offset(robot, q) / robot.column_scale
+    offsets = _reference_offset(robot, q) / robot.column_scale
     return all(
-        leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
+        are_leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
         for k in distinct_rows(offsets[:, previous])
     )
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the configurations (T, nq) with closed loops and the platform at x (n,) as modes."""
+    """Return the configurations (T, nq) that close the loops with the platform at x, as modes."""
     if not len(q):
         return []
     linearised = linearised_at(robot, q, np.repeat(x[None], len(q), axis=0))
@@ -178,7 +185,7 @@ def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]
             q=q[k],
             motors=motors[k],
             signs=signs[k],
-            proved=is_proved(robot, q[k], locked="platform"),
+            proved=has_one_solution_near(robot, q[k], locked="platform"),
             within_limits=not positions_beyond_limits(robot.limits, q[k : k + 1]),
         )
         for k in np.flatnonzero(closed)

@@ -13,15 +13,17 @@ Figures
     plots               torques, law, phase plane and certificate of a plan
     force_polygon       forces along t_s at a crossing: available and needed
     map, locus_figures  maps over the workspace, and as a page; the singular locus
-    design_study, fidelity, robustness  one figure for each study
+    study_figures       one figure for each study: dimensions, fidelity, robustness
     drawing, still      a robot, and a scene, as a picture
     moving              pictures and animated GIFs as files
 
 Pages
     scene               a film as a document in JSON
-    page, page/         one HTML file with its scripts and styles
+    standalone          any page in one file, with scripts, styles and data
+    page, page/         pages on which robots move
     jogging, server     a robot moved by hand: the answers to the page, and their server
     report              the report of a plan, with the command that makes the plan again
+    lesson              a page to learn condition (8) by hand
     jupyter             robots and plans that show themselves in notebooks
 """
 

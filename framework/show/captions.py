@@ -26,8 +26,8 @@ def display_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def plan_name(plan: CrossingPlan, folder: str) -> str:
-    """Return the scene of a saved plan as `show --scene` names scenes; its folder without one."""
+def describe_saved_plan(plan: CrossingPlan, folder: str) -> str:
+    """Return "Scene NAME" for a plan of that scene, else "Plan FOLDER"."""
     request = plan.request
     keys = ("duration", "times", "speeds", "at", "optimize")
     requested = [request.path, *(getattr(request, key) for key in keys)]
@@ -38,11 +38,11 @@ def plan_name(plan: CrossingPlan, folder: str) -> str:
 
 
 def wrench_kind(robot: ParallelRobot) -> str:
-    """Return the kind of t_s . W_p: a force along t_s, or a torque about t_s of a turning platform."""
+    """Return "force along" t_s, or "torque about" for a platform that only turns."""
     return "force along" if np.any(robot.translations) else "torque about"
 
 
-def unit(robot: ParallelRobot) -> str:
+def wrench_unit(robot: ParallelRobot) -> str:
     """Return the unit of t_s . W_p."""
     return "N" if np.any(robot.translations) else "N m"
 
@@ -58,8 +58,8 @@ def describe_motors(robot: ParallelRobot, limit: Array, peak: float, *, reason: 
     return f"motors of {limit[0]:.3g} {robot.torque_units[0]}{times}"
 
 
-def subtitle(film: Film) -> str:
-    """Describe the film in a few words."""
+def describe_film_briefly(film: Film) -> str:
+    """Describe how a film meets the singularity, in a few words."""
     if not len(film.robot.passive):
         return "every joint has a motor: no Type 2 singularity"
     if not film.instants:
@@ -71,51 +71,52 @@ def subtitle(film: Film) -> str:
     return f"goes through while it asks for no {wrench_kind(film.robot)} t_s: works"
 
 
-def film_summary(film: Film) -> str:
+def describe_film(film: Film) -> str:
     """Describe the motion at its singular instants in a few sentences."""
     if not film.instants:
         regular = "This motion meets no Type 2 singularity: the motors hold the platform all the way."
-        return f"{regular} {_peak(film)}"
+        return f"{regular} {_describe_peak(film)}"
     when = ", ".join(f"{instant.time:.3g} s" for instant in film.instants)
     kind = wrench_kind(film.robot)
     if film.proved:
         return (
             f"This motion crosses the Type 2 singularity at t = {when} with finite torque: at that instant "
-            f"it asks for no {kind} t_s (t_s · W_p = 0). {_peak(film)}"
+            f"it asks for no {kind} t_s (t_s · W_p = 0). {_describe_peak(film)}"
         )
     wrench = max(abs(instant.wrench) for instant in film.instants)
     rigid = " It is drawn with rigid parts: on springs the loops would tear." if film.drawn_rigid else ""
     return (
         f"This motion meets the Type 2 singularity at t = {when} while it asks for {wrench:.3g} "
-        f"{unit(film.robot)} {kind.split()[1]} t_s: no motor torque is large enough. The curve "
+        f"{wrench_unit(film.robot)} {kind.split()[1]} t_s: no motor torque is large enough. The curve "
         f"of the torque goes off the scale there; it has no bound.{rigid}"
     )
 
 
-def why(robot: ParallelRobot) -> str:
+def why_singular(robot: ParallelRobot) -> str:
     """Return the catalogue's reason for a robot's singularities; empty for other robots."""
-    entry = _entry(robot)
+    entry = _catalogue_entry_of(robot)
     return "" if entry is None else entry.why
 
 
-def catalogue_entry(robot: ParallelRobot) -> str:
-    """Return the catalogue's summary of a robot and its source; empty for other robots."""
-    entry = _entry(robot)
+def describe_catalogue_entry(robot: ParallelRobot) -> str:
+    """Return the catalogue's summary of a robot, and its source; empty for others."""
+    entry = _catalogue_entry_of(robot)
     return "" if entry is None else f"{entry.summary}. Source: {entry.source}."
 
 
-def _entry(robot: ParallelRobot) -> CatalogueEntry | None:
+def _catalogue_entry_of(robot: ParallelRobot) -> CatalogueEntry | None:
+    """Return the catalogue's entry of a robot; None for other robots."""
     entry = catalogue().get(robot.name)
     return entry if entry is not None and entry.file == robot.description.file else None
 
 
 def explain_crossing(film: Film, instant: SingularityCrossing) -> str:
-    """Explain why a proven motion asks for nothing along t_s at a singular instant."""
+    """Explain why a proved motion asks for nothing along t_s at a singular instant."""
     if film.plan is None:
         return ""
     if coasts(film, instant):
         zero = "here the acceleration itself is zero (s″ = 0): it coasts across"
-    elif _share(film, instant) < NEGLIGIBLE_SHARE:
+    elif _relative_wrench(film, instant) < NEGLIGIBLE_SHARE:
         zero = "here it needs none at all (W_p = 0)"
     elif not np.all(film.robot.translations):
         zero = "W_p does no work along t_s"
@@ -126,35 +127,36 @@ def explain_crossing(film: Film, instant: SingularityCrossing) -> str:
 
 
 def coasts(film: Film, instant: SingularityCrossing) -> bool:
-    """Whether neither force nor acceleration along the path is asked for at that instant."""
+    """Return whether neither force nor acceleration is asked for at an instant."""
     speeding = np.abs(film.law(film.time, 2)).max()
     acceleration = abs(float(film.law(np.array([instant.time]), 2)[0]))
-    return _share(film, instant) < NEGLIGIBLE_SHARE and acceleration < NEGLIGIBLE_SHARE * speeding
+    return _relative_wrench(film, instant) < NEGLIGIBLE_SHARE and acceleration < NEGLIGIBLE_SHARE * speeding
 
 
-def proof(film: Film) -> str:
-    """Return the proof of a plan's finite torque, with its numbers; empty without a plan."""
+def describe_proof(film: Film) -> str:
+    """Describe the proof of a plan's finite torque, with numbers; empty without a plan."""
     if film.plan is None:
         return ""
     return PROVEN.format(film.plan.certificate)
 
 
-def parts(film: Film) -> str:
-    """Return the flexibility with which a film was computed, in words."""
+def describe_flexibility(film: Film) -> str:
+    """Describe the flexibility with which a film was computed."""
     plan, robot = film.plan, film.robot
     if not robot.n_e or plan is None:
         return "rigid parts"
     return f"{display_name(robot.flexibility)}, {plan.geometry} geometry"
 
 
-def _peak(film: Film) -> str:
-    """Return the largest motor torque of a film in words."""
+def _describe_peak(film: Film) -> str:
+    """Describe the largest motor torque of a film."""
     peaks = np.abs(film.torque).max(axis=0)
     strongest = np.argmax(peaks)
-    return f"Peak torque {peaks[strongest]:.3g} {film.robot.torque_units[strongest]} ({parts(film)})."
+    size = f"{peaks[strongest]:.3g} {film.robot.torque_units[strongest]}"
+    return f"Peak torque {size} ({describe_flexibility(film)})."
 
 
-def _share(film: Film, instant: SingularityCrossing) -> float:
-    """Return |W_p| at an instant over its largest value of the film."""
+def _relative_wrench(film: Film, instant: SingularityCrossing) -> float:
+    """Return |W_p| at an instant over its largest value in the film."""
     size = np.linalg.norm(film.W_p, axis=1)
     return float(size[film.frame_at(instant.time)] / (size.max() or 1.0))

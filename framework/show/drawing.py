@@ -18,7 +18,7 @@ from framework.model.visuals import Shape
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.captions import display_name
 from framework.show.sight import Projection, Sight, robot_sight
-from framework.show.style import axes_or_new, figure_file, use_style
+from framework.show.style import ensure_axes, figure_file, use_style
 
 ROUND_OUTLINE_CORNERS = 32  # corners of a round outline
 LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
@@ -27,16 +27,16 @@ LIGHT_DIRECTION = np.array([0.3, -0.5, 0.8])  # from where meshes are lit
 def draw_robot(
     robot: ParallelRobot, q: Any = None, ax: Axes | None = None, *, sight: Sight | None = None
 ) -> Axes:
-    """Draw the bodies and motors of a robot at q (nq,) or an assembled pose, its reference when None.
+    """Draw the bodies and motors of a robot at q (nq,) or an assembled pose.
 
-    On new axes when `ax` is None. Planar robots lie flat on the paper, the axes are the base's [m]. Others
-    have no axes, and are seen from where most of them is to be seen at the reference, or as `sight` says;
-    `sight.onto` tells where a point lies.
+    The reference when None. On new axes when `ax` is None. Planar robots lie flat on the paper, the axes are
+    the base's [m]. Others have no axes, and are seen from where most of them is to be seen at the reference,
+    or as `sight` says; `sight.onto` tells where a point lies.
     """
-    ax = axes_or_new(ax, 3.0)
+    ax = ensure_axes(ax, 3.0)
     q = configuration(robot, robot.reference if q is None else q)
     sight = robot_sight(robot) if sight is None else sight
-    drawn = outlines(robot, q, sight)
+    drawn = visible_outlines(robot, q, sight)
     colors, lines = np.array([color for _, _, color in drawn]), [line for _, line, _ in drawn]
     # a solid has a dark outline, a triangle of a mesh none of its own
     edges = np.array([color * ((1.0 if len(line) == 3 else 0.6,) * 3 + (1,)) for _, line, color in drawn])
@@ -52,7 +52,7 @@ def draw_robot(
 
 
 def draw_scale_bar(ax: Axes, length: float) -> None:
-    """Draw a bar of a round length, about a third of a length [m], below the picture."""
+    """Draw a bar of a round length below the picture, about a third of `length` [m]."""
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar  # takes time to import
 
     size = float(f"{length / 3.0:.0e}")
@@ -61,36 +61,42 @@ def draw_scale_bar(ax: Axes, length: float) -> None:
     ax.add_artist(AnchoredSizeBar(ax.transData, size, f"{size:g} m", "upper left", **style, **below))
 
 
-def outlines(robot: ParallelRobot, q: Array, sight: Sight) -> list[tuple[int, Array, Array]]:
-    """Return node, outline (m, 2) and colour (4,) of all visible faces at q (nq,), the farthest first."""
+def visible_outlines(robot: ParallelRobot, q: Array, sight: Sight) -> list[tuple[int, Array, Array]]:
+    """Return node, outline (m, 2) and colour (4,) of the visible faces at q (nq,).
+
+    The farthest come first.
+    """
     onto = sight.onto
     pose = joint_poses(robot, q[None])[0]
     pieces = [
         (depth, shape.node, outline, color)
         for shape in sight.shapes
-        for depth, outline, color in _pieces(shape, pose[shape.node], onto)
+        for depth, outline, color in _project_shape(shape, pose[shape.node], onto)
     ]
     return [piece[1:] for piece in sorted(pieces, key=lambda piece: -piece[0])]
 
 
 def _axis_name(direction: Array) -> str:
-    """Return the axis of the base that is nearest to a direction."""
+    """Return the base axis nearest to a direction (3,), with its sign."""
     axis = np.argmax(np.abs(direction))
     return ("" if direction[axis] > 0 else "−") + "xyz"[axis]
 
 
-def _pieces(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
-    """Return depth, outline (m, 2) and colour (4,) of a shape's visible faces, its joint at a pose (7,)."""
+def _project_shape(shape: Shape, joint: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
+    """Return depth, outline (m, 2) and colour (4,) of a shape's faces.
+
+    `joint` (7,) is the pose of its joint.
+    """
     color = np.array(shape.color, dtype=float)
     if shape.vertices is not None and shape.faces is not None:
         vertices = carried_points(joint, shape.to_node(shape.vertices))
-        return _triangles(vertices[shape.faces], color, onto)
+        return _project_triangles(vertices[shape.faces], color, onto)
     center = carried_points(joint, shape.to_node(np.zeros((1, 3))))[0]
-    return [(float(center @ onto.ahead), _outline(shape, joint, onto), color)]
+    return [(float(center @ onto.ahead), _project_outline(shape, joint, onto), color)]
 
 
-def _triangles(corners: Array, color: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
-    """Return depth, outline (3, 2) and shade (4,) of triangles by their corners (F, 3, 3)."""
+def _project_triangles(corners: Array, color: Array, onto: Projection) -> list[tuple[float, Array, Array]]:
+    """Return depth, outline (3, 2) and shade (4,) of triangles by corners (F, 3, 3)."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), LEAST_DIVISOR)[:, None]
     light = LIGHT_DIRECTION / np.linalg.norm(LIGHT_DIRECTION)
@@ -100,8 +106,11 @@ def _triangles(corners: Array, color: Array, onto: Projection) -> list[tuple[flo
     return list(zip(depths.tolist(), onto(corners), shades, strict=True))
 
 
-def _outline(shape: Shape, joint: Array, onto: Projection) -> Array:
-    """Return the outline (m, 2) of a sphere, a cylinder or a box, its joint at a pose (7,)."""
+def _project_outline(shape: Shape, joint: Array, onto: Projection) -> Array:
+    """Return the outline (m, 2) of a sphere, a cylinder or a box.
+
+    `joint` (7,) is the pose of its joint.
+    """
     angle = np.linspace(0.0, 2 * np.pi, ROUND_OUTLINE_CORNERS, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle), np.zeros(ROUND_OUTLINE_CORNERS)], axis=1)
     if shape.kind == "sphere":
@@ -112,11 +121,14 @@ def _outline(shape: Shape, joint: Array, onto: Projection) -> Array:
         radius, length = shape.size
         half = np.array([0.0, 0.0, 0.5 * length])
         corners = shape.to_node(np.concatenate([radius * circle - half, radius * circle + half]))
-    return hull(onto(carried_points(joint, corners)))
+    return convex_hull(onto(carried_points(joint, corners)))
 
 
-def hull(points: Array) -> Array:
-    """Compute the convex hull of points (m, 2) of a plane, counter-clockwise, by Andrew's monotone chain."""
+def convex_hull(points: Array) -> Array:
+    """Compute the convex hull of points (m, 2), counter-clockwise.
+
+    By Andrew's monotone chain.
+    """
     ordered = sorted(points.tolist())
     halves = []
     for direction in (ordered, ordered[::-1]):
@@ -130,6 +142,7 @@ def hull(points: Array) -> Array:
 
 
 def _turns_left(a: list[float], b: list[float], c: list[float]) -> bool:
+    """Return whether the turn at b from a to c is to the left."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0
 
 

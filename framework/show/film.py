@@ -68,6 +68,7 @@ class Film:
 
     @property
     def proved(self) -> bool:
+        """Whether a plan proves the motion."""
         return self.plan is not None
 
     @property
@@ -77,31 +78,31 @@ class Film:
 
     @cached_property
     def platform(self) -> Array:
-        """The origin (F, 3) of the platform's frame [m]."""
+        """Origin (F, 3) [m] of the platform's frame."""
         return platform_positions(self.robot, joint_poses(self.robot, self.q))
 
     @cached_property
     def twists(self) -> Array:
-        """The twists (F, 6) of the platform's frame that t_s is, in base axes."""
+        """Twists t_s (F, 6) of the platform's frame, on base axes."""
         return platform_frame_twists(self.robot, self.q, self.t_s)
 
     @cached_property
     def demands(self) -> Array:
-        """The wrenches (F, 6) at the platform's origin that W_p is, in base axes [N, N m]."""
+        """Wrenches W_p (F, 6) [N, N m] at the platform's origin, on base axes."""
         return platform_wrenches(self.robot, self.q, self.W_p)
 
     @property
     def telling_frame(self) -> int:
-        """The frame of the first singular instant, or else the one in the middle."""
+        """Frame of the first singular instant, or else the one in the middle."""
         return self.frame_at(self.instants[0].time) if self.instants else len(self.time) // 2
 
     def frame_at(self, time: float) -> int:
-        """The frame nearest to a time [s]."""
+        """Return the frame nearest to a time [s]."""
         return int(np.argmin(np.abs(self.time - time)))
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
-    """Plan and film a motion; film a motion with a pole from its unproved law.
+    """Plan and film a motion; in case of a pole, film the unproved law.
 
     Args:
         name: what stands above the picture, such as Scene C.
@@ -121,7 +122,7 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
         searched = search_path(rigid, path).under(wrenches)
     branch = searched.branch
     raw = finite_difference_torques(branch.robot, path, law, samples=FILM_FRAMES, branch=branch)
-    return _film(
+    return _sample_film(
         branch.robot,
         raw.motion,
         name=name,
@@ -138,10 +139,10 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
 
 
 def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
-    """Film a proven plan; each crossing is a frame of its own."""
+    """Film a proved plan; each crossing is a frame of its own."""
     times = _frame_times(plan.duration, [crossing.time for crossing in plan.dynamics.crossings])
     motion = plan.dynamics.motion(times)
-    return _film(
+    return _sample_film(
         plan.robot,
         motion,
         name=name,
@@ -156,8 +157,8 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
     )
 
 
-def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
-    """Film F instants of a motion, with the quantities along the motion."""
+def _sample_film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
+    """Film F instants of a motion, with measure, wrenches and motors."""
     curves = wrench_curves(robot, motion)
     return Film(
         robot=robot,
@@ -173,7 +174,7 @@ def _film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
 
 
 def _frame_times(duration: float, instants: list[float]) -> Array:
-    """Return equidistant times (F,) [s], the nearest one moved onto each instant."""
+    """Return equidistant times (F,) [s], the nearest moved onto each instant."""
     times = np.linspace(0.0, duration, FILM_FRAMES)
     for instant in instants:
         times[np.argmin(np.abs(times - instant))] = instant

@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from framework.dynamics.platform_wrench import platform_wrench
-from framework.errors import InvalidInput, finite_numbers
+from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import LEAST_DIVISOR, Array, ArrayLike
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.planning.result import CrossingPlan
 from framework.show.captions import describe_motors
 from framework.show.film import Film
@@ -24,9 +24,9 @@ from framework.show.style import (
     COLORS,
     GOOD,
     LOCUS,
-    axes_or_new,
     draw_dashed,
     draw_dot,
+    ensure_axes,
     legend_above,
 )
 
@@ -36,30 +36,25 @@ SHOWN_PATH_SHARE = 0.3  # of the path, shown on either side of a singular point
 THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misses the eye")
 
 
-def plot_eye(
-    plan: CrossingPlan, ax: Axes | None = None, *, crossing: int = 0, torque_limit: ArrayLike | None = None
-) -> Axes:
-    """Plot the force along t_s near one crossing: the band that the motors reach, and the plan's demand.
+def plot_eye(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
+    """Plot the force along t_s near the first crossing, reached and needed.
 
-    Args:
-        crossing: which one of `plan.crossings`.
-        torque_limit: of each motor [N m], motor side, or one for all; those of the robot file when None, and
-            1.5 times the plan's largest torque for motors that have none there.
+    Torque limits are those of the robot file, and 1.5 times the plan's largest torque for other motors.
 
     Raises:
-        InvalidInput: the plan has no such crossing, or a limit is not a positive number.
+        InvalidInput: the plan has no crossing.
     """
-    if not 0 <= crossing < len(plan.crossings):
-        raise InvalidInput(f"crossing: the plan has {len(plan.crossings)}, got {crossing!r}")
-    crossed, robot = plan.crossings[crossing], plan.robot
+    if not plan.crossings:
+        raise InvalidInput("the plan has no crossing, whose eye could be drawn")
+    crossed, robot = plan.crossings[0], plan.robot
     torque = plan.torque(np.linspace(0.0, plan.duration, TIME_SAMPLES))
-    limit = shown_limit(robot, torque, torque_limit)
+    limit = limit_for_picture(robot, torque)
     # a quarter of the duration on either side of the crossing
     times = crossed.time + 0.25 * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
     times = times[(times >= 0.0) & (times <= plan.duration)]
     wrench, time = platform_wrench(robot, plan.dynamics.motion(times)), times - crossed.time
     demand = wrench.force_along(crossed.twist)
-    ax = axes_or_new(ax)
+    ax = ensure_axes(ax)
     motors = describe_motors(robot, limit, np.abs(torque).max())
     _draw_band(ax, time, wrench.reach(crossed.twist, limit), motors)
     ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
@@ -68,23 +63,24 @@ def plot_eye(
     rotors = "\nrotors included" if np.any(robot.rotor_inertia) else ""
     top = 1.6 * max(np.abs(demand).max(), LEAST_DIVISOR)
     ax.set(xlim=time[[0, -1]], ylim=(-top, top), xlabel="time from the singular instant  [s]")
-    ax.set_ylabel(_ordinate(robot, crossed.twist) + rotors)
+    ax.set_ylabel(_ordinate_label(robot, crossed.twist) + rotors)
     legend_above(ax)
     return ax
 
 
 def _draw_band(ax: Axes, places: Array, reach: Array, motors: str) -> None:
-    """Draw the forces that the motors reach at places on the abscissa."""
+    """Draw the forces (m,) that the motors reach, at abscissas (m,)."""
     ax.fill_between(places, -reach, reach, **BAND, label=f"what {motors} can give")
 
 
-def _ordinate(robot: ParallelRobot, twist: Array) -> str:
+def _ordinate_label(robot: ParallelRobot, twist: Array) -> str:
+    """Return the label of an axis of forces or torques along t_s."""
     turn = not np.any(twist[robot.platform.translations])
     return rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
 
 
 def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
-    """Plot motions along one path in one eye: over s, all share the band of the motors.
+    """Plot motions along one path in one eye: over s, with one band of the motors.
 
     Args:
         films: of one robot and one path with a singular instant each.
@@ -93,10 +89,10 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     Raises:
         InvalidInput: a film has no singular instant, or there are several robots or paths.
     """
-    _check_alike(films)
+    _check_one_path(films)
     first = films[0]
-    ax = axes_or_new(ax)
-    twist = eye_twist(films)
+    ax = ensure_axes(ax)
+    twist = twist_at_singularity(films)
     s = first.law(first.time)
     reach = first.motors.reach(twist, limit)
     _draw_band(ax, s, reach, describe_motors(first.robot, limit, peak_torque(films)))
@@ -105,13 +101,13 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     top = max(_draw_demand(ax, film, twist, (low, high)) for film in films)
     draw_dashed(ax, first.instants[0].s, LOCUS, 0.8)
     ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
-    ax.set(xlabel="position on the path  $s$  (dashed: singular)", ylabel=_ordinate(first.robot, twist))
+    ax.set(xlabel="position on the path  $s$  (dashed: singular)", ylabel=_ordinate_label(first.robot, twist))
     legend_above(ax)
     return ax
 
 
 def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float]) -> float:
-    """Draw the force along t_s that a film asks for; return its largest size at s within `s_range`."""
+    """Draw the force along t_s that a film asks for; return its peak within `s_range`."""
     s, demand, s_singular = film.law(film.time), film.motors.force_along(twist), film.instants[0].s
     color, dash, dot, verdict = THREADS if film.proved else MISSES
     label = f"{film.name or 'the motion'} asks: {verdict}"
@@ -120,7 +116,7 @@ def _draw_demand(ax: Axes, film: Film, twist: Array, s_range: tuple[float, float
     return float(np.abs(demand[(s_range[0] <= s) & (s <= s_range[1])]).max())
 
 
-def _check_alike(films: Sequence[Film]) -> None:
+def _check_one_path(films: Sequence[Film]) -> None:
     """Refuse films of different robots or paths, or without a singularity."""
     first = films[0]
     for film in films:
@@ -134,8 +130,8 @@ def _check_alike(films: Sequence[Film]) -> None:
             )
 
 
-def eye_twist(films: Sequence[Film]) -> Array:
-    """Return t_s (n,) at the singular instant of the first film, on which all films are projected."""
+def twist_at_singularity(films: Sequence[Film]) -> Array:
+    """Return t_s (n,) at the first film's singular instant, for all films."""
     first = films[0]
     return first.t_s[first.frame_at(first.instants[0].time)]
 
@@ -144,22 +140,15 @@ _COMPARED_S = np.linspace(0.0, 1.0, 7)
 
 
 def peak_torque(films: Sequence[Film]) -> float:
-    """Return the largest torque of the proven films, 0 where none is proven."""
+    """Return the largest torque of the proved films, 0 without any."""
     return max((float(np.abs(film.torque).max()) for film in films if film.proved), default=0.0)
 
 
-def shown_limit(robot: ParallelRobot, torque: Array, torque_limit: ArrayLike | None) -> Array:
-    """Return the torque limits (n_a,) [N m] of a picture, of a motion with torques `torque` (T, n_a).
+def limit_for_picture(robot: ParallelRobot, torque: Array) -> Array:
+    """Return the torque limits (n_a,) [N m] of a picture of torques (T, n_a).
 
-    Raises:
-        InvalidInput: the given limits are not positive finite numbers, one or one a motor.
+    They are the file's, or for other motors 1.5 times the largest torque.
     """
-    if torque_limit is not None:
-        one_a_motor = torque_limit if np.ndim(torque_limit) else np.full(robot.n_a, torque_limit)
-        limit = finite_numbers("torque_limit", np.asarray(one_a_motor), robot.n_a)
-        if np.any(limit <= 0):
-            raise InvalidInput(f"torque_limit: must be greater than zero, got {limit.tolist()}")
-        return limit
     in_file = [motor.torque_limit for motor in robot.description.actuators]
     largest = 1.5 * float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0)) or 1.0
     return np.array([largest if limit is None else limit for limit in in_file])

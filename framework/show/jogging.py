@@ -14,8 +14,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, plain
-from framework.show.captions import catalogue_entry, unit, wrench_kind
-from framework.show.scene import drawn_locus, drawn_robot, drawn_sides, floats, why_no_figure
+from framework.show.captions import describe_catalogue_entry, wrench_kind, wrench_unit
+from framework.show.scene import encode_floats, encode_locus, force_edges, page_robot_document, why_no_figure
 from framework.show.sight import robot_sight
 from framework.singularity.drawn_locus import locus_curves
 from framework.singularity.jogging import (
@@ -38,29 +38,30 @@ def hand_document(robot: ParallelRobot) -> Document:
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
     document: Document = plain(
-        drawn_robot(robot, poses, robot_sight(robot))
+        page_robot_document(robot, poses, robot_sight(robot))
         | {
             "kind": "hand",
-            "about": catalogue_entry(robot),
-            "push": f"{HELD_WRENCH:g} {unit(robot)} {wrench_kind(robot).split()[1]} t_s",
+            "about": describe_catalogue_entry(robot),
+            "push": f"{HELD_WRENCH:g} {wrench_unit(robot)} {wrench_kind(robot).split()[1]} t_s",
             "flat": robot.n == 2,
             "lines": _has_lines(robot),
             "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
             "drag": len(robot.platform.sliding) > 0,
-            "poses": floats(poses),
-            "locus": drawn_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
+            "poses": encode_floats(poses),
+            "locus": encode_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
             "free_motors": motors_are_free(robot),
             "sliders": _sliders(robot, pose_at(robot, reference.q)),
-            "start": _document(robot, pose_at(robot, reference.q)),
+            "start": _pose_document(robot, pose_at(robot, reference.q)),
         }
     )
     return document
 
 
 def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
-    """Answer one movement: {q, part, index, value} of a slider, {q, part, place} of the platform dragged.
+    """Answer one movement of a slider or of the dragged platform.
 
-    `part` is platform or motor, or drag, with a `place` [m] of the platform's origin in the base.
+    It is {q, part, index, value} or {q, part, place}, with `part` platform, motor or drag, and the `place`
+    [m] of the platform's origin in the base.
 
     Raises:
         InvalidInput: a movement that cannot be right.
@@ -74,14 +75,14 @@ def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
     except (KeyError, TypeError, OverflowError, ValueError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
     if part == "drag":
-        return _document(robot, drag_platform(robot, q, place))
+        return _pose_document(robot, drag_platform(robot, q, place))
     if part not in ("platform", "motor"):
         raise InvalidInput(f"part: needs platform, motor or drag, got {part!r}")
     pose = (move_platform if part == "platform" else move_motor)(robot, q, index, value)
-    return _document(robot, pose)
+    return _pose_document(robot, pose)
 
 
-def _words(pose: JoggedPose) -> str:
+def _describe_pose(pose: JoggedPose) -> str:
     """Describe a pose in one or two sentences, the first one short."""
     preposition = {"near": "Near", "singular": "On"}.get(pose.level)
     if preposition is None:
@@ -103,7 +104,7 @@ def _words(pose: JoggedPose) -> str:
 
 
 def _has_lines(robot: ParallelRobot) -> bool:
-    """Whether each motor's force has a line."""
+    """Return whether each motor's force has a line."""
     try:
         hold = hold_at(robot, robot.reference.q, np.zeros(robot.n))
     except NotAssembled:
@@ -111,8 +112,8 @@ def _has_lines(robot: ParallelRobot) -> bool:
     return action_lines(robot, hold.motor_speed[None]) is not None
 
 
-def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
-    """Return the motors' torques against a push along t_s, their forces together, and the line of each.
+def _describe_hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
+    """Return the motors' torques against a push along t_s, forces and lines.
 
     A platform that both shifts and turns has no push of one unit: it gets none.
     """
@@ -123,7 +124,7 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     one_unit = len(set(robot.platform.translations)) == 1
     pushed = pose.g is not None and pose.level != "singular" and one_unit
     speeds = hold.motor_speed[None]
-    sides = drawn_sides(robot, speeds, np.ones(robot.n_a)) if pose.g is not None else None
+    sides = force_edges(robot, speeds, np.ones(robot.n_a)) if pose.g is not None else None
     lines = action_lines(robot, speeds) if pose.kind == "type_2" else None
     return {
         "torques": np.abs(hold.torque) if pushed and hold.torque is not None else None,
@@ -132,8 +133,11 @@ def _hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
     }
 
 
-def _wobble(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
-    """Return the platform's motion along t_s on the locus, loops closed, and the motors' small motion."""
+def _wobble_document(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
+    """Return the platform's motion along t_s on the locus, loops closed.
+
+    With the small motions of the motors.
+    """
     if pose.kind != "type_2" or pose.level != "singular":
         return None
     loose = loose_motion(robot, pose)
@@ -142,14 +146,14 @@ def _wobble(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
     poses = joint_poses(robot, loose.q)
     places = platform_positions(robot, poses)
     return {
-        "poses": floats(poses),
-        "places": floats(places),
+        "poses": encode_floats(poses),
+        "places": encode_floats(places),
         "count": len(places),
-        "words": _loose_sentence(robot, loose),
+        "words": _describe_wobble(robot, loose),
     }
 
 
-def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
+def _describe_wobble(robot: ParallelRobot, loose: LooseMotion) -> str:
     """Describe how far the platform moves while the motors all but rest."""
     slides = robot.sliding[robot.actuated]
     sizes = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
@@ -164,29 +168,29 @@ def _loose_sentence(robot: ParallelRobot, loose: LooseMotion) -> str:
     )
 
 
-def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
+def _pose_document(robot: ParallelRobot, pose: JoggedPose) -> Document:
     """Return a pose for the page: bodies, platform, motors, measures and words."""
     poses = joint_poses(robot, pose.q[None])
     twist = platform_frame_twists(robot, pose.q[None], pose.twist[None])[0]
     document: Document = plain(
-        _hold(robot, pose)
+        _describe_hold(robot, pose)
         | {
             "q": pose.q,
-            "poses": floats(poses),
+            "poses": encode_floats(poses),
             "origin": platform_positions(robot, poses)[0],
             "platform": pose.x,
             "motor": pose.motors,
             **{key: getattr(pose, key) for key in ("g", "smallest", "level", "kind", "verdict", "stopped")},
-            "words": _words(pose),
+            "words": _describe_pose(pose),
             "t_s": [twist[:3], twist[3:]],
-            "wobble": _wobble(robot, pose),
+            "wobble": _wobble_document(robot, pose),
         }
     )
     return document
 
 
 def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document]]:
-    """Return names, units and ranges of the sliders: about a robot's length, or a turn's range."""
+    """Return names, units and ranges of the sliders."""
 
     def sliders(names: Sequence[str], units: list[str], values: Array, turn: float) -> list[Document]:
         """Return sliders about values (n,): 0.8 robot lengths [m] or `turn` [rad] to both sides."""

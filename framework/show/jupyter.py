@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.planning.result import CrossingPlan
-from framework.show.captions import display_name, film_summary
+from framework.show.captions import describe_film, display_name
 from framework.show.drawing import draw_robot
 from framework.show.film import Film, film_plan
 from framework.show.moving import film_picture
@@ -37,7 +37,7 @@ def robot_picture(robot: ParallelRobot) -> Described:
 def plan_picture(plan: CrossingPlan) -> Described:
     """Draw a plan as one picture."""
     film = film_plan(plan)
-    return film_picture([film], "png"), {"alt": film_summary(film)}
+    return film_picture([film], "png"), {"alt": describe_film(film)}
 
 
 def show_figure(alt: str, drawing: Figure | None = None) -> None:

@@ -20,8 +20,8 @@ from framework.numerics.chebyshev import COEFFICIENT_ROUNDING, coefficients, nod
 from framework.numerics.output import Document
 from framework.planning.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, PlanarCrossing, planar_crossing
 from framework.planning.result import CrossingPlan
-from framework.show.captions import display_name, why
-from framework.show.drawing import outlines
+from framework.show.captions import display_name, why_singular
+from framework.show.drawing import visible_outlines
 from framework.show.sight import Projection, Sight, robot_sight
 from framework.show.standalone import page_part, standalone_page
 from framework.singularity.drawn_locus import locus_curves
@@ -32,7 +32,9 @@ SERIES_TAIL = 1e-12  # of the largest coefficient, of all series of the page
 
 
 def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str = "") -> str:
-    """Return the page, HTML, about a path of a rigid planar robot that crosses its singular locus once.
+    """Return the page (HTML) about a path that crosses the singular locus once.
+
+    Of a rigid planar robot.
 
     Args:
         robot, path, duration: as in `planar_crossing`.
@@ -49,16 +51,16 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
     return standalone_page(
         title,
         page_part("lesson.html", title=html.escape(title)),
-        _document(robot, crossing, sight),
+        _lesson_document(robot, crossing, sight),
         styles=["lesson.css"],
         scripts=["curves.js", "lesson.js"],
     )
 
 
-def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> Document:
-    """Return the lesson's data: series of all plans, outlines, locus, and the best law of each."""
+def _lesson_document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> Document:
+    """Return the lesson's data: series of all plans, outlines, locus, best laws."""
     onto = sight.onto
-    series = _series(crossing, onto)
+    series = _fit_series(crossing, onto)
     ends = np.cumsum([0, *(each.shape[1] for each in series.values())]).tolist()
     locus = locus_curves(robot, crossing.point.q, crossing.point.platform)
     return {
@@ -69,41 +71,43 @@ def _document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> D
         "motors": [display_name(motor) for motor in robot.actuator_names],
         "unit": robot.torque_units[0],
         "crossing": crossing.point.s,
-        "why": why(robot),
+        "why": why_singular(robot),
         "length": robot.length,
         "series": [_truncate(column) for each in series.values() for column in each.T],
         "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
-        "shapes": _outlines(crossing, sight),
-        "locus": [_plane(robot, curve, onto).round(6) for curve in (locus.curves if locus else [])],
-        "best": {key: _best_law(plan) for key, plan in crossing.plans.items()},
+        "shapes": _body_outlines(crossing, sight),
+        "locus": [_places_on_paper(robot, curve, onto).round(6) for curve in (locus.curves if locus else [])],
+        "best": {key: _best_law_document(plan) for key, plan in crossing.plans.items()},
     }
 
 
-def _series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
-    """Return Chebyshev series (N, k) in s of the functions that the page evaluates."""
+def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
+    """Fit Chebyshev series (N, k) in s to the functions that the page evaluates."""
     for count in NODE_COUNTS:
-        columns = _columns(crossing, 0.5 * (1.0 + nodes(count)), onto)
+        columns = _sample_functions(crossing, 0.5 * (1.0 + nodes(count)), onto)
         series = {key: coefficients(values.reshape(count, -1)) for key, values in columns.items()}
         if max(map(tail, series.values())) < SERIES_TAIL:
             return series
     raise NoAnswer(f"{crossing.robots['off'].name}: the path is too near another singularity for a lesson")
 
 
-def _columns(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
+def _sample_functions(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
     """Compute the functions that the page evaluates, at s (M,), each (M, ...)."""
     robot, samples = crossing.robots["off"], crossing.sample(s)
     q, q_aside = samples.pop("q"), samples.pop("q_aside")
-    forward, back = (np.stack([_poses(robot, aside, onto) for aside in q_aside[:, side]]) for side in (0, 1))
+    forward, back = (
+        np.stack([_poses_on_paper(robot, aside, onto) for aside in q_aside[:, side]]) for side in (0, 1)
+    )
     along_axes = (forward - back) / (2.0 * STEP_ASIDE * robot.length)  # (2, M, k)
-    axes = _plane(robot, np.eye(2), onto)  # the platform's axes on the paper, orthogonal
+    axes = _places_on_paper(robot, np.eye(2), onto)  # the platform's axes on the paper, orthogonal
     return samples | {
-        "place": _plane(robot, crossing.searched.branch.path(s), onto),
-        "poses": _poses(robot, q, onto),
+        "place": _places_on_paper(robot, crossing.searched.branch.path(s), onto),
+        "poses": _poses_on_paper(robot, q, onto),
         "pose_rates": np.einsum("ab,amk->mbk", axes, along_axes),
     }
 
 
-def _best_law(plan: CrossingPlan) -> Document:
+def _best_law_document(plan: CrossingPlan) -> Document:
     """Return the best law's peak, limit, and Chebyshev series of z on sigma."""
     law, peak = plan.law, max(plan.peak_torque.values())
     assert isinstance(law, OptimalLaw)
@@ -114,27 +118,27 @@ def _best_law(plan: CrossingPlan) -> Document:
     return {"peak": peak, "limit": 1.5 * peak, "squared_speed": _truncate(series[:, 0])}
 
 
-def _poses(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
-    """Return place (2), cosine and sine of each moving joint's pose on the paper, (M, 4 per joint)."""
+def _poses_on_paper(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
+    """Return place (2), cosine and sine of each moving joint, (M, 4 per joint)."""
     columns = []
     for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:
         columns += [onto(pose[:, :3]), onto(rotate_vector(pose[:, 3:], onto.right))]
     return np.concatenate(columns, axis=1)
 
 
-def _outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
-    """Return the outline (m, 2) of each body in its joint's frame on the paper, the farthest first."""
+def _body_outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
+    """Return the outline (m, 2) of each body in its joint's frame, the farthest first."""
     robot, q = crossing.robots["off"], crossing.searched.branch.close(np.zeros(1)).q
-    poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses(robot, q, sight.onto)[0].reshape(-1, 4)]
+    poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses_on_paper(robot, q, sight.onto)[0].reshape(-1, 4)]
     shapes = []
-    for node, points, colour in outlines(robot, q[0], sight):
+    for node, points, colour in visible_outlines(robot, q[0], sight):
         x, y, cosine, sine = poses[node]
         local = (points - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
         shapes.append({"node": node, "points": local.round(6), "colour": np.round(colour, 3)})
     return shapes
 
 
-def _plane(robot: ParallelRobot, x: Array, onto: Projection) -> Array:
+def _places_on_paper(robot: ParallelRobot, x: Array, onto: Projection) -> Array:
     """Return places (M, 2) on the paper of platform coordinates x (M, 2)."""
     space = np.zeros((len(x), 3))
     space[:, robot.platform.along] = x

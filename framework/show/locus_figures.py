@@ -11,13 +11,13 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.planning.result import CrossingPlan
-from framework.show.style import COLORS, CROSSING, LOCUS, axes_or_new, draw_curves, draw_dot, line_style
+from framework.show.style import COLORS, CROSSING, LOCUS, draw_curves, draw_dot, ensure_axes, line_style
 from framework.singularity.drawn_locus import locus_curves
 from framework.singularity.traced_locus import TracedLocus
 
 
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
-    """Plot the singular locus over the plane in which the platform moves, with the path of a plan.
+    """Plot the singular locus over the plane of the platform, with a plan's path.
 
     The working mode is that of the reference, springs at rest.
 
@@ -32,7 +32,7 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
             f"{robot.name}: a map needs a platform with two translations and a motor for each of its axes, "
             f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
         )
-    ax = axes_or_new(ax, 3.2)
+    ax = ensure_axes(ax, 3.2)
     draw_curves(ax, locus.curves, "singular locus", color=LOCUS, linewidth=1.4)
     if plan is not None:
         line = plan.path(np.linspace(0.0, 1.0, 201))[:, list(locus.axes)]
@@ -42,13 +42,11 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
     else:
         ax.plot(*reference.x[list(locus.axes)], "+", color=CROSSING, markersize=6, label="reference")
     ax.set_aspect("equal")
-    return _label(ax, [f"{robot.axis_names[k]}  [m]" for k in locus.axes])
+    return _label_axes(ax, [f"{robot.axis_names[k]}  [m]" for k in locus.axes])
 
 
-def plot_motor_locus(
-    locus: TracedLocus, change: AssemblyModeChange | None = None, ax: Axes | None = None
-) -> Axes:
-    """Plot the locus in the space of two free motors, its cusps, and a path of the motors around one.
+def plot_motor_locus(locus: TracedLocus, change: AssemblyModeChange | None = None) -> Axes:
+    """Plot the locus over two free motors, its cusps, and a change of mode.
 
     Raises:
         InvalidInput: the locus was traced in coordinates of the platform.
@@ -57,7 +55,7 @@ def plot_motor_locus(
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput("locus: needs one that was traced in two motors, see the `free` of `trace_locus`")
     free = [robot.actuator_names.index(name) for name in locus.free]
-    ax = axes_or_new(ax, 3.2)
+    ax = ensure_axes(None, 3.2)
     curves = [curve.motors[:, free] for curve in locus.curves if curve.kind == "type_2"]
     draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4)
     cusps = [cusp.motors[free] for cusp in locus.cusps]
@@ -65,8 +63,8 @@ def plot_motor_locus(
     if change is not None:
         line = change.motors[:, free]
         _draw_from_dot(ax, line, "to another mode")
-        ax.set(xlim=_about(line[:, 0]), ylim=_about(line[:, 1]))
-    return _label(ax, [f"{robot.actuator_names[k]}  [{robot.motor_joint_units[k]}]" for k in free])
+        ax.set(xlim=_range_about(line[:, 0]), ylim=_range_about(line[:, 1]))
+    return _label_axes(ax, [f"{robot.actuator_names[k]}  [{robot.motor_joint_units[k]}]" for k in free])
 
 
 def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
@@ -75,14 +73,14 @@ def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
     ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
 
 
-def _label(ax: Axes, labels: list[str]) -> Axes:
-    """Name both axes and put the legend above; return the axes."""
+def _label_axes(ax: Axes, labels: list[str]) -> Axes:
+    """Label both axes and put the legend above; return the axes."""
     ax.set(xlabel=labels[0], ylabel=labels[1])
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
 
 
-def _about(values: Array) -> tuple[float, float]:
+def _range_about(values: Array) -> tuple[float, float]:
     """Return the range of an axis around values (m,), with a margin."""
     middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(np.ptp(values), 1e-6)
     return float(middle - half), float(middle + half)

@@ -20,15 +20,15 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.transforms import ScaledTranslation
 
-from framework.atlas.quantities import Quantity, unit_of
+from framework.atlas.quantities import Quantity, quantity_unit
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.output import Document
 from framework.show.captions import display_name
-from framework.show.plots import save
-from framework.show.standalone import pack, page_part, standalone_page
+from framework.show.plots import save_figure
+from framework.show.standalone import encode_array, page_part, standalone_page
 from framework.show.style import (
     AXIS,
     BEYOND,
@@ -53,8 +53,8 @@ LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.15, 0.25  # [in] about it
 LINE, CHARACTERS, ENTRIES = 0.15, 60, 2  # above: a line's height [in], characters of one, keys in one
 
 
-def colours(workspace: WorkspaceMap, quantity: Quantity) -> tuple[Colormap, Normalize]:
-    """Return the colours of a quantity: bright is good; g is white on the locus."""
+def quantity_colours(workspace: WorkspaceMap, quantity: Quantity) -> tuple[Colormap, Normalize]:
+    """Return palette and range of a quantity: bright is good; g is white on the locus."""
     values = workspace.values[quantity.key]
     finite = values[np.isfinite(values)]
     if quantity.signed:
@@ -68,18 +68,16 @@ def colours(workspace: WorkspaceMap, quantity: Quantity) -> tuple[Colormap, Norm
     return palette, LogNorm(low, high) if quantity.decades else Normalize(min(low, 0.0), high)
 
 
-def plot_map(
-    workspace: WorkspaceMap, key: str = "g", ax: Axes | None = None, *, path: Path | None = None
-) -> Axes:
+def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = None) -> Axes:
     """Plot one quantity of a map, with the singular locus and a path on top."""
     quantity = next(quantity for quantity in workspace.quantities if quantity.key == key)
     lacking = [
-        (not_carried(workspace, quantity), NOT_CARRIED, "load not carried"),
+        (mask_not_carried(workspace, quantity), NOT_CARRIED, "load not carried"),
         (workspace.beyond_ranges, BEYOND, "beyond a limit"),
     ]
     lacking = [entry for entry in lacking if entry[0].any()]
-    header = _header(workspace, quantity, lacking=len(lacking))
-    ax, scale = _axes(workspace, header) if ax is None else (ax, None)
+    header = _make_header(workspace, quantity, lacking=len(lacking))
+    ax, scale = _make_axes(workspace, header)
     edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
     for poses, colour, _ in lacking:
@@ -92,15 +90,15 @@ def plot_map(
     for poses, colour, label in lacking:
         ax.plot([], [], "s", color=colour, label=f"{label}: {poses.sum()} poses")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
-    _frame(workspace, header, ax)
+    _finish_axes(workspace, header, ax)
     return ax
 
 
 def _draw_values(
-    workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes, scale: Axes | None
+    workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes, scale: Axes
 ) -> None:
-    """Draw the values of a quantity as colours, and their scale on axes of its own or beside the map."""
-    palette, norm = colours(workspace, quantity)
+    """Draw the values of a quantity as colours, and their scale."""
+    palette, norm = quantity_colours(workspace, quantity)
     values = workspace.values[quantity.key]
     mesh = ax.pcolormesh(
         *edges, np.ma.masked_invalid(values).T, cmap=palette, norm=norm, rasterized=True, linewidth=0
@@ -108,14 +106,13 @@ def _draw_values(
     finite = values[np.isfinite(values)]
     below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
-    axes: Style = {"ax": ax, "pad": 0.03} if scale is None else {"cax": scale}
-    bar = ax.figure.colorbar(mesh, extend=extend, **axes)
-    unit = unit_of(workspace.robot, quantity)
+    bar = ax.figure.colorbar(mesh, extend=extend, cax=scale)
+    unit = quantity_unit(workspace.robot, quantity)
     bar.set_label(f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
 
 
 def _draw_locus(workspace: WorkspaceMap, ax: Axes, halo: list[withStroke]) -> None:
-    """Draw the curves of the locus, and crosses at singular poses that no curve explains."""
+    """Draw the curves of the locus, and crosses at singular poses without a curve."""
     locus, style = workspace.locus, Style(color=LOCUS, linewidth=1.4, path_effects=halo)
     draw_curves(ax, [curve.x for curve in locus.curves], "singular locus (Type 2)", **style)
     if len(locus.unexplained):
@@ -136,7 +133,7 @@ def _draw_path(workspace: WorkspaceMap, path: Path | None, ax: Axes, halo: list[
 
 
 class _Header(NamedTuple):
-    """The title and the legend above a map."""
+    """The name of a quantity, the title and the legend above a map."""
 
     name: list[str]  # lines
     title: list[str]
@@ -144,27 +141,27 @@ class _Header(NamedTuple):
 
     @property
     def height(self) -> float:
-        """The height [in]."""
+        """Height [in] of all."""
         return LINE * (len(self.name) + len(self.title) + self.rows) + ABOVE
 
 
-def _header(workspace: WorkspaceMap, quantity: Quantity, lacking: int) -> _Header:
-    """Return the header of a map; `lacking` kinds of poses have no value, beside the poses not reached."""
+def _make_header(workspace: WorkspaceMap, quantity: Quantity, lacking: int) -> _Header:
+    """Return the header of a map; `lacking` kinds of poses have no value."""
     locus = workspace.locus
     entries = 2 + lacking + sum(len(part) > 0 for part in (locus.curves, locus.unexplained, locus.why_not))
-    name, below = (wrap(text, CHARACTERS) for text in (quantity.name, title(workspace)))
+    name, below = (wrap(text, CHARACTERS) for text in (quantity.name, map_title(workspace)))
     return _Header(name, below, -(-entries // ENTRIES))
 
 
-def not_carried(workspace: WorkspaceMap, quantity: Quantity) -> BoolArray:
-    """Return a mask (I, J) of poses that are reached but do not carry the load."""
+def mask_not_carried(workspace: WorkspaceMap, quantity: Quantity) -> BoolArray:
+    """Mask poses (I, J) that are reached but do not carry the load."""
     if workspace.load is None or not quantity.loaded:
         return np.zeros(workspace.reason.shape, dtype=bool)
     return workspace.reached & (workspace.load != LoadReason.CARRIED)
 
 
-def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
-    """Make axes for the window, to scale, and for the colours, on a figure of their size."""
+def _make_axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
+    """Make axes for the window, to scale, and for the colours."""
     wide, high = 1.0, 0.8
     if is_to_scale(workspace):
         wide, high = workspace.window.upper - workspace.window.lower
@@ -180,19 +177,19 @@ def _axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
 
 
 def path_on_map(workspace: WorkspaceMap, path: Path) -> tuple[Array, str]:
-    """Return points (m, 2) of a path, and a word if coordinates change that the map holds."""
+    """Return points (m, 2) of a path, and ", projected" for a path off the map's plane."""
     x, axes = path(np.linspace(0.0, 1.0, PATH_SAMPLES)), list(workspace.window.axes)
-    offset = np.delete((x - workspace.window.held) / workspace.robot.platform_scale, axes, axis=1)
+    offset = np.delete((x - workspace.window.constants) / workspace.robot.platform_scale, axes, axis=1)
     return x[:, axes], "" if np.abs(offset).max(initial=0.0) < SAME_PLACE else ", projected"
 
 
 def is_to_scale(workspace: WorkspaceMap) -> bool:
-    """Whether both axes have one unit."""
+    """Return whether both axes have one unit."""
     lengths = workspace.robot.translations[list(workspace.window.axes)]
     return bool(lengths.all() or not lengths.any())
 
 
-def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
+def _finish_axes(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
     """Set limits and labels of the axes; write legend and title above."""
     robot, axes = workspace.robot, workspace.window.axes
     wide, high = workspace.window.upper - workspace.window.lower
@@ -221,12 +218,12 @@ def _frame(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
         ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **annotation)
 
 
-def title(workspace: WorkspaceMap) -> str:
-    """Return the title: the robot, the mode that the map shows, and the coordinates that are held."""
+def map_title(workspace: WorkspaceMap) -> str:
+    """Return the title: robot, working mode, and the constant coordinates."""
     robot, axes = workspace.robot, workspace.window.axes
     coordinates = [
         f"{robot.axis_names[k]}\u00a0=\u00a0{round(value, 9) + 0.0:.4g}\u00a0{robot.axis_units[k]}"
-        for k, value in enumerate(workspace.window.held)
+        for k, value in enumerate(workspace.window.constants)
         if k not in axes
     ]
     flexible = "" if robot.flexibility == "rigid" else f", {display_name(robot.flexibility)}"
@@ -235,7 +232,7 @@ def title(workspace: WorkspaceMap) -> str:
 
 
 def cell_edges(span: Array) -> Array:
-    """Return the edges of the cells around equal steps."""
+    """Return the edges (m + 1,) of the cells around equal steps (m,)."""
     half = 0.5 * (span[1] - span[0])
     return np.append(span - half, span[-1] + half)
 
@@ -247,7 +244,7 @@ def save_map_figures(
     return [
         file
         for quantity in workspace.quantities
-        for file in save(
+        for file in save_figure(
             partial(plot_map, workspace, quantity.key, path=path), folder / f"map_{quantity.key}"
         )
     ]
@@ -260,8 +257,8 @@ ON_LOCUS = "On the purple locus (Type 2) the motors do not hold the platform."
 
 
 def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
-    """Return the page as HTML."""
-    heading = title(workspace)
+    """Return the map's page as HTML."""
+    heading = map_title(workspace)
     return standalone_page(
         heading,
         page_part(
@@ -270,23 +267,23 @@ def map_page(workspace: WorkspaceMap, *, path: Path | None = None) -> str:
             lead=escape(f"{LEAD} {ON_LOCUS}" if workspace.locus.curves else LEAD),
             found=escape(f"Singular locus: {workspace.locus.sentence}."),
         ),
-        _document(workspace, path),
+        _map_document(workspace, path),
         styles=["map.css"],
         scripts=["map.js"],
     )
 
 
-def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
+def _map_document(workspace: WorkspaceMap, path: Path | None) -> Document:
     """Return the data of the map's page: quantities, reasons, curves and legend."""
     robot, window = workspace.robot, workspace.window
-    curves = [_curve(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
+    curves = [_curve_document(curve.x, LOCUS, 2.0, []) for curve in workspace.locus.curves]
     legend: list[tuple[str, str, bool]] = [("singular locus (Type 2)", LOCUS, False)] if curves else []
     if len(workspace.locus.unexplained):
         legend.append((UNEXPLAINED, LOCUS, False))
     mark = robot.reference.x[list(window.axes)]
     if path is not None:
         line, projected = path_on_map(workspace, path)
-        curves.append(_curve(line, PATH, 2.5, [7, 4]))
+        curves.append(_curve_document(line, PATH, 2.5, [7, 4]))
         legend.append((f"path, from the dot on{projected}", PATH, False))
         mark = line[0]
     if workspace.load is not None:
@@ -301,15 +298,15 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
         "spans": window.spans,
         "edges": [cell_edges(span)[[0, -1]] for span in window.spans],
         "to_scale": is_to_scale(workspace),
-        "quantities": [_quantity(workspace, quantity) for quantity in workspace.quantities],
-        "reason": pack(workspace.reason.astype(np.uint8)),
+        "quantities": [_quantity_document(workspace, quantity) for quantity in workspace.quantities],
+        "reason": encode_array(workspace.reason.astype(np.uint8)),
         "reasons": workspace.reason_words,
-        "assembly": pack(workspace.assembly.astype(np.int8).view(np.uint8)),
+        "assembly": encode_array(workspace.assembly.astype(np.int8).view(np.uint8)),
         "has_sides": robot.n_a == robot.n and len(robot.passive) > 0,
-        "load": None if workspace.load is None else pack(workspace.load),
+        "load": None if workspace.load is None else encode_array(workspace.load),
         "loads": [LOAD_WORDS[kind] for kind in LoadReason],
-        "unreached": _rgb(UNREACHED),
-        "not_carried": _rgb(NOT_CARRIED),
+        "unreached": _rgb_values(UNREACHED),
+        "not_carried": _rgb_values(NOT_CARRIED),
         "curves": curves,
         "marks": [np.round(mark, 9)],
         "crosses": np.round(workspace.locus.unexplained, 9),
@@ -317,16 +314,16 @@ def _document(workspace: WorkspaceMap, path: Path | None) -> Document:
     }
 
 
-def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
+def _quantity_document(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     """Return a quantity for the page: values, range and colours."""
-    palette, norm = colours(workspace, quantity)
+    palette, norm = quantity_colours(workspace, quantity)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, 256))[:, :3]).astype(int)
     return {
         "key": quantity.key,
         "name": quantity.name,
-        "unit": unit_of(workspace.robot, quantity),
-        "reading": _reading(quantity),
-        "values": pack(workspace.values[quantity.key].astype("<f4")),
+        "unit": quantity_unit(workspace.robot, quantity),
+        "reading": _describe_colours(quantity),
+        "values": encode_array(workspace.values[quantity.key].astype("<f4")),
         "range": [norm.vmin or 0.0, norm.vmax or 0.0],
         "decades": quantity.decades,
         "loaded": quantity.loaded,
@@ -334,18 +331,20 @@ def _quantity(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     }
 
 
-def _reading(quantity: Quantity) -> str:
-    """Return which colours of a quantity are good, in words."""
+def _describe_colours(quantity: Quantity) -> str:
+    """Describe which colours of a quantity are good."""
     if quantity.signed:
         return "White is 0, on the locus; the two colours are its two sides, deeper with |g|."
     return f"Bright is {'large' if quantity.large_is_good else 'small'}, and good."
 
 
-def _curve(points: Array, colour: str, width: float, dash: list[int]) -> Document:
+def _curve_document(points: Array, colour: str, width: float, dash: list[int]) -> Document:
+    """Return a curve (m, 2) for the page, with its look."""
     return {"points": np.round(points, 9), "colour": colour, "width": width, "dash": dash}
 
 
-def _rgb(colour: str) -> list[int]:
+def _rgb_values(colour: str) -> list[int]:
+    """Return red, green and blue (0..255) of a colour #rrggbb."""
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
 
 

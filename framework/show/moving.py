@@ -16,13 +16,13 @@ from PIL import Image
 
 from framework.errors import check_choice
 from framework.numerics.arrays import Array
-from framework.show.captions import subtitle
+from framework.show.captions import describe_film_briefly
 from framework.show.film import Film
-from framework.show.force_polygon import MISSES, THREADS, eye_twist, plot_eyes
+from framework.show.force_polygon import MISSES, THREADS, plot_eyes, twist_at_singularity
 from framework.show.plots import draw_torques
-from framework.show.scene import stated_limit
+from framework.show.scene import film_limit
 from framework.show.sight import film_sight
-from framework.show.still import locus_of, plot_still
+from framework.show.still import film_locus, plot_still
 from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, use_style
 
 GIF_FRAMES = 60
@@ -34,7 +34,7 @@ PICTURE_KINDS = ("png", "svg", "pdf", *MOVING_KINDS)
 
 
 def film_picture(films: Sequence[Film], kind: str) -> bytes:
-    """Draw the robot beside the eye of the needle or, without a crossing, beside its torques.
+    """Draw the robot beside the eye of the needle or, without a crossing, its torques.
 
     A gif and an apng move, and have several films side by side, the torques of each below its robot. An
     apng is a PNG of the singular instant to all programs that cannot move it.
@@ -47,32 +47,32 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
         InvalidInput: no such kind, or the films do not share a robot and a path.
     """
     check_choice("kind of picture", kind, PICTURE_KINDS)
-    return _moving(films, kind) if kind in MOVING_KINDS else _still(films, kind)
+    return _moving_picture(films, kind) if kind in MOVING_KINDS else _still_picture(films, kind)
 
 
-def _still(films: Sequence[Film], kind: str) -> bytes:
+def _still_picture(films: Sequence[Film], kind: str) -> bytes:
     """Return the picture of one frame of the first film, as a file of this kind."""
     with use_style():
-        film, (drawing, left, _) = _drawn_film(films), _axes(films)
-        plot_still(film, left, limit=stated_limit(film, films))
+        film, (drawing, left, _) = _film_to_draw(films), _film_axes(films)
+        plot_still(film, left, limit=film_limit(film, films))
         return figure_file(drawing, kind, dpi=100)
 
 
-def _moving(films: Sequence[Film], kind: str) -> bytes:
-    """Draw an animated picture, which stands still for two seconds at the singular instants."""
+def _moving_picture(films: Sequence[Film], kind: str) -> bytes:
+    """Draw an animated picture, which stands still at the singular instants."""
     instants = [instant.time for film in films for instant in film.instants]
     end = max(film.time[-1] for film in films)
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
     with use_style():
-        stage = _stage(films) if len(films) == 1 else _stages(films)
+        stage = _scene_of_one_film(films) if len(films) == 1 else _scene_of_films(films)
         _fix_limits(stage, times)
         pictures = _render(stage, times)
     durations = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
-    return _animate(pictures, durations, kind)
+    return _encode_animation(pictures, durations, kind)
 
 
-def _animate(pictures: Sequence[Image.Image], durations: list[int], kind: str) -> bytes:
-    """Encode pictures, each shown for a duration [ms], as a gif or apng of one palette."""
+def _encode_animation(pictures: Sequence[Image.Image], durations: list[int], kind: str) -> bytes:
+    """Encode pictures, each shown for a duration [ms], as a gif or apng."""
     some = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures[::8]]))  # all colours
     # few shades of each colour are enough for edges
     palette = some.quantize(64, method=Image.Quantize.FASTOCTREE)
@@ -87,8 +87,8 @@ def _animate(pictures: Sequence[Image.Image], durations: list[int], kind: str) -
     return written.getvalue()
 
 
-def _fix_limits(stage: _Stage, times: Array) -> None:
-    """Give all robots the same limits of axes, wide enough at all times (T,) [s]."""
+def _fix_limits(stage: _Scene, times: Array) -> None:
+    """Give all robots the same limits of axes, wide enough at times (T,) [s]."""
     for t in times[:: -max(1, len(times) // 8)]:
         stage.move(t)
     limits = np.array([[ax.get_xlim(), ax.get_ylim()] for ax in stage.robots])  # (N, 2, 2)
@@ -97,7 +97,7 @@ def _fix_limits(stage: _Stage, times: Array) -> None:
         ax.set(xlim=xlim, ylim=ylim)
 
 
-def _render(stage: _Stage, times: Array) -> list[Image.Image]:
+def _render(stage: _Scene, times: Array) -> list[Image.Image]:
     """Render the figure at times (T,) [s]; parts without a mark are rendered once."""
     canvas = FigureCanvasAgg(stage.drawing)
     stage.drawing.draw_without_rendering()
@@ -124,50 +124,57 @@ class _Mark(NamedTuple):
     move: Callable[[float], object]  # to an instant [s]
 
 
-class _Stage(NamedTuple):
-    """A figure that shows films at one instant after the other."""
+class _Scene(NamedTuple):
+    """A figure that shows films at one instant after the other.
+
+    `marks` are its moving parts.
+    """
 
     drawing: Figure
     robots: list[Axes]
     marks: list[_Mark]
 
     def move(self, t: float) -> None:
+        """Move all marks to an instant t [s]."""
         for mark in self.marks:
             mark.move(t)
 
 
-def _stage(films: Sequence[Film]) -> _Stage:
-    """Return the robot of one film beside the eye of the needle or its torques."""
-    drawing, left, marks = _axes(films)
-    film, limit = films[0], stated_limit(films[0], films)
-    return _Stage(drawing, [left], [_robot(film, left, limit), *marks])
+def _scene_of_one_film(films: Sequence[Film]) -> _Scene:
+    """Place the robot of one film beside the eye of the needle or its torques."""
+    drawing, left, marks = _film_axes(films)
+    film, limit = films[0], film_limit(films[0], films)
+    return _Scene(drawing, [left], [_robot_mark(film, left, limit), *marks])
 
 
-def _stages(films: Sequence[Film]) -> _Stage:
-    """Return the robots of several films side by side, the torques of each below; an unproved one ends."""
+def _scene_of_films(films: Sequence[Film]) -> _Scene:
+    """Place the robots of several films side by side, the torques of each below.
+
+    An unproved film ends at its singular instant.
+    """
     drawing = Figure(figsize=(2.8 * len(films), 4.2), layout="constrained")  # [in]
     robots, below = drawing.subplots(2, len(films), height_ratios=(2.4, 1.0))
-    largest = 1.1 * max(stated_limit(film, films).max() for film in films)
+    largest = 1.1 * max(film_limit(film, films).max() for film in films)
     marks: list[_Mark] = []
     for film, above, ax in zip(films, robots, below, strict=True):
-        marks.append(_robot(film, above, None))
+        marks.append(_robot_mark(film, above, None))
         for k, torque in enumerate(film.torque.T):
-            shown = np.where(film.time <= _end(film), np.clip(torque, -9 * largest, 9 * largest), np.nan)
+            shown = np.where(film.time <= _end_time(film), np.clip(torque, -9 * largest, 9 * largest), np.nan)
             ax.plot(film.time, shown, **line_style(k))
         for instant in film.instants:
             ax.axvline(instant.time, color=LOCUS if film.proved else ALARM, linewidth=0.8, linestyle=":")
         ax.set(xlim=(0.0, film.time[-1]), ylim=(-largest, largest), xlabel="time  [s]")
-        marks.append(_time_line(film, ax))
+        marks.append(_time_mark(film, ax))
     below[0].set_ylabel(f"motor torque  [{films[0].robot.torque_units[0]}]")
-    return _Stage(drawing, list(robots), marks)
+    return _Scene(drawing, list(robots), marks)
 
 
-def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
-    """Draw the robot at the frame of an instant, of an unproved motion no later than its end."""
-    locus, sight, end = locus_of(film), film_sight(film), _end(film)
+def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
+    """Return the mark that draws the robot at an instant, no later than its film's end."""
+    locus, sight, end = film_locus(film), film_sight(film), _end_time(film)
 
     def draw(t: float) -> None:
-        """Draw the robot at the frame of instant t [s], in place of the one drawn before."""
+        """Draw the robot at instant t [s], in place of the one drawn before."""
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
         plot_still(
@@ -177,7 +184,7 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
             if ax.legend_ is not None:
                 ax.legend_.remove()
             ends = t >= end
-            words = "no torque is large enough" if ends else subtitle(film)
+            words = "no torque is large enough" if ends else describe_film_briefly(film)
             title = fill(f"{film.name}: {words}", 44)  # letters in 2.8 inches
             ax.set_title(title, color=ALARM if ends else "black", fontsize=8, y=1.0)
             ax.set_axis_off()
@@ -185,37 +192,42 @@ def _robot(film: Film, ax: Axes, limit: Array | None) -> _Mark:
     return _Mark(ax, draw)
 
 
-def _end(film: Film) -> float:
-    """Return the singular instant that ends an unproved motion; infinite for proved ones."""
+def _end_time(film: Film) -> float:
+    """Return the singular instant [s] that ends an unproved motion; infinite for proved ones."""
     return np.inf if film.proved else film.instants[0].time
 
 
-def _time_line(film: Film, ax: Axes) -> _Mark:
-    line, end = ax.axvline(0.0, color="black", linewidth=0.8), _end(film)
+def _time_mark(film: Film, ax: Axes) -> _Mark:
+    """Draw an upright line at the instant; return its mark."""
+    line, end = ax.axvline(0.0, color="black", linewidth=0.8), _end_time(film)
     return _Mark(line, lambda t: line.set_xdata([min(t, end)] * 2))
 
 
-def _drawn_film(films: Sequence[Film]) -> Film:
-    """Return the film whose robot is drawn: the first that is proven."""
+def _film_to_draw(films: Sequence[Film]) -> Film:
+    """Return the film whose robot is drawn: the first that is proved."""
     return next((film for film in films if film.proved), films[0])
 
 
-def _axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
-    """Make axes for the robot and, on the right, for the eye or, without crossing, the torques."""
+def _film_axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
+    """Make axes for the robot, and for the eye or, without crossing, the torques."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
-    film = _drawn_film(films)
+    film = _film_to_draw(films)
     if film.instants:
-        plot_eyes(films, stated_limit(film, films), right)
-        return drawing, left, [_dot(other_film, eye_twist(films), right) for other_film in films]
+        plot_eyes(films, film_limit(film, films), right)
+        return (
+            drawing,
+            left,
+            [_dot_mark(other_film, twist_at_singularity(films), right) for other_film in films],
+        )
     draw_torques(right, film.robot, film.time, film.torque)
-    return drawing, left, [_time_line(film, right)]
+    return drawing, left, [_time_mark(film, right)]
 
 
-def _dot(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Draw a dot on a curve of the eye, which stops at the end of an unproved motion."""
+def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
+    """Return the mark of a dot on a curve of the eye; it stops where its film ends."""
     s, demand = film.law(film.time), film.motors.force_along(twist)
-    end = _end(film)
+    end = _end_time(film)
     color, _, mark, _ = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
 

@@ -48,34 +48,34 @@ HAND_LEAD = (
 
 
 def film_page(films: Sequence[Film]) -> str:
-    """Return the page, HTML, that plays films side by side."""
+    """Return the page (HTML) that plays films side by side."""
     names = " and ".join(dict.fromkeys(display_name(film.robot.name) for film in films))
-    return _scene_page(film_documents(films), names, FILM_LEAD)
+    return whole_page(names, scene_part(names, FILM_LEAD), film_documents(films))
 
 
 def hand_page(robot: ParallelRobot) -> str:
-    """Return the page, HTML, with sliders that ask `move_by_hand`."""
-    return _scene_page([hand_document(robot)], display_name(robot.name), HAND_LEAD)
+    """Return the page (HTML) with sliders that ask `move_by_hand`."""
+    heading = display_name(robot.name)
+    return whole_page(heading, scene_part(heading, HAND_LEAD), [hand_document(robot)])
 
 
 def scene_part(heading: str, lead: str) -> str:
-    """Return the part of a page in which the scene is drawn; `heading` is plain text, `lead` is HTML."""
+    """Return the part of a page in which the scene is drawn.
+
+    `heading` is plain text, `lead` is HTML.
+    """
     return page_part("scene.html", heading=html.escape(heading), lead=lead)
 
 
 def whole_page(title: str, body: str, documents: Sequence[Document]) -> str:
-    """Return a page with this body and the scripts that fill its scene from the documents."""
+    """Return a page with this body and the scripts that draw its scene."""
     return standalone_page(
-        title, body, list(documents), styles=["page.css"], scripts=SCRIPTS, library=_viewer()
+        title, body, list(documents), styles=["page.css"], scripts=SCRIPTS, library=_viewer_html()
     )
 
 
-def _scene_page(documents: Sequence[Document], heading: str, lead: str) -> str:
-    return whole_page(heading, scene_part(heading, lead), documents)
-
-
 @cache
-def _viewer() -> str:
+def _viewer_html() -> str:
     """Return MeshCat's JavaScript and its licences, as HTML."""
     package = find_spec("meshcat")
     if package is None or package.origin is None:

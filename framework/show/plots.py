@@ -16,7 +16,7 @@ from framework.numerics.arrays import Array
 from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
 from framework.planning.result import CrossingPlan
 from framework.planning.specification import limits_within_margin
-from framework.show.captions import display_name, unit
+from framework.show.captions import display_name, wrench_unit
 from framework.show.film import Film, film_plan
 from framework.show.force_polygon import plot_eye
 from framework.show.scene import UNPROVED_TORQUE_RATIO
@@ -25,12 +25,12 @@ from framework.show.style import (
     ALARM,
     BAND,
     Style,
-    axes_or_new,
     draw_dashed,
     draw_dot,
-    figure,
+    ensure_axes,
     legend_above,
     line_style,
+    new_figure,
     save_pages,
 )
 from framework.tolerances import SAME_PLACE
@@ -48,8 +48,8 @@ LOADED: Style = {
 
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Plot s(t) and its first two derivatives, on three axes."""
-    axes = figure(3, height=1.25)[1] if axes is None else list(axes)
-    times = _times(plan)
+    axes = new_figure(3, height=1.25)[1] if axes is None else list(axes)
+    times = _sample_times(plan)
     labels = {"s": "$s$", "speed": r"$\dot s$  [1/s]", "acceleration": r"$\ddot s$  [1/s$^2$]"}
     for order, (ax, (key, label)) in enumerate(zip(axes, labels.items(), strict=True)):
         ax.plot(times, plan.law(times, order), **line_style(0))
@@ -57,7 +57,7 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
         _mark_crossings(plan, ax)
         for crossing in plan.crossings:
             draw_dot(ax, crossing.time, getattr(crossing, key), 3)
-    _time_axis(plan, axes[-1])
+    _label_time(plan, axes[-1])
     kind = "law" if plan.optimality is None else f"{plan.law.kind} law"
     axes[0].set_title(f"{kind} of degree {plan.law.degree}", loc="left")
     return axes
@@ -65,38 +65,41 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time, with its limits."""
-    ax, times = axes_or_new(ax), _times(plan)
+    ax, times = ensure_axes(ax), _sample_times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
     return _draw_limits(plan, ax, limits_within_margin(plan.robot, plan.request)[0])
 
 
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the speed of each motor over time, motor side of the gear, with its limits."""
-    ax, times, robot = axes_or_new(ax), _times(plan), plan.robot
+    """Plot the speed of each motor over time, with its limits.
+
+    Motor side of the gears.
+    """
+    ax, times, robot = ensure_axes(ax), _sample_times(plan), plan.robot
     _draw_motors(ax, robot, times, plan.motor_angle(times, 1), "speed", robot.speed_units)
     return _draw_limits(plan, ax, limits_within_margin(robot, plan.request)[1])
 
 
 def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
-    """Draw limits (n_a,) of the motors on either side of zero, crossings and the axis of time."""
+    """Draw limits (n_a,) of the motors on either side of zero, and crossings."""
     limits = np.unique(limits[np.isfinite(limits)])
     for limit in [*limits, *-limits]:
         ax.axhline(limit, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))
     _mark_crossings(plan, ax)
-    _time_axis(plan, ax, dotted=", dotted: limits" if len(limits) else "")
+    _label_time(plan, ax, dotted=", dotted: limits" if len(limits) else "")
     return ax
 
 
 def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the singularity measure g along the path, of the robot at rest and deflected."""
-    ax = axes_or_new(ax)
+    """Plot the singularity measure g along the path, at rest and deflected."""
+    ax = ensure_axes(ax)
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
     measure = MeasureAlongPath.from_motion(plan.dynamics)
     g = measure.evaluate_at_rest(s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
-        times = _times(plan)
+        times = _sample_times(plan)
         deflected = measure.evaluate_in_motion(times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
@@ -119,7 +122,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 
 
 def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
-    """Mark singular points of the loaded robot where visibly apart from the geometric ones."""
+    """Mark singular points of the loaded robot at a visible distance."""
     visible = [
         loaded.s
         for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)
@@ -167,14 +170,14 @@ def _draw_upward(ax: Axes, shift: Array, g: Array, speed: float, style: Style) -
 
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot t_s . W_p over time, which must vanish with g."""
-    ax = axes_or_new(ax)
-    times = _times(plan)
+    ax = ensure_axes(ax)
+    times = _sample_times(plan)
     _, wrench = wrench_along(plan.dynamics, times)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
-    _time_axis(plan, ax)
+    _label_time(plan, ax)
     bodies = "\nwithout rotors" if np.any(plan.robot.rotor_inertia) else ""  # which the eye has
-    ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{unit(plan.robot)}]" + bodies)
+    ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{wrench_unit(plan.robot)}]" + bodies)
     _mark_crossings(plan, ax)
     for crossing in plan.crossings:
         draw_dot(ax, crossing.time, 0.0)
@@ -187,14 +190,15 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 def plot_phase_plane(
     plan: CrossingPlan, axes: Sequence[Axes] | None = None, *, beside: CrossingPlan | None = None
 ) -> list[Axes]:
-    """Plot s' and s" over s, on two axes: the plan's law, and the range that its motors' limits leave.
+    """Plot s' and s" over s: the plan's law, and the range within limits.
 
-    The range of s" is that at the plan's own s'; it closes to a point at each crossing, condition (8).
+    On two axes. The range of s" is that at the plan's own s'; it closes to a point at each crossing,
+    condition (8).
 
     Args:
         beside: another plan on the same path, whose law is drawn too.
     """
-    axes = figure(2, height=1.9)[1] if axes is None else list(axes)
+    axes = new_figure(2, height=1.9)[1] if axes is None else list(axes)
     plans = [plan] if beside is None else [plan, beside]
     laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, CURVE_SAMPLES)) for each in plans]
     tops = [1.5 * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
@@ -214,7 +218,7 @@ def plot_phase_plane(
 
 
 def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float], unit: str) -> None:
-    """Draw the ranges of s' and s" within the limits, and the least limit of s' if beyond the axis."""
+    """Draw the ranges of s' and s" within the motors' limits."""
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
     highest = np.nan_to_num(curves.highest_speed, posinf=2 * tops[0])
     axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
@@ -231,8 +235,8 @@ def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence
 def plot_raw_torques(
     raw: FiniteDifferenceTorques, robot: ParallelRobot, poles: Sequence[float], ax: Axes | None = None
 ) -> Axes:
-    """Plot torques of a raw sampling [N m], with their poles [s], the instants of unbounded torque."""
-    ax = axes_or_new(ax)
+    """Plot torques of a raw sampling, with the instants [s] of unbounded torque."""
+    ax = ensure_axes(ax)
     draw_torques(ax, robot, raw.time, raw.torque)
     finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
     if len(poles) and finite.size:  # the height of a spike is that of the sampling: not drawn
@@ -246,7 +250,7 @@ def plot_raw_torques(
 
 
 def plan_drawings(plan: CrossingPlan, film: Film | None = None) -> dict[str, Callable[[], Axes]]:
-    """Return functions that draw robot, law, torques, singularity and wrench of a plan, by name.
+    """Return functions that draw the figures of a plan, by name.
 
     With crossings the eye too, and with an optimal law its phase plane.
     """
@@ -265,24 +269,24 @@ def plan_drawings(plan: CrossingPlan, film: Film | None = None) -> dict[str, Cal
 
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write the drawings of a plan into a folder: figures.pdf, and a PNG of each page."""
+    """Write the drawings of a plan into a folder: figures.pdf, and a PNG of each."""
     return save_pages(plan_drawings(plan), folder / "figures.pdf")
 
 
-def save(draw: Callable[[], Axes], stem: Path) -> list[Path]:
+def save_figure(draw: Callable[[], Axes], stem: Path) -> list[Path]:
     """Draw in the common style and write `stem`.pdf and `stem`.png."""
     return save_pages({stem.name: draw}, stem.with_suffix(".pdf"))
 
 
 def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> None:
-    """Draw the torques (T, n_a) of the motors over time, and name the axes and the motors."""
+    """Draw the torques (T, n_a) of the motors over time, with labels."""
     _draw_motors(ax, robot, time, torque, "torque", robot.torque_units)
 
 
 def _draw_motors(
     ax: Axes, robot: ParallelRobot, time: Array, values: Array, quantity: str, units: Sequence[str]
 ) -> None:
-    """Draw values (T, n_a) of the motors over time, and name the axes and the motors."""
+    """Draw values (T, n_a) of the motors over time, with labels."""
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
     ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
@@ -292,18 +296,20 @@ def _draw_motors(
         legend_above(ax, 3)
 
 
-def _times(plan: CrossingPlan) -> Array:
+def _sample_times(plan: CrossingPlan) -> Array:
+    """Return the times (T,) [s] of a plan's curves."""
     return np.linspace(0.0, plan.duration, CURVE_SAMPLES)
 
 
-def _time_axis(plan: CrossingPlan, ax: Axes, dotted: str = "") -> None:
-    """Label the axis of time, with the meaning of dashed lines, and of dotted ones if any."""
+def _label_time(plan: CrossingPlan, ax: Axes, dotted: str = "") -> None:
+    """Label the axis of time, with the meaning of dashed and dotted lines."""
     legend = f"(dashed: singular{dotted})" if plan.crossings else f"({dotted[2:]})" * bool(dotted)
     gap = "\n" if dotted else "   "
     ax.set_xlabel(f"time  [s]{gap}{legend}".rstrip())
 
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
+    """Draw a dashed line at each crossing of the plan."""
     for crossing in plan.crossings:
         draw_dashed(ax, crossing.time)
 

@@ -24,7 +24,14 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import robot_name_or_file
 from framework.planning.scenes import scene_request
-from framework.show.captions import display_name, explain_crossing, film_summary, parts, why, wrench_kind
+from framework.show.captions import (
+    describe_film,
+    describe_flexibility,
+    display_name,
+    explain_crossing,
+    why_singular,
+    wrench_kind,
+)
 from framework.show.film import Film, film_plan
 from framework.show.page import FILM_LEAD, scene_part, whole_page
 from framework.show.plots import plan_drawings
@@ -64,7 +71,7 @@ ONLY_CALLED = ("at", "tolerance")  # options of `plan_crossing` that a command l
 
 
 def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | None = None) -> str:
-    """Return the report of a plan, HTML, complete in one file.
+    """Return the report of a plan (HTML), complete in one file.
 
     Args:
         name: what stands above the scene.
@@ -77,12 +84,12 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
         [
             '<div class="report">',
             scene_part(heading, FILM_LEAD),
-            _section("What happens", _explanations(film) + _table(motion_facts(plan))),
-            _section("Figures", _figures(plan, film)),
-            _section("The law", _law(plan)),
-            _section("The certificate", _certificate(plan, planned)),
-            _section("Parameters", _parameters(plan)),
-            _section("How to reproduce it", _reproduction(plan)),
+            _section_html("What happens", _motion_html(film) + _table_html(motion_facts(plan))),
+            _section_html("Figures", _figures_html(plan, film)),
+            _section_html("The law", _law_html(plan)),
+            _section_html("The certificate", _certificate_html(plan, planned)),
+            _section_html("Parameters", _parameters_html(plan)),
+            _section_html("How to reproduce it", _reproduction_html(plan)),
             "</div>",
         ]
     )
@@ -90,14 +97,15 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
 
 
 def _describe_plan(plan: CrossingPlan) -> str:
-    """Return the number of singularities that a plan crosses, in words."""
+    """Describe the number of singularities that a plan crosses."""
     count = len(plan.crossings)
     if not count:
         return "a motion without a singularity"
     return f"through {'a' if count == 1 else count} Type 2 singularit{'y' if count == 1 else 'ies'}"
 
 
-def _section(title: str, content: str) -> str:
+def _section_html(title: str, content: str) -> str:
+    """Return a section with a title in plain text."""
     return f"<section><h2>{escape(title)}</h2>\n{content}</section>"
 
 
@@ -106,28 +114,28 @@ def _mark_indices(text: str) -> str:
     return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
-def _table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
-    """Return a table of plain texts as HTML."""
+def _table_html(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
+    """Return a table of plain texts."""
     cells = [[f"<th>{escape(cell)}</th>" for cell in head]] if head else []
     cells += [[f"<td>{_mark_indices(cell)}</td>" for cell in row] for row in rows]
     lines = [f"<tr>{''.join(row)}</tr>" for row in cells]
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
 
 
-def _explanations(film: Film) -> str:
-    """Return a paragraph of HTML on the motion, and one on each singular instant."""
-    paragraphs = [f"<p>{_mark_indices(film_summary(film))}</p>"]
+def _motion_html(film: Film) -> str:
+    """Return a paragraph on the motion, and one on each singular instant."""
+    paragraphs = [f"<p>{_mark_indices(describe_film(film))}</p>"]
     if film.has_measure and not film.instants:
         least = np.abs(film.g).min()
         paragraphs.append(f"<p>The measure of singularity |g| is {least:.3g} or more on its frames.</p>")
     for instant in film.instants:
-        sentence = _mark_indices(f"{why(film.robot)} {explain_crossing(film, instant)}")
+        sentence = _mark_indices(f"{why_singular(film.robot)} {explain_crossing(film, instant)}")
         paragraphs.append(f"<p><b>At t = {instant.time:.4g} s:</b> {sentence}</p>")
     return "".join(paragraphs)
 
 
-def _law(plan: CrossingPlan) -> str:
-    """Return the HTML of the law: its formula and coefficients."""
+def _law_html(plan: CrossingPlan) -> str:
+    """Return the law's formula and coefficients."""
     values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
     if plan.optimality is not None:
         specification = plan.optimality.specification
@@ -147,8 +155,8 @@ def _law(plan: CrossingPlan) -> str:
     )
 
 
-def _certificate(plan: CrossingPlan, planned: Certificate | None) -> str:
-    """Return the HTML of the proof, of condition (8) at each crossing, and of the certificate's numbers.
+def _certificate_html(plan: CrossingPlan, planned: Certificate | None) -> str:
+    """Return the proof, condition (8) at each crossing, and the certificate's numbers.
 
     `planned` is the certificate in plan.json, if any.
     """
@@ -162,7 +170,10 @@ def _certificate(plan: CrossingPlan, planned: Certificate | None) -> str:
     numbers = [
         (text, *(form.format(one) for one in certificates.values())) for form, text in CERTIFIED.items()
     ]
-    tables = [*([_table(conditions)] if conditions else []), _table(numbers, ("certificate", *certificates))]
+    tables = [
+        *([_table_html(conditions)] if conditions else []),
+        _table_html(numbers, ("certificate", *certificates)),
+    ]
     sentences = [PROOF, CROSSED] if plan.crossings else [PROOF]
     if plan.robot.n_e:
         sentences.append(SMALL_DISPLACEMENTS if plan.geometry == "rigid" else SETTLED)
@@ -170,8 +181,8 @@ def _certificate(plan: CrossingPlan, planned: Certificate | None) -> str:
     return "".join([f"<p>{_mark_indices(' '.join(sentences))}</p>", *tables])
 
 
-def _parameters(plan: CrossingPlan) -> str:
-    """Return the HTML table of robot, path, options, motors and springs."""
+def _parameters_html(plan: CrossingPlan) -> str:
+    """Return the table of robot, path, options, motors and springs."""
     robot, description = plan.robot, plan.robot.description
     options = given_options(plan)
     options.pop("wrenches", None)  # which are among the facts of the motion
@@ -181,7 +192,7 @@ def _parameters(plan: CrossingPlan) -> str:
         ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
-        ("asked for", ", ".join(f"{key} {_plain(value)}" for key, value in options.items())),
+        ("asked for", ", ".join(f"{key} {_format_value(value)}" for key, value in options.items())),
         ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),
         ("mass", f"{robot.mass:.6g} kg in moving parts"),
@@ -199,15 +210,16 @@ def _parameters(plan: CrossingPlan) -> str:
         (f"spring {name}", f"{stiffness:g} {'N/m' if robot.sliding[column] else 'N m/rad'}")
         for name, stiffness, column in zip(robot.elastic_names, robot.stiffness, robot.elastic, strict=True)
     ]
-    return _table(rows)
+    return _table_html(rows)
 
 
-def _plain(value: object) -> str:
+def _format_value(value: object) -> str:
+    """Format the value of an option."""
     return " ".join(map(repr, value)) or "none" if isinstance(value, tuple) else str(value)
 
 
-def _reproduction(plan: CrossingPlan) -> str:
-    """Return the HTML of the command that plans again, with versions of packages."""
+def _reproduction_html(plan: CrossingPlan) -> str:
+    """Return the command that plans again, with versions of packages."""
     robot = plan.robot
     versions = {**package_versions(), "meshcat": version("meshcat")}
     installed = [f"{package} {number}" for package, number in versions.items()]
@@ -220,8 +232,8 @@ def _reproduction(plan: CrossingPlan) -> str:
     )
 
 
-def _figures(plan: CrossingPlan, film: Film) -> str:
-    """Return the figures as HTML, with their captions."""
+def _figures_html(plan: CrossingPlan, film: Film) -> str:
+    """Return the figures with their captions."""
     figures, drawings = [], plan_drawings(plan, film)
     for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
         with use_style():
@@ -251,7 +263,7 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
                 " It is drawn with the rotors of the motors, along the t_s of that instant; the figure of "
                 "t_s · W_p has the bodies alone, and the t_s of each instant."
             )
-    captions["torques"] = f"Motor torques, with {parts(film)}.{dashed}"
+    captions["torques"] = f"Motor torques, with {describe_flexibility(film)}.{dashed}"
     captions["law"] = f"The law s(t) and its derivatives.{dashed}"
     if len(plan.robot.passive):
         vanishes = ": 0 at the singular instants, condition (8)" if plan.crossings else ""
@@ -268,7 +280,7 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
 
 
 def command_line(plan: CrossingPlan, folder: str) -> str | None:
-    """Return the `crossing plan` that makes the same plan into a folder; None without one."""
+    """Return the `crossing plan` that makes the same plan into a folder, if any."""
     typed = {key: value for key, value in given_options(plan).items() if key not in ONLY_CALLED}
     wrenches = plan.dynamics.wrenches.entries
     if any(wrench.turns or wrench.rows.ndim > 1 for wrench in wrenches):
@@ -296,7 +308,7 @@ def python_call(plan: CrossingPlan) -> str:
 
 
 def given_options(plan: CrossingPlan) -> dict[str, Any]:
-    """Return the options of `plan_crossing` beside the path that differ from their defaults.
+    """Return the options of `plan_crossing` that differ from their defaults.
 
     Options whose default depends on the robot are always among them.
     """
@@ -310,7 +322,7 @@ def given_options(plan: CrossingPlan) -> dict[str, Any]:
 
 
 def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None:
-    """Return the path as options: the ends of a line, or a scene with the path; None without either."""
+    """Return the path as options: the ends of a line, or a scene; None without either."""
     path = plan.path
     if isinstance(path, Line | Polyline) and Request.of(plan.robot, path, **typed) == plan.request:
         start, *via, end = map(_format_numbers, path.points)
@@ -327,7 +339,7 @@ def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None
 
 
 def _format_option(key: str, value: Any) -> str:
-    """Return one option in the form of the command line."""
+    """Format one option for the command line."""
     option = f"--{key.replace('_', '-')}"
     if value is True:
         return option
@@ -339,4 +351,5 @@ def _format_option(key: str, value: Any) -> str:
 
 
 def _format_numbers(values: Iterable[float | None]) -> str:
+    """Format numbers with all digits for the command line."""
     return " ".join("none" if value is None else repr(float(value)) for value in values)

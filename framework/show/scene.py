@@ -25,21 +25,21 @@ from framework.model.visuals import Shape
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.output import Document, plain
 from framework.show.captions import (
+    describe_film,
+    describe_film_briefly,
     describe_motors,
+    describe_proof,
     display_name,
     explain_crossing,
-    film_summary,
-    proof,
-    subtitle,
-    unit,
-    why,
+    why_singular,
     wrench_kind,
+    wrench_unit,
 )
 from framework.show.film import Film
-from framework.show.force_polygon import peak_torque, shown_limit
-from framework.show.shapes import motor_shapes, placement_along
-from framework.show.sight import Sight, film_sight, tilt_aside
-from framework.show.standalone import pack
+from framework.show.force_polygon import limit_for_picture, peak_torque
+from framework.show.shapes import motor_shapes, placement_with_z_along
+from framework.show.sight import Sight, film_sight, tilt_direction
+from framework.show.standalone import encode_array
 from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
 
 UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
@@ -49,44 +49,48 @@ LOCUS_MARGIN = 0.9  # how far from the path the locus is drawn, in lengths of th
 Traced = list[tuple[RobotDescription, LocusCurves]]  # the curves traced for a robot
 
 
-def floats(values: ArrayLike) -> str:
-    """Encode an array for the page."""
-    return pack(np.asarray(values, dtype="<f4"))
+def encode_floats(values: ArrayLike) -> str:
+    """Encode an array as float32 for the page."""
+    return encode_array(np.asarray(values, dtype="<f4"))
 
 
 def film_documents(films: Sequence[Film]) -> list[Document]:
-    """Return the page's documents of films side by side; films of one robot share its locus."""
+    """Return the page's documents of films side by side.
+
+    Films of one robot share its locus.
+    """
     traced: Traced = []
     return [_film_document(film, films, traced) for film in films]
 
 
-def stated_limit(film: Film, films: Sequence[Film]) -> Array:
-    """Return the torque limits (n_a,) of a film's picture: the same for all films of one robot."""
-    alike = _alike(film, films)
+def film_limit(film: Film, films: Sequence[Film]) -> Array:
+    """Return the torque limits (n_a,) of a film's picture, one for all films of a robot."""
+    alike = _films_with_motors_of(film, films)
     proved = [np.abs(other_film.torque).max(axis=0) for other_film in alike if other_film.proved]
     usual = np.array(proved) if proved else np.full((1, film.robot.n_a), _torque_limit(film))
-    return shown_limit(film.robot, usual, None)
+    return limit_for_picture(film.robot, usual)
 
 
-def _alike(film: Film, films: Sequence[Film]) -> list[Film]:
+def _films_with_motors_of(film: Film, films: Sequence[Film]) -> list[Film]:
+    """Return the films with the same motors."""
     return [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
 
 
 def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Document:
-    """Return a film's data for the page: poses, torques, wrenches, measures, locus and words.
+    """Return a film's data for the page.
 
     Sight, limits and scale are shared by all `films` of the robot, and so are the curves that are `traced`.
     """
     robot = film.robot
     same_robot = [other for other in films if other.robot.description == robot.description]
     sight = film_sight(min(same_robot, key=lambda other: not other.instants))
-    limit, peak = stated_limit(film, films), peak_torque(_alike(film, films))
+    limit, peak = film_limit(film, films), peak_torque(_films_with_motors_of(film, films))
     poses = joint_poses(robot, film.q)
     platform = platform_positions(robot, poses)
     power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
-    W_p, *world = _wrenches(film)
+    W_p, *world = _wrench_documents(film)
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
-    drawn = drawn_robot(robot, poses, sight)
+    drawn = page_robot_document(robot, poses, sight)
     document: Document = plain(
         drawn
         | {
@@ -94,42 +98,42 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
             "title": film.name or display_name(robot.name),
             "proved": film.proved,
             "refusal": film.refusal,
-            "subtitle": subtitle(film),
-            "summary": film_summary(film),
-            "proof": proof(film),
-            "why": why(robot),
+            "subtitle": describe_film_briefly(film),
+            "summary": describe_film(film),
+            "proof": describe_proof(film),
+            "why": why_singular(robot),
             "asked": wrench_kind(robot),
-            "unit": unit(robot),
+            "unit": wrench_unit(robot),
             "duration": film.time[-1],
-            "time": floats(film.time),
-            "poses": floats(poses),
-            "platform": floats(platform),
-            "path": floats(platform),
-            "torque": floats(film.torque),
+            "time": encode_floats(film.time),
+            "poses": encode_floats(poses),
+            "platform": encode_floats(platform),
+            "path": encode_floats(platform),
+            "torque": encode_floats(film.torque),
             "torque_limit": _torque_limit(film),
-            "law": floats(film.law(film.time)),
-            "g": floats(film.g) if film.has_measure else None,
-            "power": floats(power),
+            "law": encode_floats(film.law(film.time)),
+            "g": encode_floats(film.g) if film.has_measure else None,
+            "power": encode_floats(power),
             "stated": describe_motors(
                 robot, limit, peak, reason=", no limit in its file" if unlimited else ""
             ),
-            "band": floats(film.motors.band(film.t_s, limit)),
-            "polytope": _polytope(film, limit),
+            "band": encode_floats(film.motors.band(film.t_s, limit)),
+            "polytope": _force_figure(film, limit),
             "no_figure": why_no_figure(robot) or "",
-            "lines": _action_lines(film),
-            "t_s": _arrows(film.twists),
+            "lines": _action_line_document(film),
+            "t_s": _arrow_document(film.twists),
             "W_p": W_p,
             "world": world,
-            "instants": _instants(film, platform, power),
-            "springs": _springs(film, drawn["length"]),
-            "locus": _locus(film, platform, traced),
+            "instants": _instant_documents(film, platform, power),
+            "springs": _spring_document(film, drawn["length"]),
+            "locus": _locus_document(film, platform, traced),
         }
     )
     return document
 
 
-def _instants(film: Film, platform: Array, power: Array) -> list[Document]:
-    """Return the singular instants, with the platform's places and t_s . W_p (F,) of all frames."""
+def _instant_documents(film: Film, platform: Array, power: Array) -> list[Document]:
+    """Return the singular instants of a film, with places and t_s . W_p."""
     return [
         {
             "time": instant.time,
@@ -142,10 +146,10 @@ def _instants(film: Film, platform: Array, power: Array) -> list[Document]:
     ]
 
 
-def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
+def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
     """Return the entries that do not depend on the motion, and the view."""
     shapes = sight.shapes[: sight.bodies]
-    view = _view(_points_in_sight(robot, shapes, poses), sight)
+    view = _view_document(_points_in_sight(robot, shapes, poses), sight)
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -153,38 +157,42 @@ def drawn_robot(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
         "turning": ~robot.platform.translations,
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
-        "shapes": [_solid(shape) for shape in shapes],
-        "motors": _motors(robot, shapes, view["radius"]),
+        "shapes": [_shape_document(shape) for shape in shapes],
+        "motors": _motor_documents(robot, shapes, view["radius"]),
         "view": view,
     }
 
 
-def _columns(placement: Array) -> Array:
+def _column_major(placement: Array) -> Array:
     """Return a placement (4, 4), column after column (16,)."""
     return placement.T.ravel().round(9)
 
 
-def _solid(shape: Shape) -> Document:
+def _shape_document(shape: Shape) -> Document:
     """Return a shape for the page; a mesh with its vertices and faces."""
     solid = {
         "node": shape.node,
         "kind": shape.kind,
         "size": shape.size,
-        "placement": _columns(shape.placement),
+        "placement": _column_major(shape.placement),
         "color": shape.color,
     }
     if shape.vertices is not None and shape.faces is not None:
-        solid |= {"vertices": floats(shape.vertices), "faces": pack(shape.faces.astype("<u4"))}
+        solid |= {"vertices": encode_floats(shape.vertices), "faces": encode_array(shape.faces.astype("<u4"))}
     return solid
 
 
-def _motors(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[Document]:
+def _motor_documents(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[Document]:
+    """Return the solids of the motors for the page, with names and units."""
     rows = zip(motor_shapes(robot, shapes, size), robot.actuator_names, robot.torque_units, strict=True)
-    return [_solid(shape) | {"name": name, "unit": unit} for shape, name, unit in rows]
+    return [_shape_document(shape) | {"name": name, "unit": unit} for shape, name, unit in rows]
 
 
-def _springs(film: Film, size: float) -> Document | None:
-    """Return the places of the coils, and the factor, 1, 2 or 5 times a power of ten, of deflections."""
+def _spring_document(film: Film, size: float) -> Document | None:
+    """Return the places of the coils, and the scales of their deflections.
+
+    The scales are 1, 2 or 5 times a power of ten.
+    """
     robot = film.robot
     if not robot.n_e:
         return None
@@ -195,7 +203,7 @@ def _springs(film: Film, size: float) -> Document | None:
             {
                 "name": name,
                 "node": node,
-                "placement": _columns(placement_along(place, axis)),
+                "placement": _column_major(placement_with_z_along(place, axis)),
                 "slides": slides[k],
                 "column": k,
             }
@@ -209,48 +217,54 @@ def _springs(film: Film, size: float) -> Document | None:
         "coils": coils,
         "factors": factors,
         "length": COIL_LENGTH * size,
-        "deflection": floats(film.deflection),
+        "deflection": encode_floats(film.deflection),
     }
 
 
 def _round_down(value: float) -> float:
-    """Return the nearest of 1, 2, 5 times a power of ten below."""
+    """Round down to 1, 2 or 5 times a power of ten."""
     power = float(10.0 ** np.floor(np.log10(value)))
     return max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power
 
 
-def _wrenches(film: Film) -> list[Document]:
-    """Return W_p and the wrenches of the world that are not zero, all with the same largest sizes."""
+def _wrench_documents(film: Film) -> list[Document]:
+    """Return W_p and the nonzero wrenches of the world, in one scale."""
     applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
-    arrows = [_arrows(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
+    arrows = [_arrow_document(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
     largest = np.max([document["largest"] for document in arrows], axis=0)
     for document, wrench in zip(arrows[1:], applied, strict=True):
-        document |= {"frame": display_name(wrench.frame), "origin": floats(wrench.origin)}
+        document |= {"frame": display_name(wrench.frame), "origin": encode_floats(wrench.origin)}
     return [document | {"largest": largest} for document in arrows]
 
 
-def _arrows(six: Array) -> Document:
-    """Return linear and angular parts (F, 3) of twists or wrenches (F, 6), with their largest sizes."""
+def _arrow_document(six: Array) -> Document:
+    """Return linear and angular parts (F, 3) of twists or wrenches (F, 6)."""
     linear, angular = six[:, :3], six[:, 3:]
     largest = [np.linalg.norm(part, axis=1).max() for part in (linear, angular)]
-    return {"linear": floats(linear), "angular": floats(angular), "largest": largest}
+    return {"linear": encode_floats(linear), "angular": encode_floats(angular), "largest": largest}
 
 
-def _polytope(film: Film, limit: Array) -> Document | None:
-    """Return the forces that motors within limits (n_a,) can give, or torques if the platform only turns.
+def _force_figure(film: Film, limit: Array) -> Document | None:
+    """Return the forces that motors within limits (n_a,) can give.
 
-    Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a, 3), one of each motor.
+    Torques if the platform only turns. Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a,
+    3), one of each motor.
     """
     robot = film.robot
-    sides = drawn_sides(robot, film.motors.motor_speed, limit)
+    sides = force_edges(robot, film.motors.motor_speed, limit)
     if sides is None or not len(robot.passive):
         return None
     center = -figure_vectors(robot, film.motors.rotors)
-    return {"center": floats(center), "sides": floats(sides), "count": robot.n_a, "flat": robot.n == 2}
+    return {
+        "center": encode_floats(center),
+        "sides": encode_floats(sides),
+        "count": robot.n_a,
+        "flat": robot.n == 2,
+    }
 
 
-def drawn_sides(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array | None:
-    """Compute the edges (F, n_a, 3) of the set of all forces that the motors can give together.
+def force_edges(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array | None:
+    """Compute the edges (F, n_a, 3) of the set of forces that all motors can give.
 
     Within torque limits the sums of the rows of G (F, n_a, n) (`framework.dynamics.platform_wrench`) fill a
     polygon or a parallelepiped, which is flat across t_s at a Type 2 singularity. Its edges are each motor's
@@ -263,7 +277,10 @@ def drawn_sides(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array
 
 
 def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
-    """Return the forces (..., 3) of wrenches (..., n) on base axes, or torques if the platform only turns."""
+    """Return the forces (..., 3) of wrenches (..., n), on base axes.
+
+    Torques if the platform only turns.
+    """
     assert isinstance(robot.platform, FramePlatform)
     vectors = np.zeros((*wrenches.shape[:-1], 3))
     vectors[..., robot.platform.axes % 3] = wrenches
@@ -271,7 +288,7 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
 
 
 def why_no_figure(robot: ParallelRobot) -> str | None:
-    """Return the reason why the motors' forces are not drawn as one figure; None if drawn or one number."""
+    """Return why the motors' forces are not drawn as one figure; None if drawn."""
     platform, kinds = robot.platform, len(set(robot.translations))
     if robot.n == 1:
         return None
@@ -284,12 +301,16 @@ def why_no_figure(robot: ParallelRobot) -> str | None:
     return f"{robot.n_a} motors for {robot.n} freedoms: not drawn in the scene"
 
 
-def _action_lines(film: Film) -> Document | None:
+def _action_line_document(film: Film) -> Document | None:
     """Return the motors' lines of action, of a film that becomes singular."""
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
         return None
-    return {"place": floats(lines.point), "way": floats(lines.direction), "count": film.robot.n_a}
+    return {
+        "place": encode_floats(lines.point),
+        "way": encode_floats(lines.direction),
+        "count": film.robot.n_a,
+    }
 
 
 def _torque_limit(film: Film) -> float:
@@ -302,22 +323,25 @@ def _torque_limit(film: Film) -> float:
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
-def _locus(film: Film, platform: Array, traced: Traced) -> Document | None:
-    """Return the drawing of the locus near the film's closest approach; None without a measure."""
+def _locus_document(film: Film, platform: Array, traced: Traced) -> Document | None:
+    """Return the locus near the film's closest approach; None without a measure."""
     if not film.has_measure:
         return None
     nearest = film.telling_frame if film.instants else int(np.argmin(np.abs(film.g)))
     patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
     if patch is not None:
-        return {"kind": "patch", "count": len(patch), "points": floats(patch)}
+        return {"kind": "patch", "count": len(patch), "points": encode_floats(patch)}
     momentary = not film.robot.platform.is_point  # the locus depends on other coordinates, of one instant
     frame = nearest if momentary else 0
-    curves = _curves_about(film, frame, film.x[frame : frame + 1] if momentary else film.x, traced)
-    return drawn_locus(film.robot, curves, platform)
+    curves = _trace_once(film, frame, film.x[frame : frame + 1] if momentary else film.x, traced)
+    return encode_locus(film.robot, curves, platform)
 
 
-def _curves_about(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves | None:
-    """Return the locus about a frame of a film that serves platform coordinates x (T, n)."""
+def _trace_once(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves | None:
+    """Return the locus about a frame that serves platform coordinates x (T, n).
+
+    Curves already traced for the robot are used if they do.
+    """
     for description, curves in traced:
         if description == film.robot.description and curves.serves(x):
             return curves
@@ -330,7 +354,10 @@ def _curves_about(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurv
 def locus_lines(
     robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> list[Array]:
-    """Return curves (m, 3) of the locus within `beside` robot lengths of places (F, 3) of the platform."""
+    """Return curves (m, 3) of the locus near places (F, 3) of the platform.
+
+    Within `beside` robot lengths.
+    """
     if curves is None:
         return []
     world = robot.platform.along
@@ -347,31 +374,34 @@ def locus_lines(
     return pieces
 
 
-def drawn_locus(
+def encode_locus(
     robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> Document | None:
     """Encode curves of the locus for the page; None without any."""
-    pieces = [floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
+    pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
 
 
 def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
-    """Return points (m, 3) that a picture must contain: joints at all times, bodies at some."""
+    """Return points (m, 3) that a picture must contain.
+
+    Joints at all times, bodies at some.
+    """
     points = [frame_positions(robot, poses)]
     some = poses[[0, len(poses) // 2, -1]]
     points += [carried_points(pose[shape.node], shape.corners()) for pose in some for shape in shapes]
     return np.concatenate(points)
 
 
-def _view(points: Array, sight: Sight) -> Document:
+def _view_document(points: Array, sight: Sight) -> Document:
     """Return centre and radius of the picture, and the direction of sight."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     return {
         "center": center,
         "radius": max(np.linalg.norm(points - center, axis=1).max(), 1e-6),
-        "from": tilt_aside(sight.toward) if sight.planar else sight.toward,
+        "from": tilt_direction(sight.toward) if sight.planar else sight.toward,
         "lowest": low[2],
         "flat": sight.planar,
     }

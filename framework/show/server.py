@@ -35,6 +35,7 @@ class PageServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
+        """Address of the page."""
         return f"http://127.0.0.1:{self.server_port}/"
 
     def serve_until_interrupted(self) -> None:
@@ -44,12 +45,14 @@ class PageServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
+    """Answers the requests of one page."""
+
     server: PageServer
     timeout = 10.0  # [s] for a request to arrive
 
     def do_GET(self) -> None:
         """Send the page at /."""
-        if not self._is_ours():
+        if not self._is_allowed():
             self._send(403, "text/plain", b"only for this machine\n")
         elif self.path.split("?")[0] == "/":
             self._send(200, "text/html; charset=utf-8", self.server.page)
@@ -58,7 +61,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Reply to a message of the page at /api/move."""
-        if not self._is_ours():
+        if not self._is_allowed():
             self._send_json(403, {"error": "only for this machine"})
         elif self.path != "/api/move" or self.server.answer is None:
             self._send_json(404, {"error": "no such service"})
@@ -81,8 +84,8 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self._send_json(200, reply)
 
-    def _is_ours(self) -> bool:
-        """Return whether a page of this server asks, and no other site through the browser."""
+    def _is_allowed(self) -> bool:
+        """Return whether a page of this server asks, and no other site."""
         hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]
         origin = self.headers.get("Origin")
         return self.headers.get("Host") in hosts and (
@@ -90,6 +93,7 @@ class _Handler(BaseHTTPRequestHandler):
         )
 
     def _send_json(self, status: int, document: Document) -> None:
+        """Send a JSON document."""
         self._send(status, "application/json", json.dumps(document, allow_nan=False).encode())
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
@@ -106,4 +110,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True  # the page was closed meanwhile
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing: the terminal belongs to the command."""
+        """Write no log: the terminal belongs to the command."""

@@ -18,18 +18,21 @@ MAX_SURFACE_POINTS = 3000  # of one shape
 
 
 def body_shapes(robot: ParallelRobot) -> list[Shape]:
-    """Return the visuals of the URDF, their meshes thinned, and sticks for the bodies that have none."""
+    """Return the visuals of the URDF, and sticks for bodies without any.
+
+    Meshes are thinned.
+    """
     shapes = []
     for shape in read_visuals(robot.description, robot.model):
         if shape.vertices is not None and shape.faces is not None:
             vertices, faces = thin_mesh(shape.vertices, shape.faces)
             shape = shape._replace(vertices=vertices, faces=faces)
         shapes.append(shape)
-    return shapes + _sticks(robot, {shape.node for shape in shapes})
+    return shapes + _stick_shapes(robot, {shape.node for shape in shapes})
 
 
 def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Return a mesh in which the vertices of each cell of a grid are merged into their mean."""
+    """Merge the vertices of a mesh in each cell of a grid into their mean."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     # 40 cells along the diagonal
     cell = max(np.linalg.norm(high - low) / 40, 1e-12)
@@ -43,7 +46,10 @@ def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def surface_points(shape: Shape, spacing: float) -> Array:
-    """Return points (m, 3) all over a shape's surface, in its node's frame, about `spacing` [m] apart."""
+    """Return points (m, 3) all over a shape's surface, about `spacing` [m] apart.
+
+    In its node's frame.
+    """
     if shape.vertices is not None and shape.faces is not None:
         local = np.concatenate([shape.vertices, shape.vertices[shape.faces].mean(axis=1)])
         local = local[:: 1 + len(local) // MAX_SURFACE_POINTS]
@@ -61,8 +67,8 @@ def surface_points(shape: Shape, spacing: float) -> Array:
     return shape.to_node(local)
 
 
-def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
-    """Return cylinders from joint to joint and spheres at the joints, for bodies without visuals."""
+def _stick_shapes(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
+    """Return cylinders between joints and spheres at joints, for bodies without visuals."""
     model = robot.model
     radius = 0.012 * robot.length
     shapes = []
@@ -79,14 +85,20 @@ def _sticks(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
             length = float(np.linalg.norm(end))
             if node and length > 0.03 * robot.length:  # no stick for a joint beside another
                 shapes.append(
-                    Shape(node, "cylinder", (radius, length), placement_along(0.5 * end, end), STICK_COLOR)
+                    Shape(
+                        node,
+                        "cylinder",
+                        (radius, length),
+                        placement_with_z_along(0.5 * end, end),
+                        STICK_COLOR,
+                    )
                 )
         if node and ends:
             shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT_COLOR))
     return shapes
 
 
-def placement_along(place: Array, axis: Array) -> Array:
+def placement_with_z_along(place: Array, axis: Array) -> Array:
     """Return a placement (4, 4) at `place` (3,) with z along `axis` (3,)."""
     third = axis / np.linalg.norm(axis)
     aside = np.eye(3)[np.argmin(np.abs(third))]
@@ -102,7 +114,10 @@ IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on t
 
 
 def motor_shapes(robot: ParallelRobot, shapes: list[Shape], size: float = 0.0) -> list[Shape]:
-    """Return a solid for each motor, on its node; `shapes` are the bodies, `size` the picture's radius."""
+    """Return a solid for each motor, on its node.
+
+    `shapes` are the bodies, `size` is the radius [m] of the picture.
+    """
     size = size or 0.7 * robot.length
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
@@ -111,35 +126,38 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape], size: float = 0.0) -
         distances = [np.linalg.norm(axis.place - other.place) for other in axes if other is not axis]
         meets_others = min(distances, default=size) < 0.01 * size
         if not robot.sliding[column]:
-            motors.append(_drum(axis, bodies if meets_others else [], size))
+            motors.append(_drum_motor(axis, bodies if meets_others else [], size))
         elif axis.joint:
-            motors.append(_drum_on_leg(axis, bodies, size))
+            motors.append(_drum_about_leg(axis, bodies, size))
         else:
-            motors.append(_block(carried_axis(robot, int(column)), size))
+            motors.append(_block_motor(carried_axis(robot, int(column)), size))
     return motors
 
 
-def _motor(axis: JointAxis, kind: str, size: tuple[float, ...], place: Array) -> Shape:
+def _motor_shape(axis: JointAxis, kind: str, size: tuple[float, ...], place: Array) -> Shape:
     """Return the solid of a motor at a place (3,), along the axis of its joint."""
-    return Shape(axis.joint, kind, size, placement_along(place, axis.axis), IDLE_MOTOR_COLOR)
+    return Shape(axis.joint, kind, size, placement_with_z_along(place, axis.axis), IDLE_MOTOR_COLOR)
 
 
-def _block(axis: JointAxis, size: float) -> Shape:
+def _block_motor(axis: JointAxis, size: float) -> Shape:
     """Return the block of a motor on a rail."""
     radius = MOTOR_RADIUS * size
-    return _motor(axis, "box", (1.1 * radius, 1.1 * radius, 1.8 * radius), axis.place)
+    return _motor_shape(axis, "box", (1.1 * radius, 1.1 * radius, 1.8 * radius), axis.place)
 
 
-def _drum_on_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
+def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
     """Return the drum about a leg that stretches, wider than the leg's tube."""
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
-    return _motor(axis, "cylinder", (radius, length), axis.place + 1.2 * length * axis.axis)
+    return _motor_shape(axis, "cylinder", (radius, length), axis.place + 1.2 * length * axis.axis)
 
 
-def _drum(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
-    """Return the drum of a motor that turns a joint: around the farthest cylinder on its axis, if any."""
+def _drum_motor(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
+    """Return the drum of a motor that turns a joint.
+
+    It is around the farthest cylinder on the joint's axis, if any.
+    """
     farthest, radius = 0.0, MOTOR_RADIUS * size
     for shape in shapes:
         offset = shape.placement[:3, 3] - axis.place
@@ -147,4 +165,4 @@ def _drum(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
         aside = np.linalg.norm(offset - along * axis.axis)
         if shape.kind == "cylinder" and aside < 0.05 * size and abs(along) > abs(farthest):
             farthest, radius = along, 1.15 * shape.size[0]
-    return _motor(axis, "cylinder", (radius, 1.3 * radius), axis.place + farthest * axis.axis)
+    return _motor_shape(axis, "cylinder", (radius, 1.3 * radius), axis.place + farthest * axis.axis)

@@ -55,7 +55,8 @@ class Sight(NamedTuple):
 
     @property
     def onto(self) -> Projection:
-        return projection(self.toward)
+        """Projection onto the paper."""
+        return project_along(self.toward)
 
 
 def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: Wanted | None = None) -> Sight:
@@ -63,13 +64,13 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: Wanted | N
     bodies = body_shapes(robot)
     shapes = bodies + motor_shapes(robot, bodies)
     normal = planar_normal(robot)
-    points, nodes = _surfaces(robot, robot.reference.q if q is None else q, shapes)
+    points, nodes = _sample_surfaces(robot, robot.reference.q if q is None else q, shapes)
     return Sight(shapes, len(bodies), _best_direction(points, nodes, normal, wanted), normal is not None)
 
 
 @lru_cache(maxsize=4)
 def film_sight(film: Film) -> Sight:
-    """Choose the sight on a motion by its first singular instant, or else halfway."""
+    """Choose the sight on a motion at its first singular instant, or else halfway."""
     robot, k = film.robot, film.telling_frame
     q, arrow, normal = film.q[k], np.zeros(3), None
     if film.instants:
@@ -82,40 +83,45 @@ def film_sight(film: Film) -> Sight:
     return robot_sight(robot, q, Wanted(film.platform, arrow, normal))
 
 
-def projection(toward: Array) -> Projection:
-    """Return the projection for an eye in a direction (3,) from the robot, z or else y up on paper."""
+def project_along(toward: Array) -> Projection:
+    """Return the projection for an eye in direction (3,) from the robot.
+
+    z is up on paper, or else y.
+    """
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     right = np.cross(upright, toward)
     right = right / np.linalg.norm(right)
     return Projection(right, np.cross(toward, right), -toward)
 
 
-def tilt_aside(toward: Array) -> Array:
-    """Return the direction (3,) of an eye a little aside of the normal of a planar robot."""
+def tilt_direction(toward: Array) -> Array:
+    """Tilt the direction (3,) of an eye a little aside of a planar robot's normal."""
     aside = np.array([0.0, -1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
     direction = toward + FLAT_VIEW_SLOPE * aside
     return direction / np.linalg.norm(direction)
 
 
 def _best_direction(points: Array, nodes: IntArray, normal: Array | None, wanted: Wanted | None) -> Array:
-    """Return the direction (3,) to the eye; `points`, `nodes` of `_surfaces`, `normal` of a planar robot.
+    """Choose the direction (3,) to the eye that shows most of the robot.
 
     The score is the share of each body that is seen, of the most that any direction shows of it, times how
     far arrow and path lie across the sight and the surface faces it.
     """
-    directions, usual = _candidates(normal)
-    areas = np.array([_areas(points, nodes, projection(toward)) for toward in directions])
+    directions, usual = _candidate_directions(normal)
+    areas = np.array([_count_visible_cells(points, nodes, project_along(toward)) for toward in directions])
     away = np.arccos(np.clip(directions @ usual, -1.0, 1.0)) / np.pi
-    scores = _seen(areas) * (1.0 - 0.3 * away)  # what the direction opposite to the usual one loses
+    scores = _score_visibility(areas) * (
+        1.0 - 0.3 * away
+    )  # what the direction opposite to the usual one loses
     if wanted is not None and normal is None:
-        scores *= _across(wanted.arrow[None], directions)
-        scores *= np.sqrt(_across(np.diff(wanted.path, axis=0), directions))
+        scores *= _fraction_across(wanted.arrow[None], directions)
+        scores *= np.sqrt(_fraction_across(np.diff(wanted.path, axis=0), directions))
         if wanted.normal is not None:
             scores *= np.sqrt(np.abs(directions @ wanted.normal))
     return directions[np.argmax(scores)]
 
 
-def _candidates(normal: Array | None) -> tuple[Array, Array]:
+def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
     """Return the directions (k, 3) to choose from, and the usual one (3,)."""
     if normal is not None:
         usual = normal * (np.sign(normal @ USUAL_NORMAL) or 1.0)
@@ -126,8 +132,8 @@ def _candidates(normal: Array | None) -> tuple[Array, Array]:
     return around, USUAL_DIRECTION / np.linalg.norm(USUAL_DIRECTION)
 
 
-def _surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
-    """Return points (m, 3) all over the solids, in cells of the picture, and the node (m,) of each."""
+def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
+    """Return points (m, 3) all over the solids [cells], and the node (m,) of each."""
     poses = joint_poses(robot, q[None])[0]
 
     boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
@@ -138,16 +144,19 @@ def _surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Arra
     return np.concatenate(points) / spacing, nodes
 
 
-def _areas(points: Array, nodes: IntArray, onto: Projection) -> IntArray:
-    """Return the number of cells (nodes,) in which each node's body is the nearest, points in cells."""
+def _count_visible_cells(points: Array, nodes: IntArray, onto: Projection) -> IntArray:
+    """Count the cells (nodes,) in which each node's body is nearest to the eye."""
     across, up = np.floor(onto(points)).astype(np.int64).T
     order = np.lexsort((-(points @ onto.ahead), up, across))  # the nearest last in its cell
     nearest = np.append((np.diff(across[order]) != 0) | (np.diff(up[order]) != 0), True)
     return np.bincount(nodes[order[nearest]], minlength=nodes.max() + 1)
 
 
-def _seen(areas: IntArray) -> Array:
-    """Return the visible share (k,) of the moving bodies; `areas` (k, nodes), node 0 is the base."""
+def _score_visibility(areas: IntArray) -> Array:
+    """Score the visibility (k,) of the moving bodies, by areas (k, nodes).
+
+    Node 0 is the base. The score is a weighted geometric mean of the fractions seen.
+    """
     moving = areas[:, 1:][:, areas[:, 1:].max(axis=0) > 0]
     if not moving.shape[1]:
         return np.ones(len(areas))
@@ -159,8 +168,11 @@ def _seen(areas: IntArray) -> Array:
     return share * np.sqrt(filled)
 
 
-def _across(arrows: Array, directions: Array) -> Array:
-    """Return the share (k,) of the arrows' (m, 3) length across each sight; 1 without length."""
+def _fraction_across(arrows: Array, directions: Array) -> Array:
+    """Return which fraction (k,) of the arrows' (m, 3) length lies across each sight.
+
+    1 without length.
+    """
     length = np.linalg.norm(arrows, axis=1)
     along = directions @ arrows.T
     seen = np.sqrt(np.clip(length**2 - along**2, 0.0, None)).sum(axis=1)

@@ -20,7 +20,7 @@ from framework.show.style import page_colors
 def standalone_page(
     title: str, body: str, data: object, *, styles: Sequence[str], scripts: Sequence[str], library: str = ""
 ) -> str:
-    """Return a page, HTML.
+    """Return a page (HTML) with styles, scripts and data inline.
 
     Args:
         title: plain text.
@@ -32,24 +32,25 @@ def standalone_page(
     return page_part(
         "page.html",
         title=html.escape(title),
-        style="\n".join([page_colors(), *map(_asset, ("shared.css", *styles))]),
+        style="\n".join([page_colors(), *map(_read_asset, ("shared.css", *styles))]),
         body=body,
         library=library,
         document=json.dumps(plain(data), allow_nan=False).replace("<", "\\u003c"),
-        script="\n".join(map(_asset, ("shared.js", *scripts))),
+        script="\n".join(map(_read_asset, ("shared.js", *scripts))),
     )
 
 
-def pack(values: np.ndarray) -> str:
+def encode_array(values: np.ndarray) -> str:
     """Encode an array for the scripts, row after row."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
 def page_part(name: str, **texts: Any) -> str:
-    """Return a file of framework/show/page with its places filled by HTML."""
-    return Template(_asset(name)).substitute(texts)
+    """Fill the places of a file of framework/show/page with HTML."""
+    return Template(_read_asset(name)).substitute(texts)
 
 
 @cache
-def _asset(name: str) -> str:
+def _read_asset(name: str) -> str:
+    """Read a file of framework/show/page."""
     return files("framework.show").joinpath("page", name).read_text(encoding="utf-8")

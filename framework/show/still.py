@@ -12,7 +12,7 @@ from matplotlib.path import Path
 from framework.dynamics.action_lines import action_lines
 from framework.kinematics.placements import planar_normal
 from framework.numerics.arrays import LEAST_DIVISOR, Array
-from framework.show.drawing import draw_robot, draw_scale_bar, hull
+from framework.show.drawing import convex_hull, draw_robot, draw_scale_bar
 from framework.show.film import Film
 from framework.show.scene import locus_lines
 from framework.show.sight import Projection, Sight, film_sight
@@ -33,19 +33,21 @@ def plot_still(
     sight: Sight | None = None,
     alone: bool = False,
 ) -> Axes:
-    """Draw a film at one of its frames: when None at its first singular instant, or else halfway.
+    """Draw a film at one of its frames.
+
+    When None at its first singular instant, or else halfway.
 
     Args:
         limit: torque limits (n_a,); a platform that moves in a plane then gets the polygons of the forces
             that such motors can give, some along the path, in a common scale; with `alone` that of the
             frame only.
-        locus, sight: `locus_of(film)` and `film_sight(film)`, when they are known already.
+        locus, sight: `film_locus(film)` and `film_sight(film)`, when they are known already.
     """
     robot, k = film.robot, film.telling_frame if frame is None else frame
     sight = film_sight(film) if sight is None else sight
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
     onto = sight.onto
-    curves = [onto(line) for line in (locus_of(film) if locus is None else locus)]
+    curves = [onto(line) for line in (film_locus(film) if locus is None else locus)]
     draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4, zorder=2)
     path = onto(film.platform)  # (F, 2)
     label = "path" if np.ptp(path, axis=0).max() > 0 else None
@@ -54,9 +56,9 @@ def plot_still(
     dots: Style = {"color": LOCUS if film.proved else ALARM, "markersize": 4, "zorder": 6}
     ax.plot(*path[instants].T, "o", **dots)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
-        _polygons(film, ax, path, limit, [k] if alone else None)
+        _draw_force_polygons(film, ax, path, limit, [k] if alone else None)
     if film.instants and k == film.telling_frame and len(robot.platform.sliding):
-        _action_lines(film, ax, k, onto)
+        _draw_action_lines(film, ax, k, onto)
     if film.has_measure:
         _draw_arrows(film, ax, k, onto)
     ax.autoscale_view()
@@ -67,7 +69,10 @@ def plot_still(
 
 
 def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
-    """Draw t_s and W_p at frame k: axes of turn and torque of a platform that only turns."""
+    """Draw t_s and W_p at frame k.
+
+    Axes of rotation and torque for a platform that only turns.
+    """
     reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))
     twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
     for six, color, both, label in (
@@ -78,12 +83,12 @@ def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
         largest = np.linalg.norm(part, axis=1).max()
         if largest > 0:
             tip = part[k] * ARROW_LENGTH * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
-            _arrow(ax, onto(film.platform[k]), onto(tip), color, both, label)
+            _draw_arrow(ax, onto(film.platform[k]), onto(tip), color, both, label)
     _draw_turn(film, ax, k, onto)
 
 
 def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
-    """Draw the turn of t_s at frame k as an arc about its axis, with a head at either end."""
+    """Draw the rotation of t_s at frame k as an arc about its axis."""
     shift, turn = np.split(film.twists[k], 2)
     rate, speed = float(np.linalg.norm(turn)), max(float(np.linalg.norm(shift)), LEAST_DIVISOR)
     angle = min(rate / speed * ARROW_LENGTH * film.robot.length, MAX_TURN)  # while the arrow is travelled
@@ -105,8 +110,8 @@ def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     ax.add_patch(FancyArrowPatch(path=Path(line), **style))
 
 
-def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
-    """Draw the lines along which the motors' forces act at frame k, dotted."""
+def _draw_action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
+    """Draw the lines along which the motors' forces act at frame k."""
     lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
     if lines is None:
         return
@@ -117,7 +122,7 @@ def _action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     draw_curves(ax, ends, "lines of the motors' forces", **style)
 
 
-def locus_of(film: Film) -> list[Array]:
+def film_locus(film: Film) -> list[Array]:
     """Return the curves (m, 3) of the locus, of a platform that moves in a plane."""
     robot = film.robot
     if not film.has_measure or not robot.platform.is_point:
@@ -125,8 +130,11 @@ def locus_of(film: Film) -> list[Array]:
     return locus_lines(robot, locus_curves(robot, film.q[0], film.x[0]), film.platform)
 
 
-def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
-    """Draw an arrow (2,) at a foot (2,), with a second tip if `both`; too short ones are left out."""
+def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
+    """Draw an arrow (2,) at a foot (2,), with a second tip if `both`.
+
+    Too short ones are left out.
+    """
     if np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):
         style = {
             "arrowstyle": "<|-|>" if both else "-|>",
@@ -141,14 +149,16 @@ def _arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: s
         ax.plot([], [], color=color, linewidth=1.2, label=label)
 
 
-def _polygons(film: Film, ax: Axes, line: Array, limit: Array, frames: Sequence[int] | None) -> None:
-    """Draw polygons of motor forces along the line (F, 2), at given or evenly spread frames."""
+def _draw_force_polygons(
+    film: Film, ax: Axes, line: Array, limit: Array, frames: Sequence[int] | None
+) -> None:
+    """Draw polygons of motor forces along the line (F, 2), at some frames."""
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     if frames is None:
         spread = np.linspace(0, len(film.time) - 1, 7).astype(int)  # of forces along the path
         frames = [int(k) for k in np.unique(np.append(spread, film.telling_frame))]
     for k in frames:
-        corners = line[k] + scale * hull(vertices[k])
+        corners = line[k] + scale * convex_hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))
         ax.add_patch(Polygon(corners, fill=False, edgecolor=GIVEN, linewidth=0.8, zorder=3.6))

@@ -99,20 +99,23 @@ def page_colors() -> str:
     return ":root { " + " ".join(f"--{name}: {color};" for name, color in PAGE_COLORS.items()) + " }"
 
 
-def figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:
-    """Make a figure one journal column wide of `rows` axes, `height` [in] each; `shared`: one abscissa."""
+def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:
+    """Make a figure one journal column wide of `rows` axes, `height` [in] each.
+
+    `shared`: one abscissa.
+    """
     drawing = Figure(figsize=(COLUMN_WIDTH, height * rows), layout="constrained")
     axes = drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0]
     return drawing, list(axes)
 
 
-def axes_or_new(ax: Axes | None, height: float = 2.2) -> Axes:
+def ensure_axes(ax: Axes | None, height: float = 2.2) -> Axes:
     """Return the axes given, or new ones of a height [in] when None."""
-    return figure(height=height)[1][0] if ax is None else ax
+    return new_figure(height=height)[1][0] if ax is None else ax
 
 
 def draw_dashed(ax: Axes, place: float, color: str = CROSSING, linewidth: float = 0.6) -> None:
-    """Draw a dashed line upright at a place on the abscissa, of a crossing by default."""
+    """Draw an upright dashed line at an abscissa, of a crossing by default."""
     ax.axvline(place, color=color, linewidth=linewidth, linestyle=(0, (4, 3)))
 
 
@@ -128,18 +131,18 @@ def draw_curves(ax: Axes, curves: Iterable[Array], label: str, **style: Any) -> 
 
 
 def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:
-    """Put the legend over the axes, where no curve is hidden; none without labels."""
+    """Put the legend above the axes, where no curve is hidden."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns, **options)
 
 
 def line_style(k: int) -> Style:
-    """Return colour and dash of the k-th curve, either of which is its own."""
+    """Return colour and dash of the k-th curve."""
     return {"color": COLORS[k % len(COLORS)], "linestyle": DASHES[k % len(DASHES)]}
 
 
 def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Path) -> list[Path]:
-    """Draw and write one PDF with a page a drawing, and a PNG of each, by name; return all files.
+    """Write one PDF, a page a drawing, and a PNG of each; return all files.
 
     Fonts are embedded once in a PDF: with a PDF for each figure that takes longer than drawing them.
     """
@@ -158,7 +161,10 @@ def save_pages(drawings: Mapping[str, Callable[[], Axes | Figure]], document: Pa
 
 
 def figure_file(drawing: Figure, kind: str, *, dpi: float = DPI) -> bytes:
-    """Return a figure as png, svg or pdf without a date; drawn once, while savefig draws twice."""
+    """Return a figure as a png, svg or pdf file without a date.
+
+    It is drawn once, while savefig draws twice.
+    """
     written = io.BytesIO()
     drawing.set_dpi(dpi)
     canvas = get_registered_canvas_class(kind)(drawing)

@@ -12,14 +12,14 @@ import pytest
 from framework.atlas.design_study import (
     StudyTask,
     design_study,
-    designs_of,
     map_designs,
+    read_designs,
     study_setup,
     write_study,
 )
 from framework.cli import main
 from framework.numerics.kept import KeptChunks
-from framework.show.design_study import plot_study
+from framework.show.study_figures import plot_study
 from tests.urdf_edits import parametric_five_bar
 
 
@@ -34,7 +34,7 @@ def given(tmp_path_factory):
     task = StudyTask(
         str(file), ("l1", "l2"), "rigid", ("x", "y"), (-0.36, 0.36, -0.56, 0.56), 17, ("g", "torque")
     )
-    return task, designs_of(file)
+    return task, read_designs(file)
 
 
 @pytest.fixture(scope="module")

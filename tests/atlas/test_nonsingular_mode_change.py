@@ -8,7 +8,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, trace_locus
-from framework.atlas.nonsingular_mode_change import assembly_mode_change
+from framework.atlas.nonsingular_mode_change import find_mode_change
 from framework.proofs.assembly_modes import assembly_modes
 from framework.show.locus_figures import plot_motor_locus
 from tests.proofs.test_assembly_modes import SIX
@@ -56,7 +56,7 @@ def test_the_section_has_six_cusps_and_each_is_a_triple_root(locus):
 @pytest.mark.slow
 def test_around_each_cusp_the_assembly_mode_changes_without_a_singularity(locus):
     for cusp in cusps(locus):
-        change = assembly_mode_change(locus, cusp)
+        change = find_mode_change(locus, cusp)
         assert change is not None
         np.testing.assert_array_equal(change.motors[-1], change.motors[0])
         assert np.abs(change.x[-1] - change.x[0]).max() > 1e-2
@@ -72,7 +72,7 @@ def test_around_each_cusp_the_assembly_mode_changes_without_a_singularity(locus)
 
 @pytest.mark.slow
 def test_a_change_of_assembly_mode_is_drawn_around_its_cusp(locus):
-    change = next(filter(None, (assembly_mode_change(locus, cusp) for cusp in cusps(locus))))
+    change = next(filter(None, (find_mode_change(locus, cusp) for cusp in cusps(locus))))
     ax = plot_motor_locus(locus, change)
     drawn = [line.get_xydata() for line in ax.lines]
     assert any(len(line) == len(change.motors) and np.allclose(line, change.motors[:, 1:]) for line in drawn)
@@ -86,6 +86,6 @@ def test_a_locus_over_the_workspace_has_no_motors_to_lead():
     robot = robots.load("five_bar")
     locus = trace_locus(robot, robot.reference.q, starts=4)
     with pytest.raises(InvalidInput, match="two motors"):
-        assembly_mode_change(locus, None)
+        find_mode_change(locus, None)
     with pytest.raises(InvalidInput, match="two motors"):
         plot_motor_locus(locus)

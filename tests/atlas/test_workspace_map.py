@@ -14,9 +14,8 @@ import robots
 from framework import InvalidInput, OutOfReach, ParallelRobot, assemble
 from framework.atlas.map_files import map_document, setup_document, write_map
 from framework.atlas.quantities import choose_quantities
-from framework.atlas.survey import survey_window
+from framework.atlas.survey import Window, map_axes, map_point, survey_window
 from framework.atlas.sweep import PoseReason, step_poses
-from framework.atlas.window import Window, held_coordinates, map_axes
 from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.kinematics.frames import integrate
@@ -310,4 +309,4 @@ def test_a_robot_of_one_freedom_has_no_map():
     with pytest.raises(InvalidInput, match="two of x, y"):
         map_axes(robots.load("five_bar"), ("x", "x"))
     with pytest.raises(InvalidInput, match="at"):
-        held_coordinates(robots.load("five_bar"), [1.0])
+        map_point(robots.load("five_bar"), [1.0])

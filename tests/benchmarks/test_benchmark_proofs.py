@@ -11,8 +11,8 @@ import pytest
 import robots
 from framework import pave_singularities
 from framework.atlas.nearest import nearest_singular_pose
-from framework.proofs.real_displacements import real_solutions
-from framework.proofs.study_quadric import spatial
+from framework.proofs.real_displacements import find_real_solutions
+from framework.proofs.study_quadric import spatial_displacements
 from tests.proofs.test_real_displacements import BASE, LENGTHS, PLATFORM, conditions
 
 pytestmark = pytest.mark.benchmark
@@ -42,7 +42,7 @@ def test_the_two_bounds_of_a_margin(name, capsys):
 def test_the_forty_real_poses_of_dietmaiers_platform(capsys):
     rods = conditions(BASE, PLATFORM, LENGTHS)
     start = time.process_time()
-    found = real_solutions(spatial(), rods)
+    found = find_real_solutions(spatial_displacements(), rods)
     spent = time.process_time() - start
     with capsys.disabled():
         print(f"\n  {len(found.R)} poses, {found.status}; {spent:.2f} s of the processor")

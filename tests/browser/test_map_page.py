@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.atlas.window import Window
+from framework.atlas.survey import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.show.map import map_page

@@ -11,8 +11,14 @@ from scipy.linalg import solve_discrete_are
 import robots
 from framework import InvalidInput, plan_scene
 from framework.control import CONTROLLERS, Measurement, reference_of, tuned_controller
-from framework.control.controllers import ComputedTorque, linearise_error, riccati
-from framework.control.estimation import RobotState, consistent_solution, estimated_state
+from framework.control.controllers import (
+    ComputedTorque,
+    RobotState,
+    estimate_state,
+    linearise_error,
+    solve_damped,
+    solve_riccati,
+)
 from framework.dynamics.forward_derivatives import forward_derivatives
 
 PERIOD = 1.7e-3  # no sample on the singular instant, 1 s: the naive law has a value at each
@@ -73,7 +79,7 @@ def test_with_constant_dynamics_the_riccati_gains_are_those_of_the_algebraic_equ
     h = 0.01
     A, B = np.array([[0.0, 1.0], [3.0, -0.1]]), np.array([[0.0], [2.0]])
     Q, R = np.diag([5.0, 1.0]), np.array([[0.3]])
-    gain = riccati(np.tile(A, (2000, 1, 1)), np.tile(B, (2000, 1, 1)), Q, R, h)
+    gain = solve_riccati(np.tile(A, (2000, 1, 1)), np.tile(B, (2000, 1, 1)), Q, R, h)
     # torques held: the exact discrete system by its power series
     joined = h * np.block([[A, B], [np.zeros((1, 3))]])
     series, term = np.eye(3), np.eye(3)
@@ -92,7 +98,7 @@ def test_motor_encoders_tell_the_platform_to_second_order():
         dx = size * np.array([0.6, -0.8])
         closed = platform_state(ref, k, dx)
         for aware in (True, False):
-            found = estimated_state(ref, k, closed, aware=aware)
+            found = estimate_state(ref, k, closed, aware=aware)
             assert np.abs(found.x[0] - ref.x[k] - dx).max() < 20 * size**2
 
 
@@ -112,8 +118,8 @@ def test_beside_the_crossing_the_naive_conclusion_is_noise_over_nothing():
     noisy = Measurement(
         ref.motor_angle[k][None] + 50 * 2e-5 * np.array([1.0, -1.0]), ref.motor_speed[k][None], None
     )
-    naive = estimated_state(ref, k, noisy, aware=False)
-    aware = estimated_state(ref, k, noisy, aware=True)
+    naive = estimate_state(ref, k, noisy, aware=False)
+    aware = estimate_state(ref, k, noisy, aware=True)
     assert np.abs(naive.x[0] - ref.x[k]).max() > 1e-3  # m
     assert np.abs(aware.x[0] - ref.x[k]).max() < 5e-5
 
@@ -122,18 +128,18 @@ def test_the_consistent_solution_is_the_solution_where_there_is_one():
     random = np.random.default_rng(5)
     regular, right = np.eye(4) + 0.1 * random.standard_normal((3, 4, 4)), random.standard_normal((3, 4))
     np.testing.assert_allclose(
-        consistent_solution(regular, right), np.linalg.solve(regular, right[..., None])[..., 0], atol=1e-12
+        solve_damped(regular, right), np.linalg.solve(regular, right[..., None])[..., 0], atol=1e-12
     )
     u, _, v = np.linalg.svd(random.standard_normal((4, 4)))
     singular = u @ np.diag([3.0, 2.0, 1.0, 0.0]) @ v
-    found = consistent_solution(singular[None], right[:1])[0]
+    found = solve_damped(singular[None], right[:1])[0]
     np.testing.assert_allclose(found, np.linalg.pinv(singular) @ right[0], atol=1e-12)
 
 
 def test_a_run_without_numbers_has_no_consistent_solution_and_leaves_the_others_theirs():
     matrices, right = np.tile(np.eye(2), (3, 1, 1)), np.ones((3, 2))
     matrices[1, 0, 0] = np.nan
-    np.testing.assert_array_equal(consistent_solution(matrices, right), [[1, 1], [np.nan, np.nan], [1, 1]])
+    np.testing.assert_array_equal(solve_damped(matrices, right), [[1, 1], [np.nan, np.nan], [1, 1]])
 
 
 def test_the_aware_law_is_the_naive_one_far_from_the_crossing():

@@ -20,8 +20,8 @@ from framework.control import (
     run_closed_loop,
     tuned_controller,
 )
-from framework.control.estimation import RobotState
-from framework.control.variation import vary
+from framework.control.controllers import RobotState
+from framework.control.variation import apply_variation
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
 
@@ -88,7 +88,7 @@ def test_the_torque_of_a_run_does_not_depend_on_the_others(name, controller, sen
 @pytest.mark.parametrize(("name", "flexibility", "scheme"), STEPPERS)
 def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme):
     robot, random = robots.load(name, flexibility=flexibility), np.random.default_rng(4)
-    others = [vary(robot, draw(robot, SPREAD, (0, k))) for k in range(max(LENGTHS))]
+    others = [apply_variation(robot, draw(robot, SPREAD, (0, k))) for k in range(max(LENGTHS))]
     nv = robot.model.nv
     q = integrate(robot, robot.q_near, 1e-3 * random.standard_normal((len(others), nv)))
     v, torque = random.standard_normal((len(others), nv)), random.standard_normal((len(others), robot.n_a))

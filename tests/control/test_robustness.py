@@ -28,7 +28,7 @@ from framework.control import (
 from framework.control import study as study_module
 from framework.control.controllers import FeedforwardPD
 from framework.control.study import run_chunk
-from framework.control.variation import vary
+from framework.control.variation import apply_variation
 from framework.dynamics.open_loop import MotorControl
 from tests.conftest import REMOVED, put
 
@@ -117,7 +117,7 @@ def tuned(reference):
 @pytest.mark.slow
 def test_robust_controllers_pass_with_a_wrong_payload_where_naive_computed_torque_does_not():
     passed = {
-        name: run_chunk(controller(name), ControlLoop(), PAYLOAD, 0, range(12)).passed.mean()
+        name: run_chunk(controller(name), ControlLoop(), PAYLOAD, 0, range(12))["passed"].mean()
         for name in ("feedforward", "lqr", "computed_torque", "naive_computed_torque")
     }
     assert [passed[name] for name in ("feedforward", "lqr", "computed_torque")] == [1.0, 1.0, 1.0]
@@ -128,8 +128,8 @@ def test_a_run_does_not_depend_on_its_neighbours():
     one = controller("lqr")
     together = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(3, 8))
     alone = run_chunk(one, ControlLoop(), PAYLOAD, 7, range(5, 6))
-    assert together.tracking_error[2] == alone.tracking_error[0]
-    np.testing.assert_array_equal(together.peak_torque[2], alone.peak_torque[0])
+    assert together["tracking_error"][2] == alone["tracking_error"][0]
+    np.testing.assert_array_equal(together["peak_torque"][2], alone["peak_torque"][0])
 
 
 @pytest.mark.slow
@@ -171,8 +171,8 @@ def test_the_interval_is_wilsons():
 def test_torques_stay_within_the_limit():
     limit = (0.10, 0.09)
     run = run_chunk(controller("lqr"), ControlLoop(limit=limit), PAYLOAD, 0, range(3))
-    np.testing.assert_allclose(run.peak_torque.max(axis=0), limit, rtol=1e-12)  # the plan asks for more
-    assert not run.passed.any()
+    np.testing.assert_allclose(run["peak_torque"].max(axis=0), limit, rtol=1e-12)  # the plan asks for more
+    assert not run["passed"].any()
 
 
 @pytest.mark.slow
@@ -208,7 +208,7 @@ def test_a_heavier_payload_adds_its_inertia_and_nothing_else(robot):
     nothing = draw(nominal, Spread(), (0, 0))
 
     def energy(factor):
-        model = vary(nominal, Variation(**{**vars(nothing), "payload": factor})).model
+        model = apply_variation(nominal, Variation(**{**vars(nothing), "payload": factor})).model
         return pin.computeKineticEnergy(model, model.createData(), q, v)
 
     assert energy(1.0) == pytest.approx(
@@ -442,7 +442,7 @@ def test_a_failure_is_run_again_from_what_was_written(study, tmp_path, capsys):
     assert main([*replay, "--controller", "naive_computed_torque"]) == 0
     assert f"{failure['why']}; as in the study" in capsys.readouterr().out
     setup, _ = load_study(tmp_path)
-    run = setup.run("naive_computed_torque", failure["seed"][1])
+    run = setup.run("naive_computed_torque", failure["seed"][1], record=True)
     assert run.tracking_error[0] == failure["tracking_error"]
     assert len(run.torque) > 100
 

@@ -22,7 +22,7 @@ from framework import (
 from framework.cli import main
 from framework.cli.fidelity import fidelity_lines
 from framework.fidelity.chosen_level import options_of_level
-from framework.fidelity.fidelity_indicators import model_of
+from framework.fidelity.fidelity_indicators import robot_at_level
 from framework.fidelity.fidelity_study import _plan_motion
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
@@ -69,7 +69,7 @@ def test_bodies_lose_their_mass_and_nothing_else(case):
 
 @pytest.mark.parametrize("name", ["five_bar", "five_bar_heavy"])
 def test_the_payload_of_the_paper_is_ten_kilograms(name):
-    assert mass(model_of(robots.load(name).description, LEVELS_BY_NAME["payload"])) == 10.0
+    assert mass(robot_at_level(robots.load(name).description, LEVELS_BY_NAME["payload"])) == 10.0
 
 
 def test_without_bodies_the_motors_turn_their_rotors():

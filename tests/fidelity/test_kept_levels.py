@@ -6,7 +6,7 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.fidelity.fidelity_indicators import level_motions, model_of
+from framework.fidelity.fidelity_indicators import compute_level_motions, robot_at_level
 from framework.fidelity.model_comparison import Comparison, ReferenceMotion
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
@@ -28,10 +28,10 @@ def test_every_scene_that_has_a_plan_keeps_a_level_at_one_per_cent():
 def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
     name, scene = case
     kept = robots.load(name).description.scenes[scene].fidelity
-    top = model_of(robots.load(name).description, LEVELS[-1])
+    top = robot_at_level(robots.load(name).description, LEVELS[-1])
     plan = plan_scene(top, scene)
     place = LEVELS.index(LEVELS_BY_NAME[kept.level])
-    motions = level_motions(top.description, plan.dynamics, LEVELS[-1], plan.seconds)
+    motions = compute_level_motions(top.description, plan.dynamics, LEVELS[-1], plan.seconds)
     names = [level.name for level in LEVELS[max(place - 1, 0) : place + 1]]
     reference = ReferenceMotion.of(plan, top, kept.tolerance)
     *below, enough = reference.compare_levels([(name, motions[name]) for name in names])

@@ -6,7 +6,7 @@ import numpy as np
 
 from framework import ParallelRobot
 from framework.identification import Recording
-from framework.identification.geometry import Geometry, geometry_of
+from framework.identification.geometry import Geometry, parametrise_geometry
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 
 TRACKER = 2e-5  # [m]
@@ -15,7 +15,7 @@ PLANAR = ("five_bar", "three_rrr")
 
 def off_by(robot: ParallelRobot, seed: int, *, length: float = 1e-3, angle: float = np.radians(1.0)):
     """A geometry, parameters up to so much off (of planar robots in the plane), and the robot with them."""
-    geometry = geometry_of(robot)
+    geometry = parametrise_geometry(robot)
     random = np.random.default_rng(seed)
     values = np.where(geometry.turning, angle, length) * random.uniform(-1, 1, len(geometry.names))
     if robot.name in PLANAR:  # out of it their loops would not close

@@ -15,8 +15,7 @@ import pytest
 import robots
 from framework import InvalidInput, ParallelRobot, dynamics_at
 from framework.identification import base_parameters
-from framework.identification.base_parameters import random_motion
-from framework.identification.torque_parameters import parameter_regressor, torque_parameters
+from framework.identification.base_parameters import parameter_regressor, random_motion, torque_parameters
 from tests.robots.every_robot import RIGID, in_stages
 
 SOME_DIRECTIONS = 8  # of a robot, drawn at random

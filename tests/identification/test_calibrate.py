@@ -13,8 +13,8 @@ from framework import InvalidInput, NotConverged, forward_kinematics
 from framework.cli import main
 from framework.identification import Recording, calibrate
 from framework.identification.calibrate import NOISE, _prediction_error
-from framework.identification.calibration_equations import measurements_of
-from framework.identification.geometry import geometry_of
+from framework.identification.calibration_equations import select_measurements
+from framework.identification.geometry import parametrise_geometry
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
 
@@ -89,8 +89,8 @@ def test_fewer_equations_than_parameters_leave_the_noise_assumed():
 
 def test_loops_that_do_not_close_at_poses_held_out_are_refused():
     nominal = NOMINAL["five_bar"]
-    geometry = geometry_of(nominal)
-    measured = measurements_of(geometry, only(poses(nominal, nominal, 8, 0), *MEASURED), NOISE)
+    geometry = parametrise_geometry(nominal)
+    measured = select_measurements(geometry, only(poses(nominal, nominal, 8, 0), *MEASURED), NOISE)
     start = forward_kinematics_stack(geometry.model, measured.values[:, :2]).q
     values = np.zeros(len(geometry.names))
     assert _prediction_error(geometry.model, measured, start, values).max() < 3 * TRACKER
@@ -101,7 +101,7 @@ def test_loops_that_do_not_close_at_poses_held_out_are_refused():
 
 def test_an_error_of_one_rod_is_found_and_named():
     nominal = NOMINAL["five_bar"]
-    geometry = geometry_of(nominal)
+    geometry = parametrise_geometry(nominal)
     values = np.zeros(len(geometry.names))
     values[geometry.names.index("right_rod_tip.x")] = 2e-3
     true = with_geometry(geometry, values)

@@ -13,9 +13,9 @@ from framework import InvalidInput, ParallelRobot, Type2Singularity, plan_scene
 from framework.cli import main
 from framework.dynamics.body_parameters import pseudo_inertia
 from framework.identification import Recording, identify
+from framework.identification.base_parameters import torque_parameters
 from framework.identification.measured_motion import measured_motion
-from framework.identification.physical import link_parameters_of, with_masses_and_motors
-from framework.identification.torque_parameters import torque_parameters
+from framework.identification.physical import collect_link_parameters, with_masses_and_motors
 from tests.identification.recorded_motions import measured, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
@@ -25,7 +25,7 @@ RUNS = 60
 def other_robot(nominal: ParallelRobot, change) -> tuple[ParallelRobot, np.ndarray]:
     """The robot with other parameters of its links and motors, and those of its bodies and motors."""
     described = torque_parameters(nominal)
-    links = link_parameters_of(nominal, described)
+    links = collect_link_parameters(nominal, described)
     values = links.values.copy()
     change(
         links.links,

@@ -15,15 +15,15 @@ from framework import (
     forward_kinematics,
     velocity_matrices,
 )
-from framework.identification.geometry import geometry_of
+from framework.identification.geometry import parametrise_geometry
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import difference, frames_at
 from framework.kinematics.kinematic_derivatives import kinematic_derivatives
 
 ROBOTS = {
     "five_bar": lambda: robots.load("five_bar", flexibility="flexible_links"),
-    "spherical_rrr": lambda: geometry_of(robots.load("spherical_rrr")).model,
-    "delta": lambda: geometry_of(robots.load("delta")).model,
+    "spherical_rrr": lambda: parametrise_geometry(robots.load("spherical_rrr")).model,
+    "delta": lambda: parametrise_geometry(robots.load("delta")).model,
     "three_rpr": lambda: robots.load("three_rpr"),
 }
 STEP = 1e-4  # [m, rad], with differences of fourth order
@@ -92,7 +92,7 @@ def test_along_the_motors_and_the_springs(robot):
 @pytest.mark.parametrize("name", ["three_rpr", "delta"])
 def test_geometric_parameters_are_springs_of_their_model(name):
     """Against robots whose files are off, at the same motors."""
-    geometry = geometry_of(robots.load(name))
+    geometry = parametrise_geometry(robots.load(name))
     model, planar = geometry.model, name == "three_rpr"
     found = kinematic_derivatives(model, model.reference.q)
     q_a = model.actuated_coordinates(model.reference.q[None])[0]

@@ -13,7 +13,7 @@ import pytest
 import robots
 from framework import ParallelRobot, RobotFileError
 from framework.cli import main
-from framework.model.urdf_edits import bare_urdf, make_continuous_joints_revolute
+from framework.model.urdf_edits import copy_without_shapes, make_continuous_joints_revolute
 from tests.urdf_edits import edited
 
 VISUALS = [
@@ -42,7 +42,7 @@ ODDITIES = [  # beside the shapes of a link, beside the axis of a joint
 @pytest.mark.parametrize("name", robots.CATALOGUE)
 def test_the_model_is_the_one_of_the_whole_urdf(name):
     text = re.sub("<dynamics[^>]*>", "", robots.load(name).description.urdf_text)  # is read by us
-    stripped = ElementTree.tostring(bare_urdf(ElementTree.fromstring(text)), encoding="unicode")
+    stripped = ElementTree.tostring(copy_without_shapes(ElementTree.fromstring(text)), encoding="unicode")
     whole, bare = (
         pin.buildModelFromXML(edited(urdf, (make_continuous_joints_revolute,))) for urdf in (text, stripped)
     )

@@ -10,9 +10,9 @@ import pytest
 
 import robots
 from framework import InvalidInput, ParallelRobot, RobotFileError, load_plan, load_robot, velocity_matrices
-from framework.atlas.design_study import designs_of
+from framework.atlas.design_study import read_designs
 from framework.cli import main
-from framework.model.parameters import declared_parameters, fill_placeholders, with_parameters
+from framework.model.parameters import declared_parameters, fill_parameters, fill_placeholders
 from framework.show.report import command_line
 from tests.urdf_edits import parametric_five_bar
 
@@ -64,21 +64,21 @@ def test_what_is_no_parameter_is_refused(given, told):
 
 def test_the_first_value_is_the_robots_own_and_others_may_be_given():
     text = "parameters: {l1: [0.2, 0.3], k: 7}\nlength: ${l1 * k}"
-    assert with_parameters(text)[1] == {"l1": 0.2, "k": 7.0}
-    assert with_parameters(text, {"l1": 0.3})[0].endswith(repr(0.3 * 7))
+    assert fill_parameters(text)[1] == {"l1": 0.2, "k": 7.0}
+    assert fill_parameters(text, {"l1": 0.3})[0].endswith(repr(0.3 * 7))
     with pytest.raises(RobotFileError, match="unknown parameter 'l2'"):
-        with_parameters(text, {"l2": 0.3})
+        fill_parameters(text, {"l2": 0.3})
 
 
 @pytest.mark.parametrize("text", ["1e6", "[1e6, 2E+6]", "[1.0e6]", "1000000"])
 def test_a_number_with_an_exponent_is_one_though_yaml_reads_a_text(text):
-    assert with_parameters(f"parameters: {{k: {text}}}\nstiffness: ${{2 * k}}")[0].endswith("2000000.0")
+    assert fill_parameters(f"parameters: {{k: {text}}}\nstiffness: ${{2 * k}}")[0].endswith("2000000.0")
 
 
 def test_a_parameter_that_is_given_is_a_finite_number():
     for value in (float("nan"), "many", None, [1.0, 2.0]):
         with pytest.raises(RobotFileError, match=r"parameters\.k: needs a"):
-            with_parameters("parameters: {k: 1}", {"k": value})
+            fill_parameters("parameters: {k: 1}", {"k": value})
 
 
 @pytest.mark.usefixtures("quick_figures")
@@ -121,10 +121,10 @@ def test_a_file_with_parameters_is_the_robot_with_these_numbers(tmp_path):
 
 def test_the_designs_are_the_grid_of_all_values_or_the_rows_of_a_table(tmp_path):
     file = parametric_five_bar(tmp_path)
-    assert designs_of(file).values.tolist() == [[a, b] for a in (0.25, 0.23) for b in (0.25, 0.27, 0.6)]
+    assert read_designs(file).values.tolist() == [[a, b] for a in (0.25, 0.23) for b in (0.25, 0.27, 0.6)]
     table = tmp_path / "table.csv"
     table.write_text("l2,l1\n0.26,0.24\n0.27,0.25\n")
-    names, values = designs_of(file, table)
+    names, values = read_designs(file, table)
     assert (names, values.tolist()) == (("l2", "l1"), [[0.26, 0.24], [0.27, 0.25]])
     for content, told in (
         ("l3\n1\n", "unknown parameter"),
@@ -136,6 +136,6 @@ def test_the_designs_are_the_grid_of_all_values_or_the_rows_of_a_table(tmp_path)
     ):
         table.write_text(content)
         with pytest.raises(InvalidInput, match=told):
-            designs_of(file, table)
+            read_designs(file, table)
     with pytest.raises(InvalidInput, match="needs named parameters"):
-        designs_of(robots.load("five_bar").description.file)
+        read_designs(robots.load("five_bar").description.file)

@@ -187,6 +187,11 @@ MALFORMED = [
     ("closures.0", {**DISTANCE, "length": 0}, ["closures[0].length", "greater than zero", "0"]),
     ("closures.0.length", 1, ["closures[0].length", "unknown key", "kind"]),
     ("frames", None, ["frames", "at least one entry", "None"]),
+    (
+        "frames",
+        [{"name": "left_rod", "parent": "base"}],
+        ["urdf: ", "five_bar.urdf", "duplicate link 'left_rod'"],
+    ),
     ("frames", [{"name": "a", "parent": "nobody"}], ["frames[0].parent", "unknown link 'nobody'", "base"]),
     (
         "frames",

@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import NotConverged, ParallelRobot, plan_scene
-from framework.fidelity.fidelity_indicators import model_of
+from framework.fidelity.fidelity_indicators import robot_at_level
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.planning.model_on_motion import ModelOnMotion
@@ -126,10 +126,10 @@ def test_another_model_on_the_motion_needs_what_its_own_plan_does():
     """Masses, and springs of the deformed robot, on the motion of the payload alone."""
     whole = robots.load("five_bar_heavy").description
     for name, geometry, smoothness in (("rigid", "rigid", 2), ("elastic_inertia", "deformed", 4)):
-        model = model_of(whole, LEVELS_BY_NAME[name])
+        model = robot_at_level(whole, LEVELS_BY_NAME[name])
         payload, own = (
             plan_scene(robot, "C", smoothness=smoothness)
-            for robot in (model_of(whole, LEVELS_BY_NAME["payload"]), model)
+            for robot in (robot_at_level(whole, LEVELS_BY_NAME["payload"]), model)
         )
         needed = ModelOnMotion.of(payload.dynamics, model).resolve(geometry)
         np.testing.assert_allclose(needed.torque(TIMES), own.torque(TIMES), rtol=0, atol=1e-8)

@@ -83,14 +83,6 @@ def test_the_paths_of_a_symmetric_platform_that_have_no_pose_end_at_infinity(nam
         np.testing.assert_allclose(robot.actuated_coordinates(mode.q[None])[0], q_a, atol=1e-12)
 
 
-@pytest.mark.slow
-def test_the_poses_of_a_symmetric_platform_are_proved_to_be_all_by_paving():
-    robot = robots.load("gough_stewart")
-    found = assembly_modes(robot, robot.actuated_coordinates(robot.reference.q[None])[0], pave=True)
-    assert (found.status, found.count.finite, found.complete) == ("proved", 28, True)
-    assert len(found.modes) % 2 == 0  # base and platform are flat: in pairs, mirrored at the base
-
-
 @pytest.mark.parametrize(
     ("name", "status"),
     [

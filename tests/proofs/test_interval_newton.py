@@ -7,13 +7,13 @@ import pytest
 
 from framework.proofs.interval_newton import (
     LinearEnclosure,
-    bordered_bounds,
     contract,
-    damped_mixers,
-    pivoting_mixers,
+    damped_inverses,
+    enclose_bordered_solutions,
+    pivoted_inverses,
 )
-from framework.proofs.krawczyk import existence
-from framework.proofs.rounding import inverses
+from framework.proofs.krawczyk import prove_existence
+from framework.proofs.rounding import approximate_inverses
 
 BOXES = 200
 
@@ -37,7 +37,7 @@ def test_a_solution_is_never_cut_off(rng, m, k):
     errors = 10.0 ** rng.uniform(-9, -2, (BOXES, m))
     values = -np.einsum("sij,sj->si", slopes, d) + 0.999 * errors * rng.choice([-1, 1], errors.shape)
     equations = LinearEnclosure(values, slopes, errors)
-    for mixers in (pivoting_mixers(slopes, radii), damped_mixers(equations, radii)):
+    for mixers in (pivoted_inverses(slopes, radii), damped_inverses(equations, radii)):
         left = contract(equations, radii, mixers)
         assert not left.empty.any()
         assert (left.lower <= d).all()
@@ -51,7 +51,7 @@ def test_a_box_beside_the_only_solution_is_empty(rng):
     values = -np.einsum("sij,sj->si", slopes, d)
     errors = 1e-9 * np.abs(values) * np.linalg.norm(radii, axis=1, keepdims=True)
     equations = LinearEnclosure(values, slopes, errors)
-    for mixers in (pivoting_mixers(slopes, radii), damped_mixers(equations, radii)):
+    for mixers in (pivoted_inverses(slopes, radii), damped_inverses(equations, radii)):
         assert contract(equations, radii, mixers).empty.mean() > 0.95
 
 
@@ -59,7 +59,7 @@ def test_solutions_of_bordered_systems_are_within_their_bounds(rng):
     P = rng.standard_normal((BOXES, 3, 3))
     P[::2, 2] = P[::2, 1] + 1e-7 * P[::2, 0]  # nearly singular
     errors = 10.0 ** rng.uniform(-8, -1, (BOXES, 1, 1)) * rng.uniform(0, 1, P.shape)
-    found = bordered_bounds(P, errors, 1e-13)
+    found = enclose_bordered_solutions(P, errors, 1e-13)
     valid = found[0].valid & found[1].valid
     assert 0.5 < valid.mean() < 1
     left, _, right = np.linalg.svd(P)
@@ -81,7 +81,7 @@ def test_one_root_is_proved_where_there_is_one_and_none_elsewhere(rng):
     values = np.stack([(x**2).sum(axis=1) - 1, x[:, 1] - np.tan(angle) * x[:, 0]], axis=1)
     slopes = np.stack([2 * x, np.stack([-np.tan(angle), np.ones(BOXES)], axis=1)], axis=1)
     changes = np.stack([2 * radii, 0 * radii], axis=1)
-    found = existence(LinearEnclosure(values, slopes, np.full((BOXES, 2), 1e-14)), changes, radii, None)
+    found = prove_existence(LinearEnclosure(values, slopes, np.full((BOXES, 2), 1e-14)), changes, radii, None)
     inside = (np.abs(off) < radii).all(axis=1)
     assert found.proved[::2].all()
     assert inside[found.proved].all()
@@ -96,7 +96,7 @@ def test_an_arc_is_proved_along_its_parameter(rng):
     radii = np.tile([0.02, 0.04], (BOXES, 1))
     values, slopes = (x**2).sum(axis=1)[:, None] - 1, 2 * x[:, None]
     none = np.zeros(BOXES, dtype=np.intp)
-    found = existence(
+    found = prove_existence(
         LinearEnclosure(values, slopes, np.full((BOXES, 1), 1e-14)), 2 * radii[:, None], radii, none
     )
     assert found.proved.mean() > 0.9
@@ -110,7 +110,7 @@ def test_an_arc_is_proved_along_its_parameter(rng):
 def test_a_singular_matrix_among_others_costs_only_its_own_inverse(rng):
     matrices = rng.standard_normal((5, 3, 3))
     matrices[2] = 0.0
-    found = inverses(matrices)
+    found = approximate_inverses(matrices)
     assert not found[2].any()
     others = [0, 1, 3, 4]
     np.testing.assert_allclose(found[others] @ matrices[others], np.tile(np.eye(3), (4, 1, 1)), atol=1e-9)

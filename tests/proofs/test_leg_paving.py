@@ -9,7 +9,7 @@ import robots
 from framework.kinematics.frames import difference
 from framework.kinematics.modes import legs
 from framework.proofs import leg_paving
-from framework.proofs.leg_paving import leg_solutions_complete
+from framework.proofs.leg_paving import are_leg_solutions_complete
 from framework.proofs.passive_joints import distinct_rows
 from framework.proofs.working_modes import working_modes
 from framework.tolerances import DISTINCT_SOLUTIONS
@@ -51,10 +51,10 @@ def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
         own, given = posed(robot, leg)
         near = np.array([difference(robot, q, mode.q)[own] for mode in modes.modes]) / robot.column_scale[own]
         near = near[distinct_rows(near)]
-        assert leg_solutions_complete(robot, own, given, q, near, robot.reference.x)
+        assert are_leg_solutions_complete(robot, own, given, q, near, robot.reference.x)
         for k in range(len(near)):
             rest = np.delete(near, k, axis=0)
-            assert not leg_solutions_complete(robot, own, given, q, rest, robot.reference.x)
+            assert not are_leg_solutions_complete(robot, own, given, q, rest, robot.reference.x)
 
 
 def test_a_row_repeats_only_those_that_stay():

@@ -6,28 +6,35 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from framework.proofs.homotopy import refine, start_system
-from framework.proofs.krawczyk import are_apart, chart_for, enclosures
+from framework.proofs.homotopy import refine_solutions, solve_start_system
+from framework.proofs.krawczyk import are_apart, choose_chart, enclose_solutions
 from framework.proofs.study_quadric import (
-    displacements,
-    functions,
-    planar,
-    spatial,
-    spherical,
-    translations,
+    displacement_functions,
+    displacements_of_quaternions,
+    planar_displacements,
+    spatial_displacements,
+    spherical_displacements,
+    translation_displacements,
 )
 from tests.proofs.rods import rod
 
-GROUPS = [translations((0, 1)), translations((0, 1, 2)), planar(2), planar(0), spherical(), spatial()]
+GROUPS = [
+    translation_displacements((0, 1)),
+    translation_displacements((0, 1, 2)),
+    planar_displacements(2),
+    planar_displacements(0),
+    spherical_displacements(),
+    spatial_displacements(),
+]
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda group: f"{group.family.name} {group.family.bound}")
 def test_monodromy_finds_as_many_solutions_as_there_are_and_all_are_proved(group):
-    coefficients, z = start_system(group.family)
+    coefficients, z = solve_start_system(group.family)
     assert len(z) == group.family.bound
-    quadrics, chart = group.family.quadrics(coefficients), chart_for(z)
-    z = refine(quadrics, z, chart.astype(complex))
-    proof = enclosures(quadrics, 1e-13 * np.abs(quadrics), chart, z)
+    quadrics, chart = group.family.quadrics(coefficients), choose_chart(z)
+    z = refine_solutions(quadrics, z, chart.astype(complex))
+    proof = enclose_solutions(quadrics, 1e-13 * np.abs(quadrics), chart, z)
     assert proof.proved.all()
     assert are_apart(z, proof.radii)
 
@@ -38,12 +45,12 @@ def test_a_dual_quaternion_is_the_displacement_that_its_functions_are_of():
     z[:, 4:] -= (
         z[:, :4] * np.sum(z[:, 4:] * z[:, :4], axis=1, keepdims=True) / np.sum(z[:, :4] ** 2, 1)[:, None]
     )
-    R, p = displacements(z)
+    R, p = displacements_of_quaternions(z)
     np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-13)
     np.testing.assert_allclose(R, Rotation.from_quat(z[:, [1, 2, 3, 0]]).as_matrix(), atol=1e-13)
-    forms = spatial().family.members
+    forms = spatial_displacements().family.members
     values = np.einsum("mij,ti,tj->tm", forms, z, z)
-    np.testing.assert_allclose(values / values[:, :1], functions(R, p), atol=1e-12)
+    np.testing.assert_allclose(values / values[:, :1], displacement_functions(R, p), atol=1e-12)
 
 
 def test_a_rod_is_met_by_displacements_that_keep_its_length():
@@ -51,8 +58,8 @@ def test_a_rod_is_met_by_displacements_that_keep_its_length():
     a, b, p = rng.standard_normal((3, 3))
     R = Rotation.from_rotvec(rng.standard_normal(3)).as_matrix()
     length = float(np.linalg.norm(R @ b + p - a))
-    assert abs(functions(R[None], p[None])[0] @ rod(a, b, length)) < 1e-13
-    assert abs(functions(R[None], p[None])[0] @ rod(a, b, 1.01 * length)) > 1e-3
+    assert abs(displacement_functions(R[None], p[None])[0] @ rod(a, b, length)) < 1e-13
+    assert abs(displacement_functions(R[None], p[None])[0] @ rod(a, b, 1.01 * length)) > 1e-3
 
 
 def circles(apart):
@@ -68,7 +75,7 @@ def test_solutions_however_near_to_each_other_are_proved_to_be_two(depth):
     apart = 2 - depth
     exact = np.sqrt(1 - (apart / 2) ** 2)
     z = np.array([[1, apart / 2, exact * (1 + 1e-10)], [1, apart / 2, -exact]]).astype(complex)
-    proof = enclosures(circles(apart), np.zeros((2, 3, 3)), np.array([1.0, 0, 0]), z)
+    proof = enclose_solutions(circles(apart), np.zeros((2, 3, 3)), np.array([1.0, 0, 0]), z)
     assert proof.proved.all()
     assert are_apart(z, proof.radii)
     assert abs(z[0, 2].real - exact) <= proof.radii[0, 2] < 1e-6
@@ -76,19 +83,23 @@ def test_solutions_however_near_to_each_other_are_proved_to_be_two(depth):
 
 def test_what_is_no_single_solution_is_not_proved():
     chart = np.array([1.0, 0, 0])
-    touching = enclosures(circles(2.0), np.zeros((2, 3, 3)), chart, np.array([[1, 1, 0]]).astype(complex))
+    touching = enclose_solutions(
+        circles(2.0), np.zeros((2, 3, 3)), chart, np.array([[1, 1, 0]]).astype(complex)
+    )
     assert not touching.proved[0]  # a double one
-    nowhere = enclosures(circles(1.0), np.zeros((2, 3, 3)), chart, np.array([[1, 0.5, 0.5]]).astype(complex))
+    nowhere = enclose_solutions(
+        circles(1.0), np.zeros((2, 3, 3)), chart, np.array([[1, 0.5, 0.5]]).astype(complex)
+    )
     assert not nowhere.proved[0]  # 0.36 from the next
     inexact = 1e-3 * np.abs(circles(1.9999))
     exact = np.array([[1, 1.9999 / 2, np.sqrt(1 - (1.9999 / 2) ** 2)]]).astype(complex)
-    assert not enclosures(circles(1.9999), inexact, chart, exact).proved[
+    assert not enclose_solutions(circles(1.9999), inexact, chart, exact).proved[
         0
     ]  # some of these circles do not meet
 
 
 def test_circles_apart_meet_in_two_points_that_are_not_real():
     z = np.array([[1, 1.5, 1j * np.sqrt(1.25)], [1, 1.5, -1j * np.sqrt(1.25)]])
-    proof = enclosures(circles(3.0), np.zeros((2, 3, 3)), np.array([1.0, 0, 0]), z)
+    proof = enclose_solutions(circles(3.0), np.zeros((2, 3, 3)), np.array([1.0, 0, 0]), z)
     assert proof.proved.all()
     assert (np.abs(z.imag) > proof.radii).any(axis=1).all()

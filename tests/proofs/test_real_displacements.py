@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from framework.proofs.real_displacements import real_solutions
-from framework.proofs.study_quadric import planar, spatial, translations
+from framework.proofs.real_displacements import find_real_solutions
+from framework.proofs.study_quadric import (
+    planar_displacements,
+    spatial_displacements,
+    translation_displacements,
+)
 from tests.proofs.rods import rod
 
 # P. Dietmaier, "The Stewart-Gough platform of general geometry can have 40 real postures", ARK 1998, table 1
@@ -43,7 +47,7 @@ def lengths_at(R, p, base, platform):
 
 
 def test_the_forty_real_poses_of_dietmaiers_platform_are_found_and_proved_complete():
-    found = real_solutions(spatial(), conditions(BASE, PLATFORM, LENGTHS))
+    found = find_real_solutions(spatial_displacements(), conditions(BASE, PLATFORM, LENGTHS))
     assert (len(found.R), found.bound, found.status) == (40, 40, "proved")
     assert found.proved.all()
     np.testing.assert_allclose(
@@ -60,7 +64,9 @@ def test_a_random_platform_has_the_pose_that_it_was_built_in_among_its_forty(see
     rng = np.random.default_rng(seed)
     base, platform = rng.standard_normal((2, 6, 3))
     R, p = Rotation.random(random_state=seed).as_matrix(), rng.standard_normal(3)
-    found = real_solutions(spatial(), conditions(base, platform, lengths_at(R, p, base, platform)))
+    found = find_real_solutions(
+        spatial_displacements(), conditions(base, platform, lengths_at(R, p, base, platform))
+    )
     assert found.status == "proved"
     assert (found.count.finite, found.count.lost) == (40, 0)
     assert len(found.R) % 2 == 0  # the others are pairs
@@ -89,7 +95,9 @@ COUNTS = {
 def test_platforms_on_triangles_have_the_published_number_of_poses(name, seed):
     base, platform, number = COUNTS[name]
     R, p = Rotation.random(random_state=seed).as_matrix(), np.array([0.3, -0.4, 0.8])
-    found = real_solutions(spatial(), conditions(base, platform, lengths_at(R, p, base, platform)))
+    found = find_real_solutions(
+        spatial_displacements(), conditions(base, platform, lengths_at(R, p, base, platform))
+    )
     assert (found.count.finite, found.count.infinite, found.count.lost) == (number, 40 - number, 0)
     assert found.status == "numerically complete"
     assert (np.abs(found.R - R).max(axis=(1, 2)) + np.abs(found.p - p).max(axis=1)).min() < 1e-8
@@ -119,7 +127,9 @@ def test_architecturally_singular_platforms_are_named_so_and_nothing_is_counted(
     legs = p + platform @ R.T - base
     lines = np.concatenate([legs, np.cross(base, legs)], axis=1)
     assert np.linalg.matrix_rank(lines, tol=1e-12) == 5  # the lines of the legs depend on one another
-    found = real_solutions(spatial(), conditions(base, platform, np.linalg.norm(legs, axis=1)))
+    found = find_real_solutions(
+        spatial_displacements(), conditions(base, platform, np.linalg.norm(legs, axis=1))
+    )
     assert (found.status, len(found.R)) == ("architecturally singular", 0)
 
 
@@ -135,7 +145,7 @@ def planar_rods(base, platform, lengths):
     rows = conditions(*flat, lengths)
     rows[:, 8] += rows[:, 12]
     rows[:, 11] -= rows[:, 9]
-    return rows[:, planar(2).chosen]
+    return rows[:, planar_displacements(2).chosen]
 
 
 def test_a_similar_3_rpr_has_the_four_poses_of_its_closed_form():
@@ -146,7 +156,7 @@ def test_a_similar_3_rpr_has_the_four_poses_of_its_closed_form():
     ratio, turn, p = 0.5, np.exp(0.7j), 0.2 + 0.3j
     base, platform = similar(ratio)
     lengths = np.abs(p + turn * platform - base)
-    found = real_solutions(planar(2), planar_rods(base, platform, lengths))
+    found = find_real_solutions(planar_displacements(2), planar_rods(base, platform, lengths))
     assert (found.count.finite, found.count.infinite, found.status) == (4, 2, "numerically complete")
     # u = u0 + u1 |w|^2 of |p|^2 + |w|^2 |a|^2 + 2 Re(u a) = l^2
     of_u = 2 * np.stack([base[1:].real, -base[1:].imag], axis=1)
@@ -163,7 +173,7 @@ def test_a_pose_in_which_two_meet_is_not_counted_as_single():
     base = np.array([0.0, 1.0, 0.3 + 1.1j])
     through = 0.4 + 0.3j  # the lines of all legs pass it: Type 2
     platform = through + (base - through) * np.array([0.5, 0.3, 0.6])
-    found = real_solutions(planar(2), planar_rods(base, platform, np.abs(base - platform)))
+    found = find_real_solutions(planar_displacements(2), planar_rods(base, platform, np.abs(base - platform)))
     assert found.status == "at least"
     assert found.count.multiple > 0
     assert (found.count.infinite, found.count.lost) == (0, 6 - found.count.finite - found.count.multiple)
@@ -171,5 +181,7 @@ def test_a_pose_in_which_two_meet_is_not_counted_as_single():
 
 def test_circles_about_one_point_have_no_single_pose():
     rows = np.array([rod(np.zeros(3), np.zeros(3), length) for length in (1.0, 0.5)])
-    found = real_solutions(translations((0, 1)), rows[:, translations((0, 1)).chosen])
+    found = find_real_solutions(
+        translation_displacements((0, 1)), rows[:, translation_displacements((0, 1)).chosen]
+    )
     assert found.status == "architecturally singular"

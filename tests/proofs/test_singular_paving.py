@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 import robots
 from framework import InvalidInput, ParallelRobot, pave_singularities
-from framework.proofs.regular_ball import regular_ball
+from framework.proofs.regular_ball import prove_regular_ball
 
 MILLIMETRE = 1e-3
 LEFT, RIGHT, LENGTH = np.array([-0.2, 0.0]), np.array([0.2, 0.0]), 0.25  # motors and links of the 5R
@@ -157,4 +157,4 @@ def test_a_ball_that_moves_is_refused_and_no_margin_is_proved(tmp_path):
     robot = ParallelRobot.from_file(file)
     with pytest.raises(InvalidInput, match="right_elbow"):
         pave_singularities(robot)
-    assert regular_ball(robot, robot.reference.q, robot.reference.x, 0.1).radius == 0.0
+    assert prove_regular_ball(robot, robot.reference.q, robot.reference.x, 0.1).radius == 0.0

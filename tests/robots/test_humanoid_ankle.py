@@ -28,9 +28,8 @@ from framework import (
     plan_scene,
     velocity_matrices,
 )
-from framework.atlas.ranges import restrict_to_ranges
 from framework.atlas.survey import survey_window
-from framework.atlas.workspace_map import workspace_map
+from framework.atlas.workspace_map import restrict_to_ranges, workspace_map
 from framework.kinematics.frames import frames_at
 from framework.model.description import Platform
 from tests.oracles.closed_form import Kinematics

@@ -9,7 +9,15 @@ import pytest
 
 import robots
 from framework import ParallelRobot
-from framework.show.captions import explain_crossing, film_summary, parts, plan_name, proof, subtitle, why
+from framework.show.captions import (
+    describe_film,
+    describe_film_briefly,
+    describe_flexibility,
+    describe_proof,
+    describe_saved_plan,
+    explain_crossing,
+    why_singular,
+)
 from tests.show.test_film import filmed
 
 
@@ -24,7 +32,7 @@ from tests.show.test_film import filmed
     ],
 )
 def test_a_subtitle_tells_the_scenes_apart(name, scene, said):
-    assert subtitle(filmed(name, scene)) == said
+    assert describe_film_briefly(filmed(name, scene)) == said
 
 
 @pytest.mark.parametrize(
@@ -50,22 +58,22 @@ def test_how_the_condition_is_met_is_how_the_motion_is_there(name, scene, how_so
 
 def test_a_motion_without_proof_has_none_and_says_when_its_springs_are_left_out():
     rigid, flexible = filmed("five_bar", "B"), filmed("five_bar", "B", "flexible_links")
-    assert proof(rigid) == explain_crossing(rigid, rigid.instants[0]) == ""
-    assert "rigid" not in film_summary(rigid)
-    assert "drawn with rigid parts" in film_summary(flexible)
+    assert describe_proof(rigid) == explain_crossing(rigid, rigid.instants[0]) == ""
+    assert "rigid" not in describe_film(rigid)
+    assert "drawn with rigid parts" in describe_film(flexible)
 
 
 def test_peak_torque_and_proof_are_said_with_their_flexibility():
     film = filmed("five_bar", "C", "flexible_links")
-    assert parts(film) == "flexible links, deformed geometry"
-    assert f"{np.abs(film.torque).max():.3g} N m (flexible links, deformed geometry)" in film_summary(film)
-    assert f"on {film.plan.certificate.nodes} nodes" in proof(film)
+    assert describe_flexibility(film) == "flexible links, deformed geometry"
+    assert f"{np.abs(film.torque).max():.3g} N m (flexible links, deformed geometry)" in describe_film(film)
+    assert f"on {film.plan.certificate.nodes} nodes" in describe_proof(film)
 
 
 def test_why_is_told_of_the_catalogue_s_own_robot_only(write_robot):
-    assert "one line" in why(robots.load("five_bar"))
-    assert why(robots.load("two_arms")) == ""
-    assert why(ParallelRobot.from_file(write_robot())) == ""
+    assert "one line" in why_singular(robots.load("five_bar"))
+    assert why_singular(robots.load("two_arms")) == ""
+    assert why_singular(ParallelRobot.from_file(write_robot())) == ""
 
 
 def test_each_robot_that_crosses_says_why_it_is_singular():
@@ -88,7 +96,7 @@ def test_a_saved_plan_is_called_as_its_scene():
     from framework import plan_scene
 
     robot = robots.load("five_bar")
-    assert plan_name(plan_scene(robot, "C"), "folder") == "Scene C"
-    assert plan_name(plan_scene(robot, "A"), "folder") == "Scene A"
-    assert plan_name(plan_scene(robot, "C", speeds=[1.4]), "folder") == "Plan folder"
-    assert plan_name(plan_scene(robot, "A", duration=1.6), "folder") == "Plan folder"
+    assert describe_saved_plan(plan_scene(robot, "C"), "folder") == "Scene C"
+    assert describe_saved_plan(plan_scene(robot, "A"), "folder") == "Scene A"
+    assert describe_saved_plan(plan_scene(robot, "C", speeds=[1.4]), "folder") == "Plan folder"
+    assert describe_saved_plan(plan_scene(robot, "A", duration=1.6), "folder") == "Plan folder"

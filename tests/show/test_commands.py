@@ -19,7 +19,7 @@ import robots
 from framework import Line, load_plan, plan_crossing, plan_scene
 from framework.cli import main
 from framework.planning.saved import plan_document
-from framework.show.report import _certificate
+from framework.show.report import _certificate_html
 
 
 @pytest.fixture
@@ -214,7 +214,7 @@ def test_the_certificate_claims_what_holds_of_this_plan_alone(folder):
         (overshooting, (crosses, overshoots)),
         (clear, ()),
     ):
-        said = _certificate(plan, None)
+        said = _certificate_html(plan, None)
         assert [one in said for one in (crosses, elastic, overshoots)] == [
             one in sentences for one in (crosses, elastic, overshoots)
         ]

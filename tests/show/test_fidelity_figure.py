@@ -6,7 +6,7 @@ import numpy as np
 
 import robots
 from framework import fidelity_study
-from framework.show.fidelity import plot_fidelity
+from framework.show.study_figures import plot_fidelity
 
 
 def test_a_curve_for_each_rung_with_torques_of_its_own():

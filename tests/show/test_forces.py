@@ -8,7 +8,7 @@ import pytest
 
 import robots
 from framework.dynamics.action_lines import action_lines
-from framework.show.scene import drawn_sides, why_no_figure
+from framework.show.scene import force_edges, why_no_figure
 from framework.show.shapes import body_shapes, motor_shapes
 from tests.show.test_film import filmed
 
@@ -52,7 +52,7 @@ def test_the_lines_of_the_forces_run_along_the_legs(name, scene):
 )
 def test_what_the_motors_give_is_flat_across_t_s_at_the_singular_instant(name, scene):
     film = filmed(name, scene)
-    sides = drawn_sides(film.robot, film.motors.motor_speed, np.ones(3))
+    sides = force_edges(film.robot, film.motors.motor_speed, np.ones(3))
     volume = np.abs(np.linalg.det(sides)) / np.prod(np.linalg.norm(sides, axis=2), axis=1)
     k = int(np.argmin(np.abs(film.time - film.instants[0].time)))
     assert volume[k] < 1e-9
@@ -64,7 +64,7 @@ def test_what_the_motors_give_is_flat_across_t_s_at_the_singular_instant(name, s
 def test_a_figure_of_the_forces_is_drawn_or_it_is_said_why_not(name):
     robot = robots.load(name)
     speeds = np.random.default_rng(5).normal(size=(2, robot.n_a, robot.n))
-    sides = drawn_sides(robot, speeds, np.ones(robot.n_a))
+    sides = force_edges(robot, speeds, np.ones(robot.n_a))
     assert (sides is None) == (robot.n == 1 or bool(why_no_figure(robot)))
     assert robot.n_a == 1 or sides is not None or "drawn" in why_no_figure(robot)
 

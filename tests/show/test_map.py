@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework.atlas.window import Window
+from framework.atlas.survey import Window
 from framework.atlas.workspace_map import workspace_map
 from framework.planning.scenes import scene, scene_path
 from framework.show.map import map_page, plot_map, save_map_figures

@@ -13,7 +13,7 @@ import robots
 from framework.kinematics.continuation import tracking
 from framework.show.jogging import hand_document
 from framework.show.page import film_page, hand_page
-from framework.show.scene import film_documents, floats
+from framework.show.scene import encode_floats, film_documents
 from framework.show.shapes import body_shapes, thin_mesh
 from framework.singularity.drawn_locus import locus_curves
 from tests.show.test_film import filmed
@@ -159,7 +159,7 @@ def test_a_thinned_mesh_keeps_its_shape_and_has_no_collapsed_faces():
 
 
 def test_floats_travel_as_little_endian_singles():
-    assert decoded(floats([[1.5, -2.0], [0.25, 1e-3]])).tolist() == [1.5, -2.0, 0.25, np.float32(1e-3)]
+    assert decoded(encode_floats([[1.5, -2.0], [0.25, 1e-3]])).tolist() == [1.5, -2.0, 0.25, np.float32(1e-3)]
 
 
 def test_films_of_one_robot_share_one_trace_of_the_locus(monkeypatch):

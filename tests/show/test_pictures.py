@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 import robots
 from framework import InvalidInput, plan_scene
 from framework.kinematics.placements import frame_positions, joint_poses
-from framework.show.drawing import draw_robot, gallery_picture, hull
+from framework.show.drawing import convex_hull, draw_robot, gallery_picture
 from framework.show.jupyter import load_ipython_extension
 from framework.show.moving import film_picture
 from framework.show.shapes import body_shapes
@@ -28,7 +28,7 @@ from tests.show.test_film import filmed
 def test_the_hull_is_that_of_qhull():
     rng = np.random.default_rng(0)
     for points in (rng.normal(size=(50, 2)), rng.integers(0, 4, (60, 2)).astype(float)):
-        x, y = hull(points).T
+        x, y = convex_hull(points).T
         area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
         assert area == pytest.approx(ConvexHull(points).volume, rel=1e-12)  # in a plane its area
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import matplotlib
 import matplotlib.image
@@ -10,12 +11,12 @@ import numpy as np
 import pytest
 
 import robots
-from framework import InvalidInput, ParallelRobot, plan_crossing, plan_scene
+from framework import InvalidInput, Line, ParallelRobot, plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.show import plots
 from framework.show.force_polygon import plot_eye
 from framework.show.plots import plot_phase_plane
-from framework.show.style import figure
+from framework.show.style import new_figure
 
 CASES = [("C", "rigid"), ("C", "flexible_links"), ("A", "flexible_joints")]
 
@@ -159,9 +160,12 @@ def test_the_wrench_is_drawn_over_time_and_vanishes_at_the_crossings(plan):
 
 def test_the_eye_closes_to_a_point_that_the_motion_passes(crossing_plan):
     """At any torque limit: the band has no width at the singular instant, and the curve goes through it."""
-    plan = crossing_plan
+    description = crossing_plan.robot.description
     for limit in (0.2, 20.0):
-        ax = plot_eye(plan, torque_limit=limit)
+        motors = tuple(replace(motor, torque_limit=limit) for motor in description.actuators)
+        robot = ParallelRobot.from_description(replace(description, actuators=motors))
+        plan = plan_scene(robot, "C")
+        ax = plot_eye(plan)
         (curve,) = curves(ax)
         (band,) = (part.get_paths()[0].vertices for part in ax.collections)
         width = np.abs(band[:, 1])
@@ -171,10 +175,10 @@ def test_the_eye_closes_to_a_point_that_the_motion_passes(crossing_plan):
         assert f"{limit:.3g} N m" in ax.get_legend().get_texts()[0].get_text()
 
 
-@pytest.mark.parametrize(("crossing", "limit"), [(1, None), (0, -1.0), (0, [1.0, 2.0, 3.0]), (0, np.nan)])
-def test_an_eye_that_cannot_be_drawn_is_refused(crossing_plan, crossing, limit):
-    with pytest.raises(InvalidInput, match=r"crossing|torque_limit"):
-        plot_eye(crossing_plan, crossing=crossing, torque_limit=limit)
+def test_a_plan_without_a_crossing_has_no_eye(crossing_plan):
+    clear = plan_crossing(crossing_plan.robot, Line([0.1, 0.345], [0.08, 0.335]), duration=1.0)
+    with pytest.raises(InvalidInput, match="no crossing"):
+        plot_eye(clear)
 
 
 def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
@@ -190,13 +194,13 @@ def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
 
 @pytest.mark.parametrize("draw", [plots.plot_torques, plots.plot_singularity, plots.plot_wrench])
 def test_figures_are_drawn_on_the_axes_that_one_gives(crossing_plan, draw):
-    ax = figure()[1][0]
+    ax = new_figure()[1][0]
     assert draw(crossing_plan, ax) is ax
     assert curves(ax)
 
 
 def test_the_law_is_drawn_on_the_axes_that_one_gives(crossing_plan):
-    axes = figure(3)[1]
+    axes = new_figure(3)[1]
     assert plots.plot_law(crossing_plan, axes) == axes
     assert all(curves(ax) for ax in axes)
 
@@ -220,7 +224,10 @@ def test_all_figures_are_saved_as_pages_of_a_pdf_and_as_png(crossing_plan, tmp_p
         assert image.shape[1] == 700  # [px], a column of 3.5 inches
         assert image[..., :3].std() > 0.05  # there is something on it
     twice = [
-        [path.read_bytes() for path in plots.save(lambda: plots.plot_torques(crossing_plan), tmp_path / stem)]
+        [
+            path.read_bytes()
+            for path in plots.save_figure(lambda: plots.plot_torques(crossing_plan), tmp_path / stem)
+        ]
         for stem in ("again", "and_again")
     ]
     assert twice[0] == twice[1]

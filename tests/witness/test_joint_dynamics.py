@@ -14,7 +14,7 @@ import pytest
 
 import robots
 from framework import Line, ParallelRobot, plan_crossing, plan_scene
-from framework.files.mjcf import mjcf_text, qpos_of
+from framework.files.mjcf import convert_to_qpos, mjcf_text
 from framework.model.description import JointDynamics
 from tests.kinematics.test_couplings import URDF, YAML
 from tests.witness.installed import REQUIRED
@@ -44,7 +44,7 @@ def power_left(robot, plan, t):
     model = mujoco.MjModel.from_xml_string(mjcf_text(robot))
     data = mujoco.MjData(model)
     dynamics, at = plan.dynamics, np.array([t])
-    data.qpos[:] = qpos_of(robot.model, dynamics.configuration(at)[0])
+    data.qpos[:] = convert_to_qpos(robot.model, dynamics.configuration(at)[0])
     data.qvel[:] = dynamics.velocity(at)[0]
     mujoco.mj_forward(model, data)
     jacobian = (

@@ -11,7 +11,14 @@ import pytest
 
 import robots
 from framework import InvalidInput, ParallelRobot, assemble, plan_scene
-from framework.files.mjcf import MIN_INERTIA, MIN_MASS, equality_axes, mjcf_text, qpos_of, ranges_left_out
+from framework.files.mjcf import (
+    MIN_INERTIA,
+    MIN_MASS,
+    convert_to_qpos,
+    equality_axes,
+    mjcf_text,
+    ranges_left_out,
+)
 from framework.simulation.accelerations import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from tests.model.readers.leg import ankle
@@ -84,7 +91,7 @@ def test_balls_are_those_of_mujoco(tmp_path):
     ours = tree_in_pinocchio(robot, with_stand_ins(robot), robot.reference.q, data.qvel.copy())
     for one, two in zip(theirs, ours, strict=True):
         np.testing.assert_allclose(one, two, rtol=0, atol=10 * MIN_INERTIA)  # of the thin rods' stand-ins
-    data.qpos[:] = qpos_of(robot.model, q)
+    data.qpos[:] = convert_to_qpos(robot.model, q)
     mujoco.mj_forward(model, data)
     assert np.abs(data.efc_pos).max() < 1e-13
 

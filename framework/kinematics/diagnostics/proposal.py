@@ -40,8 +40,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
-from framework.model.readers.describe import Known, Options
-from framework.model.readers.urdf_tree import UrdfTree, merge_sharing
+from framework.model.readers.describe import Options, PartialRobot
+from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
@@ -92,7 +92,7 @@ class _Undriven(RobotFileError):
         self.reference = motions.mechanism.reference_values(motions.q)
 
 
-def propose(options: Options, known: Known) -> Known:
+def propose(options: Options, known: PartialRobot) -> PartialRobot:
     """Complete the description by missing platform, motors and reference, with a remark on each.
 
     Free bases are held, and serial joints that carry no loop (a wrist on a delta), unless the options name
@@ -121,7 +121,7 @@ def propose(options: Options, known: Known) -> Known:
     return _complete_driven(known)
 
 
-def _complete_driven(known: Known) -> Known:
+def _complete_driven(known: PartialRobot) -> PartialRobot:
     """Complete the description as `_complete` does; hold springs and idle turns without a motor."""
     try:
         return _complete(known, by_joints=True)
@@ -131,7 +131,7 @@ def _complete_driven(known: Known) -> Known:
         return _complete(_hold_joints(known, loose.joints, loose.why), by_joints=True)
 
 
-def _complete(known: Known, *, by_joints: bool) -> Known:
+def _complete(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
     """Complete the description as `propose` does, without holding more joints.
 
     If nothing can be proposed at a pose of the file beyond the joints' limits, a pose within them is tried.
@@ -154,7 +154,7 @@ def _complete(known: Known, *, by_joints: bool) -> Known:
     return _complete_at_pose(known, within, by_joints=by_joints)
 
 
-def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Known:
+def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool) -> PartialRobot:
     """Complete the description at a closed pose: motors, then the first proposed platform that is driven."""
     if not motions.freedoms:
         raise _no_freedom(motions, known)
@@ -185,13 +185,13 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Kn
     )
 
 
-def _choose_motors(motions: _Motions, known: Known) -> Known:
+def _choose_motors(motions: _Motions, known: PartialRobot) -> PartialRobot:
     """Return the content of the file at a closed pose, with motors chosen if need be."""
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
     if not actuators:
-        motors = _motors(motions, known.tree, known.likely_motors)
+        motors = _motors(motions, known.tree, known.tree.likely_motors)
         actuators = tuple(map(Actuator, motors))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
     elif known.chooses_motors and len(actuators) > motions.freedoms:
@@ -205,7 +205,7 @@ def _choose_motors(motions: _Motions, known: Known) -> Known:
     return known._replace(description=description, remarks=(*known.remarks, *remarks))
 
 
-def _no_freedom(motions: _Motions, known: Known) -> RobotFileError:
+def _no_freedom(motions: _Motions, known: PartialRobot) -> RobotFileError:
     """Return the error where no motion of the loops moves a mass."""
     if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
         return RobotFileError("no link that moves has a mass: an inertia is missing")
@@ -234,7 +234,9 @@ def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
         carried_motors = sum(joint in path for path in motor_paths)
         if 1 < carried_motors < len(motor_paths) and carried_ends == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
-    first, *others = merge_sharing(_loop_joints(tree, closure) for closure in description.closures) or [[]]
+    first, *others = merge_overlapping(_loop_joints(tree, closure) for closure in description.closures) or [
+        []
+    ]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
     if not to_lock:
@@ -364,7 +366,7 @@ def _holding_joints(
     to_lock = motions.independent(undriven, passive)
     if len(to_lock) == undriven.shape[1]:
         return to_lock
-    serial = _serial(Known(tree, description))
+    serial = _serial(PartialRobot(tree, description))
     freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
     return serial if len(freedoms) == undriven.shape[1] else []
 
@@ -503,7 +505,7 @@ def _is_driven(description: RobotDescription, platform: Platform) -> bool:
 # ------------------------------------------------------------------ joints in no loop
 
 
-def _loop_joint_names(known: Known) -> set[str]:
+def _loop_joint_names(known: PartialRobot) -> set[str]:
     """Return names of the joints that loops need."""
     tree, description = known.tree, known.description
     needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
@@ -512,13 +514,13 @@ def _loop_joint_names(known: Known) -> set[str]:
     return needed
 
 
-def _serial(known: Known) -> list[str]:
+def _serial(known: PartialRobot) -> list[str]:
     """Return moving joints that no loop needs."""
     needed = _loop_joint_names(known)
     return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
 
 
-def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], list[str]]:
+def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
     """Return serial joints that no option names, without and with loops behind."""
     tree = known.tree
     used = {*(options.motors or ()), *(options.platform_joints or ())}
@@ -534,13 +536,13 @@ def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], lis
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 
-def _hold_joints(known: Known, joints: Sequence[str], why: str) -> Known:
+def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
     """Return the file with joints held at the reference and left out of the description, with a remark."""
     if not joints:
         return known
     tree, description = known.tree, known.description
     for name in joints:
-        tree.hold(tree.joints[name], description.reference)
+        tree.fix_at_reference(tree.joints[name], description.reference)
     rest = set(tree.coordinates)
     description = replace(
         description,

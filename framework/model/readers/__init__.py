@@ -1,6 +1,6 @@
 """Readers of other loop dialects. Open `recognise` first: it tells dialects apart and calls their readers.
 
-All make the records of `framework.model.description`.
+All make the records of `framework.model.description`, or raise a RobotFileError that names the element.
 
 Dialects
     urdf                URDF, whose loops are written in many ways

@@ -30,11 +30,7 @@ _JOINTS: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(te
 
 
 def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
-    """Read the description in the content of a robot.yaml and the tree of its URDF.
-
-    Raises:
-        InvalidInput: names the key.
-    """
+    """Read the robot in the content of a robot.yaml and the tree of its URDF."""
     _replace_joints(tree, **read_table("", content, _JOINTS, others=KEYS))
     table = {
         "closed_loop": required(entries(list_of(one_of("frame", tree.frames)))),
@@ -56,7 +52,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
 
 
 def _check_count(key: str, entries: Sequence[str], what: str, others: Sequence[Any]) -> None:
-    """Raise RobotFileError unless both lists have one length."""
+    """Refuse two lists of different lengths."""
     if len(entries) != len(others):
         raise RobotFileError(f"{key}: needs one entry a {what} ({len(others)}), got {len(entries)}")
 

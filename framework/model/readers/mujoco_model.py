@@ -19,8 +19,8 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import MissingPackage, RobotFileError
-from framework.model.readers.urdf_tree import LeftOut
-from framework.model.urdf_elements import check_inertia, symmetric
+from framework.model.readers.urdf_tree import UnreadElement
+from framework.model.urdf_elements import check_inertia, symmetric_matrix
 from framework.numerics.input import read_text
 
 # [kg], [kg m^2] of bodies without mass, for MuJoCo, which refuses less than 1e-15
@@ -37,14 +37,10 @@ _UNUSED = ("sensors", "pairs", "excludes", "tuples", "skins", "lights", "texture
 _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b.*?</plugin\s*>", re.DOTALL)
 
 
-def mujoco_model(file: Path) -> tuple[Any, list[LeftOut], Counter[str]]:
-    """Return the compiled model, omitted elements, and counts of unused ones by kind.
+def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
+    """Return the compiled model, unread elements, and counts of unused ones by kind.
 
-    Bodies without mass stay massless.
-
-    Raises:
-        MissingPackage: MuJoCo is not installed.
-        RobotFileError: MuJoCo refuses the file; says what MuJoCo says.
+    Bodies without mass stay massless. MuJoCo's own refusal becomes a RobotFileError.
     """
     try:
         import mujoco
@@ -59,15 +55,15 @@ def mujoco_model(file: Path) -> tuple[Any, list[LeftOut], Counter[str]]:
             warnings.simplefilter("ignore")  # it computes with bodies that have next to no mass
             silence.callback(mujoco.set_mju_user_warning, mujoco.get_mju_user_warning())
             mujoco.set_mju_user_warning(lambda _: None)  # its own writes a file where the program runs
-            return _model_of(mujoco, _parse(mujoco, file))
+            return _compile_usable_parts(mujoco, _load_spec(mujoco, file))
     except RobotFileError:
         raise
     except (ValueError, RuntimeError) as error:  # of MuJoCo, for all that it refuses
-        raise RobotFileError(_one_line(str(error))) from None
+        raise RobotFileError(_reorder_error(str(error))) from None
 
 
-def _model_of(mujoco: Any, spec: Any) -> tuple[Any, list[LeftOut], Counter[str]]:
-    """Return the compiled model of a specification, omitted and unused elements."""
+def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadElement], Counter[str]]:
+    """Compile a specification without parts that MuJoCo refuses or no motion needs."""
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
@@ -98,8 +94,8 @@ def _apply_flags(mujoco: Any, compiled: Any) -> None:
         compiled.opt.gravity[:] = 0.0
 
 
-def _one_line(error: str) -> str:
-    """Return MuJoCo's error, its line and element in front."""
+def _reorder_error(error: str) -> str:
+    """Return MuJoCo's error in one line that begins with line and element."""
     text = " ".join(re.sub(r"^((XML )?Error: )+", "", error).split())
     match = re.search(r" Element (name )?'(?P<name>[^']*)'(, id \d+)?, line (?P<line>\d+)$", text)
     if match is None:
@@ -108,8 +104,8 @@ def _one_line(error: str) -> str:
     return f"line {match['line']}: {name}MuJoCo: {text[: match.start()]}"
 
 
-def _parse(mujoco: Any, file: Path) -> Any:
-    """Return MuJoCo's specification of a file, without missing plugins."""
+def _load_spec(mujoco: Any, file: Path) -> Any:
+    """Load MuJoCo's specification of a file, without missing plugins."""
     try:
         return mujoco.MjSpec.from_file(str(file))
     except ValueError as error:
@@ -136,7 +132,7 @@ def _included_files(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
         yield from _included_files(folder, other)
 
 
-def _delete_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+def _delete_unused(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
     """Delete elements that no motion needs; yield actuators of plugins."""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
@@ -151,14 +147,14 @@ def _delete_unused(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
             site.type, site.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, ""
     for actuator in list(spec.actuators):
         if actuator.plugin.active:
-            yield LeftOut(f"actuator {actuator.name!r}: driven by a plugin", (actuator.target,))
+            yield UnreadElement(f"actuator {actuator.name!r}: driven by a plugin", (actuator.target,))
             spec.delete(actuator)
     spec.compiler.fusestatic = False  # each body keeps its name
     spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE  # simulates muscles, which are not read
 
 
-def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
-    """Give impossible bodies an inertia that MuJoCo compiles; yield each as decisive."""
+def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
+    """Give impossible bodies an inertia that MuJoCo compiles; yield each."""
     geoms_only = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies:
         is_mended = body.compiler.balanceinertia or body.compiler.inertiafromgeom == geoms_only  # by MuJoCo
@@ -171,7 +167,7 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
                 raise RobotFileError(f"body {body.name!r}: has a mass of {body.mass:g} kg")
             check_inertia(f"body {body.name!r}: inertia", np.diag(body.inertia))
         except RobotFileError as error:
-            yield LeftOut(f"{body.info}: {error}", (body.name,), is_decisive=True)
+            yield UnreadElement(f"{body.info}: {error}", (body.name,), is_decisive=True)
             body.mass, body.inertia = max(body.mass, 0.0), np.ones(3)
         # a thin rod's moments, rounded: MuJoCo allows the largest not a digit more than the others' sum
         moments = np.maximum(body.inertia, 0.0)
@@ -182,21 +178,21 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
 
 def _make_principal(body: Any) -> None:
     """Replace the inertia matrix of a body by principal moments [kg m^2] and axes."""
-    moments, axes = np.linalg.eigh(symmetric(*body.fullinertia))
+    moments, axes = np.linalg.eigh(symmetric_matrix(*body.fullinertia))
     axes[:, 0] *= np.linalg.det(axes)  # right-handed
     turn = pin.Quaternion(axes)
     body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
     body.inertia, body.iquat = moments, [turn.w, turn.x, turn.y, turn.z]
 
 
-def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
+def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
     """Delete meshes without mass and missing meshes; yield the latter as decisive."""
     needed = set()
     for geom in list(spec.geoms):
         if not geom.meshname:
             continue
         body, mesh = geom.parent, spec.mesh(geom.meshname)
-        if _weighs(mujoco, geom, body):
+        if _adds_mass(mujoco, geom, body):
             name = mesh.file if mesh is not None else geom.meshname
             folder = Path(spec.modelfiledir) / (mesh.compiler.meshdir if mesh is not None else "")
             file = folder / (Path(name).name if spec.strippath else name)
@@ -206,15 +202,15 @@ def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[LeftOut]:
             text = (
                 f"{geom.info}: body {body.name!r}: its inertia is that of the mesh {name!r}, which is missing"
             )
-            yield LeftOut(text, (body.name,), is_decisive=True)
+            yield UnreadElement(text, (body.name,), is_decisive=True)
         spec.delete(geom)
     for mesh in list(spec.meshes):
         if mesh.name not in needed and Path(mesh.file).stem not in needed:
             spec.delete(mesh)
 
 
-def _weighs(mujoco: Any, geom: Any, body: Any) -> bool:
-    """Whether the mass of a body takes that of a geom."""
+def _adds_mass(mujoco: Any, geom: Any, body: Any) -> bool:
+    """Return whether a geom adds to the mass of its body."""
     rule, kinds = body.compiler.inertiafromgeom, mujoco.mjtInertiaFromGeom
     if rule == kinds.mjINERTIAFROMGEOM_FALSE or (
         rule == kinds.mjINERTIAFROMGEOM_AUTO and body.explicitinertial
@@ -224,17 +220,17 @@ def _weighs(mujoco: Any, geom: Any, body: Any) -> bool:
     return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
 
 
-def _compile(spec: Any) -> tuple[Any, list[LeftOut]]:
+def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
     """Compile a specification without refused meshes; return model and decisive omissions."""
     masses, inertias = spec.compiler.boundmass, spec.compiler.boundinertia
     spec.compiler.boundmass = max(masses, STAND_IN_MASS)
     spec.compiler.boundinertia = max(inertias, STAND_IN_INERTIA)
-    left_out, model = list[LeftOut](), None
+    left_out, model = list[UnreadElement](), None
     while model is None:
         try:
             model = spec.compile()
         except ValueError as error:
-            left_out += _delete_refused_meshes(spec, _one_line(str(error)))
+            left_out += _delete_refused_meshes(spec, _reorder_error(str(error)))
     if masses < STAND_IN_MASS:
         model.body_mass[model.body_mass <= STAND_IN_MASS] = 0.0
     if inertias < STAND_IN_INERTIA:
@@ -242,7 +238,7 @@ def _compile(spec: Any) -> tuple[Any, list[LeftOut]]:
     return model, left_out
 
 
-def _delete_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
+def _delete_refused_meshes(spec: Any, error: str) -> list[UnreadElement]:
     """Delete the mesh that an error names, else all meshes, with their geoms."""
     left_out = []
     geoms = [geom for geom in spec.geoms if geom.meshname]
@@ -253,7 +249,7 @@ def _delete_refused_meshes(spec: Any, error: str) -> list[LeftOut]:
     for geom in geoms:
         if geom.meshname in named or not named:
             text = f"body {geom.parent.name!r}: its inertia is that of a mesh: {error}"
-            left_out.append(LeftOut(text, (geom.parent.name,), is_decisive=True))
+            left_out.append(UnreadElement(text, (geom.parent.name,), is_decisive=True))
             spec.delete(geom)
     for mesh in list(spec.meshes):
         if mesh.name in named or not named:

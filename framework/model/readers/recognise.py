@@ -14,9 +14,9 @@ from typing import Any
 
 from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, short
 from framework.model.description import ParsedRobot, RobotDescription
-from framework.model.documents import LEADING_BLANKS, naming, parse_xml, parse_yaml
-from framework.model.parameters import with_parameters
-from framework.model.readers.describe import Known, Options, checked_reference, complete
+from framework.model.documents import LEADING_BLANKS, parse_xml, parse_yaml, prefix_errors
+from framework.model.parameters import fill_parameters
+from framework.model.readers.describe import Options, PartialRobot, complete_robot, merge_reference
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.robot_file import parse_robot
 from framework.numerics.input import read_text
@@ -48,7 +48,7 @@ def read_any(file: str | Path, **options: Any) -> RobotDescription:
 def parse_any(
     file: str | Path, *, parameters: Mapping[str, float] | None = None, **options: Any
 ) -> ParsedRobot:
-    """Read a file of any dialect, recognised by its content: description, URDF and dialect.
+    """Read a file of any dialect, recognised by its content.
 
     The fields of `Options` complete a foreign file and override it: the `platform` frame and its `axes` or
     `platform_joints`, the joints that are `motors` or `locked` [rad, m] (None: at the reference), and a
@@ -65,14 +65,14 @@ def parse_any(
     stated |= {name: tuple(stated[name]) for name in _LISTS if name in stated}
     chosen = Options(**stated)
     if os.path.isdir(path):
-        path = _pair_in(path)
+        path = _find_pair(path)
     text = read_text(path, f"{path}: cannot read it", error=RobotFileError)
     if path.suffix.lower() in (".usd", ".usda", ".usdc", ".usdz") or text.startswith("#usda"):
         raise RobotFileError(f"{path}: {_USD}")
     is_xml = text.lstrip(LEADING_BLANKS).startswith("<")
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf", ".sdf") and not is_xml:
         raise RobotFileError(f"{path}: not well-formed XML: it does not begin with <")
-    with naming(path):
+    with prefix_errors(path):
         if not is_xml:
             return _from_yaml(path, text, chosen, parameters)
         if parameters:
@@ -81,7 +81,7 @@ def parse_any(
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    """Read an XML file by the reader of its root element; prefix errors with their line."""
+    """Read an XML file by the reader of its root element; name lines in errors."""
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
     from framework.model.readers.urdf import read_urdf
@@ -98,7 +98,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 
 def _line_of_element(message: str, text: str) -> str:
-    """Return the line of the element that a message begins with, or nothing."""
+    """Return "line N: " of the element that a message begins with, or ""."""
     named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
     if named is None:
         return ""
@@ -111,13 +111,13 @@ def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
     """Read a YAML file of any dialect, recognised by its keys, with its URDF."""
-    text, parameters = with_parameters(text, parameters_given)
+    text, parameters = fill_parameters(text, parameters_given)
     content = parse_yaml(text)
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
     has_loops_alone = "closures" in content and not {"version", "urdf", "platform"} & content.keys()
     if not has_loops_alone and any(key in content for key in _OWN_KEYS):
-        return _own(parse_robot(path, content, parameters), options)
+        return _complete_own_file(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
     from framework.model.readers.urdf import read_urdf
 
@@ -126,10 +126,10 @@ def _from_yaml(
         raise RobotFileError(
             f"unknown dialect: has neither version (our robot file) nor closed_loop (Gepetto); given: {keys}"
         )
-    urdf = _urdf_beside(path)
+    urdf = _find_urdf(path)
     if has_loops_alone and not urdf.is_file():
         raise RobotFileError("a list of closures: give the URDF that they are of")
-    with naming(urdf.name):
+    with prefix_errors(urdf.name):
         root = parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
         if has_loops_alone:
             return read_urdf(urdf, root, options, content)
@@ -138,8 +138,8 @@ def _from_yaml(
     return gepetto.read_pair(path, content, tree, options)
 
 
-def _urdf_beside(path: Path) -> Path:
-    """Return the URDF of a foreign YAML: its namesake, else the only one nearby."""
+def _find_urdf(path: Path) -> Path:
+    """Find the URDF of a foreign YAML: its namesake, else the only one nearby."""
     urdf = path.with_suffix(".urdf")
     for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
         others = list(folder.glob("*.urdf"))
@@ -148,8 +148,8 @@ def _urdf_beside(path: Path) -> Path:
     return urdf
 
 
-def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
-    """Complete our robot file by the options."""
+def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
+    """Complete a robot file of our own by the options."""
     if options.base is not None or options.locked:
         option = "--base" if options.base is not None else "--lock"
         raise RobotFileError(
@@ -158,14 +158,14 @@ def _own(robot: ParsedRobot, options: Options) -> ParsedRobot:
     if options == Options():
         return robot
     description, tree = robot.description, UrdfTree(robot.urdf)
-    reference = checked_reference(options, tree.coordinates, description.reference)
+    reference = merge_reference(options, tree.coordinates, description.reference)
     description = replace(description, reference=reference)
-    completed = complete(options, Known(tree, description, description.platform))
+    completed = complete_robot(options, PartialRobot(tree, description, description.platform))
     return robot._replace(description=completed.description)
 
 
-def _pair_in(folder: Path) -> Path:
-    """Return the YAML file of a folder: robot.yaml, else the one named like the folder."""
+def _find_pair(folder: Path) -> Path:
+    """Find the YAML of a folder: robot.yaml, else the one named like the folder."""
     candidates = [folder / name for name in ("robot.yaml", f"{Path(os.path.realpath(folder)).name}.yaml")]
     for path in candidates:
         if os.path.isfile(path):

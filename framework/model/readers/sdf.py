@@ -13,22 +13,29 @@ Source: sdformat.org, "Pose frame semantics".
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
 from framework.errors import RobotFileError, check_choice, check_name, choose_from
 from framework.model.description import Coupling, JointDynamics, ParsedRobot
-from framework.model.documents import attribute, child_element, naming, numbers, parse_xml, remove_children
-from framework.model.placement import from_quaternion, from_rpy, inverse, placement
+from framework.model.documents import (
+    attribute,
+    child_element,
+    parse_numbers,
+    parse_xml,
+    prefix_errors,
+    remove_children,
+)
+from framework.model.placement import from_quaternion, from_rpy, invert_placement, placement
 from framework.model.readers.describe import Options, describe
-from framework.model.readers.urdf_tree import LeftOut, UrdfTree, merge_sharing
-from framework.model.urdf_edits import ChainJoint, chain_elements, inertial_element, visual_element
-from framework.model.urdf_elements import ENTRIES, local_name, symmetric
+from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, merge_overlapping
+from framework.model.urdf_edits import NewJoint, chain_elements, inertial_element, visual_element
+from framework.model.urdf_elements import ENTRIES, local_name, symmetric_matrix
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 from framework.numerics.input import read_text
@@ -70,11 +77,11 @@ class Scope:
     version: float
     relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
     attached: dict[str, str] = field(default_factory=dict)
-    links: dict[str, ElementTree.Element] = field(default_factory=dict)
-    joints: dict[str, ElementTree.Element] = field(default_factory=dict)  # with their `scope`
+    links: dict[str, Element] = field(default_factory=dict)
+    joints: dict[str, Element] = field(default_factory=dict)  # with their `scope`
 
     def place(self, name: str, depth: int = 0) -> Array:
-        """Return the placement (4, 4) of a frame in the world, where the file has its links."""
+        """Return the placement (4, 4) of a frame in the world, as in the file."""
         if name == WORLD:
             return np.eye(4)
         check_choice("frame", name, self.relative)
@@ -93,17 +100,17 @@ class Scope:
 
 
 class _Joint(NamedTuple):
-    """A joint with motions, dynamics, and placements in both links."""
+    """A joint with motions, dynamics, and its placements in both links."""
 
     name: str
-    element: ElementTree.Element
+    element: Element
     kind: str
     links: tuple[str, str]  # of the parent first
     places: tuple[Array, Array]
-    motions: tuple[ChainJoint, ...]  # in the joint's frame
+    motions: tuple[NewJoint, ...]  # in the joint's frame
     dynamics: dict[str, JointDynamics]  # by motion, none where nothing acts
 
-    def chain(self, step: int) -> list[ChainJoint]:
+    def chain(self, step: int) -> list[NewJoint]:
         """Return the joints of the URDF, from parent to child for step 1, else for -1."""
         places = [self.places[::step][0], np.eye(4)]
         return [
@@ -112,51 +119,47 @@ class _Joint(NamedTuple):
         ]
 
 
-def read_sdf(file: Path, root: ElementTree.Element, options: Options) -> ParsedRobot:
-    """Read the description in an SDF file.
-
-    Raises:
-        RobotFileError: names the element.
-    """
-    (version,) = numbers("<sdf> version", root.get("version", "1.4"), 1)
+def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
+    """Read the robot in an SDF file."""
+    (version,) = parse_numbers("<sdf> version", root.get("version", "1.4"), 1)
     scope = Scope(version)
     for parent in (root, *root.findall("world")):
         _add_models(scope, parent, file.parent, "", WORLD)
-    joints = _joints_of_largest_part(scope)
-    names = _tree_joints(scope, joints)
-    tree = UrdfTree(_urdf(scope, joints, names, file.stem))
+    joints = _joints_of_main_part(scope)
+    names = _choose_tree_joints(scope, joints)
+    tree = UrdfTree(_make_urdf(scope, joints, names, file.stem))
     tree.unused += {f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED}
     tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
     plugged = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in names if name.rsplit("::", 1)[-1] in plugged]
-    _name_unread_parts(scope, tree, joints)
+    _report_unread_parts(scope, tree, joints)
     for joint in joints:
         if joint.name not in names:
-            _close(tree, joint)
+            _close_cut_joint(tree, joint)
         if joint.name in names or joint.kind == "screw":
-            tree.couplings += _couplings(joint, names)
+            tree.couplings += _read_couplings(joint, names)
             tree.dynamics |= joint.dynamics
             continue
-        for part, is_there in (("dynamics", joint.dynamics), ("mimic", _has(joint.element, "mimic"))):
-            if is_there:
-                text = f"joint {joint.name!r}: its {part}, where the loop is cut"
-                tree.left_out.append(LeftOut(text, (joint.links[1],)))
+        cut_parts = ["dynamics"] if joint.dynamics else []
+        cut_parts += ["mimic"] if _has_property(joint.element, "mimic") else []
+        for part in cut_parts:
+            text = f"joint {joint.name!r}: its {part}, where the loop is cut"
+            tree.left_out.append(UnreadElement(text, (joint.links[1],)))
     return describe(tree, file, options, "sdf")
 
 
-def _name_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
-    """Name gearboxes, links without gravity, and links beside the mechanism."""
-    gears = [
-        LeftOut(f"joint {name!r}: {kind}: not read", (name, *_ends(scope, name)), is_decisive=True)
-        for name, element in scope.joints.items()
-        if (kind := element.get("type")) in _NOT_READ
-    ]
-    tree.left_out = [*gears, *tree.left_out]
+def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
+    """Report gearboxes, links without gravity, and links beside the mechanism."""
+    for name, element in reversed(scope.joints.items()):
+        if (kind := element.get("type")) in _NOT_READ:
+            acts_on = name, *_links_of_joint(scope, name)
+            gear = UnreadElement(f"joint {name!r}: {kind}: not read", acts_on, is_decisive=True)
+            tree.left_out.insert(0, gear)
     part, apart = {link for joint in joints for link in joint.links}, []
     for name, link in scope.links.items():
         mass = link.findtext("inertial/mass", "1").strip()
         if link.findtext("gravity", "1").strip() in ("0", "false"):
-            tree.left_out.append(LeftOut(f"link {name!r}: <gravity> off, {mass} kg", (name,)))
+            tree.left_out.append(UnreadElement(f"link {name!r}: <gravity> off, {mass} kg", (name,)))
         if name not in part:
             apart.append(f"{name} of {mass} kg")
     if apart:
@@ -168,10 +171,10 @@ def _scope_name(prefix: str, name: str) -> str:
     return name if name == WORLD else prefix + name
 
 
-def _values(element: ElementTree.Element, where: str, defaults: Mapping[str, str]) -> list[float]:
-    """Return the number at each path below an element, or its default."""
+def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> list[float]:
+    """Read the number at each path below an element, or its default."""
     return [
-        numbers(f"{where}: <{path.rsplit('/', 1)[-1]}>", element.findtext(path, default), 1)[0]
+        parse_numbers(f"{where}: <{path.rsplit('/', 1)[-1]}>", element.findtext(path, default), 1)[0]
         for path, default in defaults.items()
     ]
 
@@ -179,7 +182,7 @@ def _values(element: ElementTree.Element, where: str, defaults: Mapping[str, str
 # ------------------------------------------------------------------ models and frames
 
 
-def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
+def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
     """Add the models in an element and in its included files."""
     for model in parent.findall("model"):
         _add_model(scope, model, folder, prefix, base)
@@ -190,7 +193,7 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
             file = file / "model.sdf"
         if not file.is_file():
             continue  # scenery, such as a ground plane; a joint to it says what is missing
-        with naming(f"<include> {uri}"):
+        with prefix_errors(f"<include> {uri}"):
             document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
             model = child_element(document, "<sdf>", "model")
         model.set("name", include.findtext("name") or model.get("name") or "")
@@ -201,13 +204,13 @@ def _add_models(scope: Scope, parent: ElementTree.Element, folder: Path, prefix:
         add(scope, model, file.parent, prefix, base)
 
 
-def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model; if nested or not the first, with its name before others."""
+def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
+    """Add a model to the scope; if nested or not the first, prefix its names."""
     name = attribute(model, "<model>", "name")
     full = f"{prefix}{name}"
     own, is_first = f"{full}::{MODEL}", base == WORLD and not prefix and not scope.links
     inner = "" if is_first else f"{full}::"
-    relative, pose = _pose(model, prefix, base, f"model {name!r}")
+    relative, pose = _read_pose(model, prefix, base, f"model {name!r}")
     scope.relative[own] = (relative, pose)
     if is_first:
         scope.relative[MODEL] = (own, np.eye(4))
@@ -219,12 +222,12 @@ def _add_model(scope: Scope, model: ElementTree.Element, folder: Path, prefix: s
         scope.attached |= dict.fromkeys((own, f"{inner}{MODEL}", full), link)
         scope.relative.setdefault(full, (own, np.eye(4)))
     if frame := model.get("placement_frame"):
-        within = inverse(scope.place(own)) @ scope.place(f"{inner}{frame}")
-        scope.relative[own] = (relative, pose @ inverse(within))
+        within = invert_placement(scope.place(own)) @ scope.place(f"{inner}{frame}")
+        scope.relative[own] = (relative, pose @ invert_placement(within))
 
 
-def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: str, base: str) -> None:
-    """Add links, frames, joints and models of a model whose frame is `base`."""
+def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
+    """Add the links, frames, joints and models of a model whose frame is `base`."""
     replaced = [
         part
         for number, element in enumerate(model)
@@ -248,35 +251,35 @@ def add_content(scope: Scope, model: ElementTree.Element, folder: Path, prefix: 
             scope.joints[name] = element
             default = _end_name(element, "child")
             scope.attached.setdefault(name, default)
-        pose = _pose(element, prefix, default, f"{tag} {name!r}")
+        pose = _read_pose(element, prefix, default, f"{tag} {name!r}")
         if tag == "joint":
             scope.relative[f"joint {name}"] = pose
         scope.relative.setdefault(name, pose)
     _add_models(scope, model, folder, prefix, base)
 
 
-def _constraint_elements(element: ElementTree.Element, name: str) -> Iterator[ElementTree.Element]:
+def _constraint_elements(element: Element, name: str) -> Iterator[Element]:
     """Yield Drake's constraint of two bodies as two frames and a joint."""
     kind, parts = local_name(element.tag), dict[str, str]()
     for child in element:  # of SDF with a text, of URDF with an attribute
         text = child.text or child.get("name") or child.get("value") or ""
         parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
-    joint = ElementTree.Element("joint", name=name, type=_CONSTRAINTS[kind])
+    joint = Element("joint", name=name, type=_CONSTRAINTS[kind])
     origin = "" if kind == BALL_CONSTRAINT else "0 0 0"  # a ball needs its points
     for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
         needed = {body: parts.get(end) or parts.get(body) or "", point: parts.get(point) or origin}
         for part, text in needed.items():
             if not text:
                 raise RobotFileError(f"<{kind}>: {part} is missing")
-        numbers(f"<{kind}> {point}", needed[point], 3)
-        frame = ElementTree.Element("frame", name=f"{name}_at_{end}", attached_to=needed[body])
-        ElementTree.SubElement(frame, "pose").text = f"{needed[point]} 0 0 0"
-        ElementTree.SubElement(joint, end).text = frame.get("name")
+        parse_numbers(f"<{kind}> {point}", needed[point], 3)
+        frame = Element("frame", name=f"{name}_at_{end}", attached_to=needed[body])
+        SubElement(frame, "pose").text = f"{needed[point]} 0 0 0"
+        SubElement(joint, end).text = frame.get("name")
         yield frame
     yield joint
 
 
-def _end_name(joint: ElementTree.Element, end: str) -> str:
+def _end_name(joint: Element, end: str) -> str:
     """Return the scoped name of the parent or child of a joint."""
     name = (joint.findtext(end) or "").strip()
     if not name:
@@ -284,15 +287,15 @@ def _end_name(joint: ElementTree.Element, end: str) -> str:
     return _scope_name(joint.get("scope", ""), name)
 
 
-def _pose(element: ElementTree.Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
-    """Return the base frame of an element's `<pose>` and the placement (4, 4)."""
+def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
+    """Read an element's `<pose>`: its base frame, and the placement (4, 4)."""
     pose = element.find("pose")
     if pose is None:
         return default, np.eye(4)
     to = pose.get("relative_to") or pose.get("frame")
     has_quaternion = pose.get("rotation_format") == "quat_xyzw"
     count = 7 if has_quaternion else 6
-    position, turn = np.split(numbers(f"{where}: <pose>", pose.text or " 0" * count, count), [3])
+    position, turn = np.split(parse_numbers(f"{where}: <pose>", pose.text or " 0" * count, count), [3])
     if has_quaternion:
         matrix = from_quaternion(*np.roll(turn, 1))
     else:
@@ -303,49 +306,50 @@ def _pose(element: ElementTree.Element, prefix: str, default: str, where: str) -
 # ------------------------------------------------------------------ joints
 
 
-def _ends(scope: Scope, name: str) -> tuple[str, str]:
-    """Return the links that a joint joins, parent first."""
+def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
+    """Return the links of a joint, parent first."""
     joint, where = scope.joints[name], f"joint {name!r}"
     kind = attribute(joint, where, "type")
     check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
-    with naming(where):
+    with prefix_errors(where):
         first, second = (scope.link_of(_end_name(joint, end)) for end in ("parent", "child"))
     if first == second:
         raise RobotFileError(f"{where}: joins {first!r} with itself")
     return first, second
 
 
-def _joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Return a joint with placements and motions; a parent frame places its parent's end."""
+def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
+    """Make a joint with its motions, placed in its parent's frame and in its child's."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     in_child = scope.place(f"joint {name}")
     parent = _end_name(element, "parent")
     in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
     places = [
-        inverse(scope.place(link)) @ end for link, end in zip(links, (in_parent, in_child), strict=True)
+        invert_placement(scope.place(link)) @ end
+        for link, end in zip(links, (in_parent, in_child), strict=True)
     ]
     motions, dynamics = [], dict[str, JointDynamics]()
     for suffix, motion, tag in _MOTIONS.get(kind, ()):
-        axis = _axis(scope, name, "axis" if tag == "slide" else tag)
-        motions.append(ChainJoint(name + suffix, motion, np.eye(4), axis, _limits(element, name, tag)))
-        if (acting := _dynamics(element, name, tag)) != JointDynamics():
+        axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)
+        motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, _read_limits(element, name, tag)))
+        if (acting := _read_dynamics(element, name, tag)) != JointDynamics():
             dynamics[name + suffix] = acting
-    motions = motions or [ChainJoint(name, kind, np.eye(4))]
+    motions = motions or [NewJoint(name, kind, np.eye(4))]
     return _Joint(name, element, kind, links, (places[0], places[1]), tuple(motions), dynamics)
 
 
-def _dynamics(joint: ElementTree.Element, name: str, tag: str) -> JointDynamics:
-    """Return damping, friction and spring along an axis of a joint."""
+def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
+    """Read damping, friction and spring along an axis of a joint."""
     paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
-    values = dict(zip(_DYNAMICS, _values(joint, f"joint {name!r}", paths), strict=True))
+    values = dict(zip(_DYNAMICS, _read_values(joint, f"joint {name!r}", paths), strict=True))
     return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
 
 
-def _axis(scope: Scope, name: str, tag: str) -> Array:
-    """Return an axis of a joint in the joint's frame."""
+def _read_axis(scope: Scope, name: str, tag: str) -> Array:
+    """Read an axis (3,) of a joint, in the joint's frame."""
     joint, where = scope.joints[name], f"joint {name!r}: <{tag}>"
-    axis = np.array(numbers(f"{where} xyz", joint.findtext(f"{tag}/xyz", "0 0 1"), 3))
+    axis = np.array(parse_numbers(f"{where} xyz", joint.findtext(f"{tag}/xyz", "0 0 1"), 3))
     if not axis.any():
         raise RobotFileError(f"{where}: the axis is zero")
     xyz = joint.find(f"{tag}/xyz")
@@ -357,22 +361,22 @@ def _axis(scope: Scope, name: str, tag: str) -> Array:
     return np.asarray(scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis)
 
 
-def _has(joint: ElementTree.Element, *properties: str) -> bool:
-    """Whether an axis of a joint has one of some properties."""
+def _has_property(joint: Element, *properties: str) -> bool:
+    """Return whether an axis of a joint has one of the properties."""
     return any(axis.find(tag) is not None for axis in joint.findall("axis") for tag in properties)
 
 
-def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
+def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
     """Yield the couplings of a mimic joint and of a screw's slide."""
     where, element = f"joint {joint.name!r}", joint.element
     for mimic in element.findall("axis/mimic"):
         of = element.get("scope", "") + (mimic.get("joint") or "")
         check_name(f"{where}: <mimic>", "joint", of, names)
         defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
-        ratio, offset, reference = _values(mimic, f"{where}: <mimic>", defaults)
+        ratio, offset, reference = _read_values(mimic, f"{where}: <mimic>", defaults)
         yield Coupling(joint.name, of, ratio, offset - ratio * reference)
     if joint.kind == "screw":
-        pitch, left_handed = _values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
+        pitch, left_handed = _read_values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
         lead = pitch / (2.0 * np.pi)  # [m/rad]
         if left_handed and element.find("screw_thread_pitch") is None:
             lead = -1.0 / left_handed  # which was in [rad/m]
@@ -382,9 +386,9 @@ def _couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
 # ------------------------------------------------------------------ the tree and what it is cut from
 
 
-def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
-    """Return the joints of the part with loops, of several that with most joints."""
-    ends = {name: _ends(scope, name) for name in scope.joints}
+def _joints_of_main_part(scope: Scope) -> list[_Joint]:
+    """Return the joints of the part with a loop and the most joints."""
+    ends = {name: _links_of_joint(scope, name) for name in scope.joints}
     if not ends:
         raise RobotFileError("there is no joint in it")
 
@@ -394,19 +398,19 @@ def _joints_of_largest_part(scope: Scope) -> list[_Joint]:
         A tree has one joint less than links. A mimic is a loop equation too.
         """
         links, names = part
-        mimics = sum(_has(scope.joints[name], "mimic") for name in names)
+        mimics = sum(_has_property(scope.joints[name], "mimic") for name in names)
         return len(names) + mimics >= len(links), len(names)
 
     parts = [
         (links, [name for name, pair in ends.items() if pair[0] in links])
-        for links in merge_sharing(ends.values())
+        for links in merge_overlapping(ends.values())
     ]
     _, names = max(parts, key=loops_and_joints)
-    return [_joint(scope, name, ends[name]) for name in names]
+    return [_make_joint(scope, name, ends[name]) for name in names]
 
 
-def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
-    """Choose the joints of a tree: joints with properties first, balls last."""
+def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
+    """Choose the joints of a spanning tree: with own properties first, balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
     def tree_order(joint: _Joint) -> tuple[bool, ...]:
@@ -415,9 +419,10 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
         Joints left over close loops: they should be plain ones, without own properties or mimics.
         """
         is_constraint = f"{joint.name}_at_child" in scope.relative
-        leads = joint.name.rsplit("::", 1)[-1] in mimicked or _has(joint.element, "mimic")
-        is_last = joint.kind in ("universal", "spherical")
-        return joint.kind == "screw", is_constraint, not leads, not _has(joint.element, *_OWN), is_last
+        leads = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
+        is_plain = not _has_property(joint.element, *_OWN)
+        is_ball_or_cross = joint.kind in ("universal", "spherical")
+        return joint.kind == "screw", is_constraint, not leads, is_plain, is_ball_or_cross
 
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
@@ -430,9 +435,9 @@ def _tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     return [joint.name for joint in joints if joint.name in chosen]
 
 
-def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str) -> ElementTree.Element:
+def _make_urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str) -> Element:
     """Return the tree as a URDF, rooted in the world or a link without parent."""
-    root = ElementTree.Element("robot", name=name)
+    root = Element("robot", name=name)
     part = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in part]
@@ -440,51 +445,51 @@ def _urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: s
     taken = {*links, WORLD}
     in_tree = [joint for joint in joints if joint.name in chosen]
     for link in waiting:  # which grows
-        root.append(_link(scope, link))
+        root.append(_make_link(scope, link))
         for joint in in_tree:
             step = 1 if link == joint.links[0] else -1
             inner, outer = joint.links[::step]
             if link != inner or outer in waiting:
                 continue
-            end = inverse(joint.places[::step][1])
+            end = invert_placement(joint.places[::step][1])
             root.extend(chain_elements(link, joint.chain(step), outer, end, taken))
             waiting.append(outer)
     for joint in joints:
         if joint.kind == "screw" and joint.name not in chosen:
             stub = f"{joint.name}_stub"
-            ElementTree.SubElement(root, "link", name=stub)
+            SubElement(root, "link", name=stub)
             root.extend(chain_elements(joint.links[0], joint.chain(1), stub, np.eye(4), taken))
     return root
 
 
-def _link(scope: Scope, name: str) -> ElementTree.Element:
+def _make_link(scope: Scope, name: str) -> Element:
     """Return a link with its inertia, by default SDF's, and its primitive shapes."""
-    link = ElementTree.Element("link", name=name)
+    link = Element("link", name=name)
     if name == WORLD:
         return link
     where, element = f"link {name!r}", scope.links[name]
     inertial = element.find("inertial")
     if inertial is None:
-        inertial = ElementTree.Element("inertial")
-    mass, *moments = _values(inertial, where, _INERTIA)
-    origin = _pose(inertial, "", "", where)[1]
+        inertial = Element("inertial")
+    mass, *moments = _read_values(inertial, where, _INERTIA)
+    origin = _read_pose(inertial, "", "", where)[1]
     turn = origin[:3, :3]
-    link.append(inertial_element(mass, origin[:3, 3], turn @ symmetric(*moments) @ turn.T))
+    link.append(inertial_element(mass, origin[:3, 3], turn @ symmetric_matrix(*moments) @ turn.T))
     for visual in element.findall("visual"):
         for shape, keys in _SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
                 words = {key: (geometry.findtext(key) or "1").strip() for key in keys}
-                link.append(visual_element(shape, words, _pose(visual, "", "", where)[1]))
+                link.append(visual_element(shape, words, _read_pose(visual, "", "", where)[1]))
     return link
 
 
-def _limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, float] | None:
-    """Return lower and upper limit [rad, m]; None if infinite, in words or numbers."""
+def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
+    """Read lower and upper limit [rad, m]; None if infinite, in words or numbers."""
     where, ends = f"joint {name!r}", list[float]()
     for end, default in (("lower", "-inf"), ("upper", "inf")):
         text = joint.findtext(f"{tag}/limit/{end}", default).lower()
-        ends += numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
+        ends += parse_numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
     lower, upper = ends
     if max(abs(lower), abs(upper)) >= UNLIMITED:
         return None
@@ -494,19 +499,15 @@ def _limits(joint: ElementTree.Element, name: str, tag: str) -> tuple[float, flo
 
 
 def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
-    """Close the loop of a joint of `scope` between links of a tree.
-
-    Raises:
-        RobotFileError: names the joint.
-    """
-    ends, kind = _ends(scope, name), scope.joints[name].get("type")
+    """Close the loop of a joint of `scope` between links of a tree."""
+    ends, kind = _links_of_joint(scope, name), scope.joints[name].get("type")
     if kind in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {name!r}: {kind}: not read")
-    _close(tree, _joint(scope, name, ends))
+    _close_cut_joint(tree, _make_joint(scope, name, ends))
 
 
-def _close(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop of a cut joint by its kind, or the stub of a screw."""
+def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
+    """Close the loop of a cut joint by its kind, or by the stub of a screw."""
     if joint.kind == "screw":
         stub = ("1", f"{joint.name}_stub", np.eye(4))
         tree.close(f"{joint.name}_end", "fixed", [stub, ("2", joint.links[1], joint.places[1])])

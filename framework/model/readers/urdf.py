@@ -39,10 +39,10 @@ those marked `independent`; the file says nothing about the platform.
 from __future__ import annotations
 
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
@@ -50,15 +50,15 @@ from framework.errors import RobotFileError, check_name
 from framework.model.description import ParsedRobot
 from framework.model.documents import (
     attribute,
-    axis_of,
+    check_parts,
     child_element,
-    naming,
-    number_of,
-    only,
-    origin_of,
     parse_yaml,
+    prefix_errors,
+    read_axis,
+    read_number,
+    read_origin,
 )
-from framework.model.placement import inverse, placement
+from framework.model.placement import invert_placement, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, close_joint
 from framework.model.readers.urdf_tree import UrdfTree
@@ -90,35 +90,35 @@ _LOOPS = {
 }
 
 
-def _element_name(element: ElementTree.Element) -> tuple[str, str]:
-    """Return the name of an element, and its name in messages."""
+def _element_name(element: Element) -> tuple[str, str]:
+    """Return an element's name, and the element's name in messages."""
     name = attribute(element, f"<{element.tag}>", "name")
     return name, f"{element.tag} {name!r}"
 
 
-def _read_loop(tree: UrdfTree, element: ElementTree.Element) -> None:
-    """Read the closure of an element in `_LOOPS`."""
+def _read_loop(tree: UrdfTree, element: Element) -> None:
+    """Read a loop element and add its closure to the tree."""
     syntax = _LOOPS[element.tag]
     if element.tag == "loop_joint":  # its ends are in the order of the document, and may have one tag
         for tag, end in zip(syntax.ends, (end for end in element if end.tag in syntax.ends), strict=False):
             end.tag = tag
     name, where = _element_name(element)
     origins = [f"{end}_origin" for end in syntax.ends]
-    only(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
+    check_parts(element, where, (*syntax.ends, *syntax.axes, *origins), ("name", "type"))
     written = attribute(element, where, "type").lower().removesuffix("_joint")
     check_name(where, "type", written, syntax.kinds)
     kind = syntax.kinds[written]
-    axes = _axes(element, where, kind, syntax.axes)
-    ends = [(end.removeprefix("link"), *_end(tree, element, where, end)) for end in syntax.ends]
+    axes = _read_axes(element, where, kind, syntax.axes)
+    ends = [(end.removeprefix("link"), *_read_end(tree, element, where, end)) for end in syntax.ends]
     tree.close(name, kind, ends, axes)
 
 
-def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
-    """Return the axes (3,) of a closure in its ends, or one for both."""
+def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
+    """Read the axes (3,) of a closure in its ends, or one for both."""
     if kind in ("fixed", "spherical"):
         return []
     needed = [tag for tag in tags if tag == tags[0] or kind == "universal" or element.find(tag) is not None]
-    axes = [axis_of(child_element(element, where, tag), f"{where}: <{tag}>") for tag in needed]
+    axes = [read_axis(child_element(element, where, tag), f"{where}: <{tag}>") for tag in needed]
     if kind == "prismatic" and len(axes) == 2:
         first, second = axes
         apart = np.linalg.norm(np.cross(first, second)) / (np.linalg.norm(first) * np.linalg.norm(second))
@@ -131,29 +131,29 @@ def _axes(element: ElementTree.Element, where: str, kind: str, tags: Sequence[st
     return axes
 
 
-def _end(tree: UrdfTree, element: ElementTree.Element, where: str, end: str) -> tuple[str, Array]:
-    """Return link and placement (4, 4) of an end, by origin or attributes."""
+def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[str, Array]:
+    """Read link and placement (4, 4) of an end, by origin or attributes."""
     body, label = child_element(element, where, end), f"{where}: <{end}>"
-    only(body, label, ("origin",), ("link", "xyz", "rpy"))
+    check_parts(body, label, ("origin",), ("link", "xyz", "rpy"))
     link = attribute(body, label, "link")
     check_name(label, "link", link, tree.links)
     own: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
     origins = [*body.findall("origin"), *element.findall(f"{end}_origin")]
     if len(origins) + bool(own) > 1:
         raise RobotFileError(f"{label}: has more than one origin; leave one")
-    origin = origins[0] if origins else ElementTree.Element("origin", own)
-    return link, origin_of(origin, f"{label}: <{origin.tag}>")
+    origin = origins[0] if origins else Element("origin", own)
+    return link, read_origin(origin, f"{label}: <{origin.tag}>")
 
 
-def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
+def _read_coupling(tree: UrdfTree, element: Element) -> None:
     """Read a `<coupling>` as a fixed joint, as equal turns, or as `<mimic>`."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
-    only(element, where, (*ends, "ratio"), ("name", "type"))
-    first, second = (_end(tree, element, where, end)[0] for end in ends)
+    check_parts(element, where, (*ends, "ratio"), ("name", "type"))
+    first, second = (_read_end(tree, element, where, end)[0] for end in ends)
     value = child_element(element, where, "ratio")
-    only(value, f"{where}: <ratio>", (), ("value",))
-    ratio = number_of(value, f"{where}: <ratio>", "value")
+    check_parts(value, f"{where}: <ratio>", (), ("value",))
+    ratio = read_number(value, f"{where}: <ratio>", "value")
     if first == second:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
     drivers, driven = tree.moving_chains(first, second)
@@ -169,19 +169,19 @@ def _read_coupling(tree: UrdfTree, element: ElementTree.Element) -> None:
             f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
             f"parallel axes"
         )
-    ElementTree.SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
+    SubElement(driven[0].element, "mimic", joint=drivers[0].name, multiplier=repr(ratio))
 
 
-def _read_fixed_frame(tree: UrdfTree, element: ElementTree.Element) -> None:
+def _read_fixed_frame(tree: UrdfTree, element: Element) -> None:
     """Add a named frame at its origin on its parent link."""
     name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
     check_name(f"{where}: <parent>", "link", parent, tree.links)
-    tree.add_frame(name, parent, origin_of(element.find("origin"), f"{where}: <origin>"))
+    tree.add_frame(name, parent, read_origin(element.find("origin"), f"{where}: <origin>"))
 
 
 # by element: the dialect and its reader
-_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], None]]] = {
+_ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, Element], None]]] = {
     "loop": ("urdf+", _read_loop),
     "coupling": ("urdf+", _read_coupling),
     "constraint": ("ros", _read_loop),
@@ -191,14 +191,13 @@ _ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, ElementTree.Element], None]]
 
 
 def read_urdf(
-    file: Path, root: ElementTree.Element, options: Options, beside: Mapping[str, Any] | None = None
+    file: Path, root: Element, options: Options, beside: Mapping[str, Any] | None = None
 ) -> ParsedRobot:
-    """Read the description in a URDF with loops; `beside` is the content of a loop_closures.yaml.
+    """Read the robot in a URDF with loops.
 
-    Raises:
-        RobotFileError: names the element.
+    `beside` is the content of a loop_closures.yaml, by default of the one near the file.
     """
-    beside = _loop_closures_beside(file) if beside is None else beside
+    beside = _find_loop_closures(file) if beside is None else beside
     independent = [
         joint.get("name", "")
         for joint in root.findall("joint")
@@ -211,7 +210,7 @@ def read_urdf(
     for element in elements:
         _ELEMENTS[element.tag][1](tree, element)
     _close_joints_of_other_programs(tree)
-    has_closing_frames = _close_frames(tree)
+    has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
     if not tree.closures and root.find("joint/mimic") is None:
         raise RobotFileError(
@@ -228,8 +227,8 @@ def read_urdf(
     return describe(tree, file, options, dialect)
 
 
-def _close_frames(tree: UrdfTree) -> bool:
-    """Close loops at pairs of links by their names; return whether any."""
+def _close_named_frames(tree: UrdfTree) -> bool:
+    """Close loops at pairs of links named closing_X_1, closing_X_2; return whether any."""
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
         if match := _CLOSING.fullmatch(link):
@@ -244,10 +243,10 @@ def _close_frames(tree: UrdfTree) -> bool:
 
 
 def _close_joints_of_other_programs(tree: UrdfTree) -> None:
-    """Close the loops of joints of Gazebo and constraints of Drake."""
-    scope, model = Scope(version=np.inf), ElementTree.Element("model")
+    """Close the loops of Gazebo's joints and Drake's constraints."""
+    scope, model = Scope(version=np.inf), Element("model")
     for link in tree.links:
-        scope.links[link] = ElementTree.Element("link")
+        scope.links[link] = Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
     model.extend(joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None)
     model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
@@ -256,19 +255,19 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
         close_joint(scope, tree, name)
 
 
-def _loop_closures_beside(file: Path) -> Mapping[str, Any]:
-    """Return the content of a loop_closures.yaml beside a URDF or in its package, or nothing."""
+def _find_loop_closures(file: Path) -> Mapping[str, Any]:
+    """Return the content of a loop_closures.yaml near a URDF, or nothing."""
     folder = file.parent
     for path in (folder / LOOP_CLOSURES, *(folder.parent / name / LOOP_CLOSURES for name in ("", "config"))):
         if path.is_file():
-            with naming(path):
+            with prefix_errors(path):
                 content = parse_yaml(read_text(path, "cannot read it", error=RobotFileError))
                 return content if isinstance(content, dict) else {}
     return {}
 
 
 def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
-    """Close the hinges of a loop_closures.yaml, which is in root axes at zero."""
+    """Close the hinges of a loop_closures.yaml, given in root axes at zero."""
     link = required(one_of("link", tree.links))
     hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
     read = list_of(lambda where, given: read_table(where, given, hinge, others=None))
@@ -277,5 +276,5 @@ def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
         if not axis.any():
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
         ends = [(end, entry[f"link_{end}"]) for end in "ab"]
-        places = [(end, name, inverse(tree.zero_pose(name)) @ point) for end, name in ends]
+        places = [(end, name, invert_placement(tree.zero_pose(name)) @ point) for end, name in ends]
         tree.close(f"loop_{i + 1}", "revolute", places, [axis])

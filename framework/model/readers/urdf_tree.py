@@ -6,19 +6,19 @@ the records of them.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
 from framework.errors import RobotFileError, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, remove_children
-from framework.model.placement import about, inverse, placement, turning
-from framework.model.urdf_edits import ChainJoint, add_frame, chain_elements, fix_joint
+from framework.model.placement import invert_placement, placement, rotation_about, rotation_with_axis
+from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
     SEVERAL,
@@ -40,11 +40,11 @@ _USED = {
 }
 
 
-class LeftOut(NamedTuple):
+class UnreadElement(NamedTuple):
     """An element that is not read, with the joints and links under its action.
 
-    Without the force of most elements a robot is still the same mechanism; where one decides how the
-    mechanism moves (`is_decisive`), it cannot be left out of parts that move.
+    Without the force of most elements a robot is still the same mechanism. Where an element decides how the
+    mechanism moves (`is_decisive`), the file is refused if that part moves.
     """
 
     what: str
@@ -52,23 +52,27 @@ class LeftOut(NamedTuple):
     is_decisive: bool = False
 
 
-class Pull(NamedTuple):
-    """A motor or tendon along a length of joints, each with a share in the length."""
+class Transmission(NamedTuple):
+    """A motor or tendon that acts along the length sum(coefficient q) of joints."""
 
     name: str  # with its kind
-    shares: Mapping[str, float]
+    arms: Mapping[str, float]
     gear: float = 1.0
     dynamics: JointDynamics = JointDynamics()  # before the gear; a motor's whether or not it is chosen
     torque_limit: float | None = None  # motor side [N m]
     is_motor: bool = True
 
 
-def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> Counter[str]:
-    """Remove other programs' elements from a URDF; count unused tags; refuse mistyped ones and macros."""
+def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str]:
+    """Remove other programs' elements from a URDF; count unused tags.
+
+    Raises:
+        RobotFileError: a mistyped element, or a xacro macro.
+    """
     unused, arguments = Counter[str](), ""
     for element in list(root):
         tag = local_name(element.tag)
-        if _is_of_xacro(element):
+        if _is_xacro(element):
             if tag == "arg":
                 arguments += f" {element.get('name')}:={element.get('default')}"
             if tag in ("property", "arg", "macro"):
@@ -81,7 +85,7 @@ def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> C
             unused[f"<{tag}>"] += 1
             root.remove(element)
     for element in root.iter():
-        if _is_of_xacro(element) or any("${" in value or "$(" in value for value in element.attrib.values()):
+        if _is_xacro(element) or any("${" in value or "$(" in value for value in element.attrib.values()):
             raise RobotFileError(
                 f"<{local_name(element.tag)}>: expand the xacro macros first: xacro FILE{arguments} > OUT"
             )
@@ -90,12 +94,13 @@ def _remove_other_programs(root: ElementTree.Element, valid: Sequence[str]) -> C
     return unused
 
 
-def _is_of_xacro(element: ElementTree.Element) -> bool:
+def _is_xacro(element: Element) -> bool:
+    """Return whether an element has the namespace of xacro."""
     return "xacro" in element.tag.partition("}")[0]
 
 
-def _unused_parts(element: ElementTree.Element, tag: str) -> Iterator[str]:
-    """Yield the tags of unused parts of an element, or its own."""
+def _unused_parts(element: Element, tag: str) -> Iterator[str]:
+    """Yield the tags of unread children of an element, or its own."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
     for child in element if tag in _USED else ():
@@ -103,8 +108,8 @@ def _unused_parts(element: ElementTree.Element, tag: str) -> Iterator[str]:
             yield f"<{child.tag}>"
 
 
-def merge_sharing(groups: Iterable[Iterable[str]]) -> list[list[str]]:
-    """Merge groups that share members, at the place of the last."""
+def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
+    """Merge groups with common members, in the order of their last groups."""
     unions: list[list[str]] = []
     union_of: dict[str, list[str]] = {}
     for members in map(list, groups):
@@ -122,7 +127,7 @@ class UrdfTree(Tree):
     the element; the caller puts the file in front.
     """
 
-    def __init__(self, root: ElementTree.Element, extra: Sequence[str] = ()) -> None:
+    def __init__(self, root: Element, extra: Sequence[str] = ()) -> None:
         """Check a URDF and take out elements of other programs, `extra` ones kept aside."""
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
@@ -130,8 +135,8 @@ class UrdfTree(Tree):
         self.root = root
         names = {link.get("name") for link in root.findall("link")}
         if "world" not in names and any(end.get("link") == "world" for end in root.findall("joint/parent")):
-            ElementTree.SubElement(root, "link", name="world")  # Drake's, which need not be declared
-        self.unused = _remove_other_programs(root, (*_PLAIN, *extra))
+            SubElement(root, "link", name="world")  # Drake's, which need not be declared
+        self.unused = _remove_foreign_elements(root, (*_PLAIN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
         with_interface = root.findall("ros2_control/joint[command_interface]")
         driven = [joint.get("name") for joint in (*root.findall("transmission/joint"), *with_interface)]
@@ -149,18 +154,18 @@ class UrdfTree(Tree):
             raise RobotFileError(
                 f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MAX_FREEDOMS} are read"
             )
-        self.held: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
+        self.fixed_at: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
         self._added: dict[str, str] = {}  # the link that carries each frame
         self._taken = {*self.links, *self.joints}  # names
         # what a dialect says beside the tree
         self.closures: list[Closure] = []
         self.couplings: list[Coupling] = []
-        self.pulls: list[Pull] = []
+        self.transmissions: list[Transmission] = []
         self.likely_motors: list[str] = []
         self.dynamics: dict[str, JointDynamics] = {}  # by coordinate
         self.gravity = (0.0, 0.0, -9.81)
         self.reference: dict[str, float] = {}  # by coordinate
-        self.left_out = [LeftOut(text, (name,), is_decisive=True) for name, text in impossible]
+        self.left_out = [UnreadElement(text, (name,), is_decisive=True) for name, text in impossible]
         self.remarks: list[str] = []
 
     @property
@@ -181,7 +186,7 @@ class UrdfTree(Tree):
         return path
 
     def zero_pose(self, link: str) -> Array:
-        """Return the placement of a link in the base with all joints at zero."""
+        """Compute the placement (4, 4) of a link in the base, all joints at zero."""
         matrix = np.eye(4)
         for joint in self.path_to_base(link):
             matrix = joint.origin @ matrix
@@ -201,13 +206,16 @@ class UrdfTree(Tree):
     def close(
         self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
     ) -> None:
-        """Add a closure of two ends (suffix of the frame, link, placement), with `axes` (3,) in both.
+        """Add a closure of two ends: suffix of a frame, link, placement (4, 4).
 
-        Of a universal joint the first axis is x of the first frame, the second is y of the second frame. Of
-        other kinds they are z, one may stand for both, and a kind without an axis needs none.
+        `axes` (3,) are in both ends. Of a universal joint the first axis is x of the first frame, the second
+        is y of the second frame. Of other kinds they are z, one may stand for both, and a kind without an
+        axis needs none.
         """
         letters = "xy" if kind == "universal" else "zz"
-        turns = [turning(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [np.eye(3)]
+        turns = [rotation_with_axis(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [
+            np.eye(3)
+        ]
         frames = []
         for (suffix, link, origin), turn in zip(ends, turns, strict=True):
             where = origin @ placement(turn)
@@ -216,8 +224,8 @@ class UrdfTree(Tree):
         self.closures.append(Closure(name, (frames[0], frames[1]), locked_axes(kind)))
 
     def add_motor(self, joint: str) -> None:
-        """Add a motor straight on a joint."""
-        self.pulls.append(Pull(f"motor {joint!r}", {joint: 1.0}))
+        """Add a motor without a gear to a joint."""
+        self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}))
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
         """Add a frame to a link; return its name, with underscores if taken."""
@@ -231,23 +239,23 @@ class UrdfTree(Tree):
         add_frame(self.root, free, link, where)
         return free
 
-    def hold(self, joint: Joint, reference: Mapping[str, float]) -> None:
-        """Hold a joint at the reference [rad, m] of its coordinates, else at zero."""
+    def fix_at_reference(self, joint: Joint, reference: Mapping[str, float]) -> None:
+        """Fix a joint at the reference [rad, m] of its coordinates, else at zero."""
         self.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
 
     def fix(self, joint: Joint, *values: float) -> None:
-        """Hold a joint at the values [rad, m] of its coordinates, zero by default."""
+        """Fix a joint at the values [rad, m] of its coordinates, zero by default."""
         values = values or (0.0,) * len(joint.coordinates)
-        self.held[joint.name] = values
+        self.fixed_at[joint.name] = values
         fix_joint(joint, *values)
 
     def replace_by_ball(self, joint: Joint) -> None:
-        """Make a joint a ball."""
+        """Replace a joint by a ball."""
         remove_children(joint.element, "axis", "limit")
         joint.kind = "spherical"
         joint.element.set("type", joint.kind)
 
-    def hold_turn(
+    def lock_turn_of_ball(
         self, ball: Joint, axis: str, value: float | None, turn: Sequence[float]
     ) -> dict[str, float]:
         """Replace a ball by two hinges, one turn locked; return their angles [rad].
@@ -261,19 +269,19 @@ class UrdfTree(Tree):
 
         others = "xyz".replace(axis, "")
         angle = float(np.linalg.norm(turn))
-        attitude = about(turn, angle) if angle else np.eye(3)
+        attitude = rotation_about(turn, angle) if angle else np.eye(3)
         locked_angle, *angles = Rotation.from_matrix(attitude).as_euler(f"{axis}{others}".upper())
         locked_angle = locked_angle if value is None else value
         ball.origin = ball.origin @ placement(
-            about(np.eye(3)["xyz".index(axis)], locked_angle) if locked_angle else None
+            rotation_about(np.eye(3)["xyz".index(axis)], locked_angle) if locked_angle else None
         )
         names = [f"{ball.name}_r{other}" for other in others]
         self.replace_by_turns(ball, others, names)
-        self.held[f"{ball.name}_r{axis}"] = (locked_angle,)
+        self.fixed_at[f"{ball.name}_r{axis}"] = (locked_angle,)
         return dict(zip(names, map(float, angles), strict=True))
 
     def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> None:
-        """Replace a joint by turns about axes (letters of x, y, z)."""
+        """Replace a joint by hinges about axes (letters of x, y, z), one behind another."""
         names = names or [f"{joint.name}_{axis.upper()}" for axis in axes]
         for name in names:
             if name in self._taken or f"{name}_link" in self._taken:
@@ -281,7 +289,7 @@ class UrdfTree(Tree):
         position = list(self.root).index(joint.element)
         del self.joints[joint.name]
         motions = [
-            ChainJoint(name, "continuous", np.eye(4), np.eye(3)["xyz".index(axis)])
+            NewJoint(name, "continuous", np.eye(4), np.eye(3)["xyz".index(axis)])
             for name, axis in zip(names, axes.lower(), strict=True)
         ]
         motions[0] = motions[0]._replace(origin=joint.origin)
@@ -299,7 +307,7 @@ class UrdfTree(Tree):
         """Close two links to equal turns, if all joints between turn in parallel.
 
         Then the turn of each link is the sum of its joints' angles, and "the sums are equal" is a loop
-        equation; False where it is none.
+        equation; return False where it is none.
         """
         joints = [joint for chain in self.moving_chains(first, second) for joint in chain]
         axes = [self.zero_pose(joint.child)[:3, :3] @ joint.axis for joint in joints]
@@ -308,7 +316,7 @@ class UrdfTree(Tree):
             return False
         if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
-        turns = [placement(inverse(self.zero_pose(link))[:3, :3]) for link in (first, second)]
+        turns = [placement(invert_placement(self.zero_pose(link))[:3, :3]) for link in (first, second)]
         self.close(name, "planar", zip(("first", "second"), (first, second), turns, strict=True), axes[:1])
         self.closures[-1] = replace(self.closures[-1], axes=("rz",))
         return True

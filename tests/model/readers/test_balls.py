@@ -26,7 +26,7 @@ from framework.kinematics.frames import frames_at
 from framework.model.description import Closure, RobotDescription
 from framework.model.placement import to_rpy
 from framework.model.readers import read_any
-from framework.model.urdf_edits import ChainJoint, joint_element, vector_text
+from framework.model.urdf_edits import NewJoint, joint_element, vector_text
 from framework.proofs.working_modes import working_modes
 from robots.generators.gough_stewart import platform_joints
 from tests.model.readers.leg import FILE, ankle, with_thin_rods
@@ -57,7 +57,7 @@ def ball(root: ElementTree.Element, name: str, first: str, last: str) -> None:
         root.remove(next(link for link in root.findall("link") if link.get("name") == below))
         end = next(joint for joint in root.findall("joint") if joint.find("child").get("link") == below)
     root.remove(start)
-    joint = joint_element(ChainJoint(name, "spherical"), parent, child)
+    joint = joint_element(NewJoint(name, "spherical"), parent, child)
     joint.append(turned)
     root.append(joint)
 

@@ -1,0 +1,188 @@
+"""One figure for each study: of dimensions, of levels of fidelity, of robustness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import wrap
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from framework.atlas.design_study import DesignStudy
+from framework.atlas.quantities import QUANTITIES
+from framework.control.closed_loop import ControlLoop
+from framework.control.study import Study
+from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy
+from framework.numerics.arrays import Array, BoolArray
+from framework.show.captions import display_name
+from framework.show.style import ALARM, AXIS, GOOD, Style, draw_dashed, line_style, new_figure
+
+CELL_SIZE = 1.5  # [in] of a cell
+AREAS = {
+    "area": "area reached",
+    "free_area": "area on the reference's side of the locus",
+    "carried_area": "area in which the load is carried",
+}
+COLORING_QUANTITY = "free_area"  # its colour identifies a design in all cells
+PALETTE = "cividis"
+
+
+def plot_study(study: DesignStudy) -> Axes:
+    """Plot areas, and ranges of quantities, over each parameter of a study.
+
+    A design has one colour in all cells. One that makes no robot is a cross below its parameters.
+    """
+    parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
+    rows = [*(key for key in AREAS if key in study.columns), *study.task.keys]
+    size = (CELL_SIZE * len(parameters) + 1.6, CELL_SIZE * len(rows) + 0.4)
+    drawing = Figure(figsize=size, layout="constrained")
+    axes = drawing.subplots(len(rows), len(parameters), sharex="col", sharey="row", squeeze=False)
+    norm = _color_scale(study.columns[COLORING_QUANTITY])
+    for row, key in zip(axes, rows, strict=True):
+        for ax, values in zip(row, parameters.values(), strict=True):
+            marks = _draw_cell(study, key, values, ax, norm)
+        row[0].set_ylabel("\n".join([*wrap(_row_name(key), 24), f"[{_row_unit(study, key)}]"]))
+    refused = np.array(list(map(bool, study.why)))
+    for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
+        ax.set_xlabel(name)
+        _mark_refused(ax, values[refused])
+    bar = drawing.colorbar(marks, ax=axes, pad=0.02, aspect=40)
+    bar.set_label(f"colour: {AREAS[COLORING_QUANTITY]}  [{_row_unit(study, COLORING_QUANTITY)}]")
+    drawing.suptitle(_describe_designs(refused), fontsize=8, x=0.02, ha="left")
+    first: Axes = axes[0, 0]
+    return first
+
+
+def _describe_designs(refused: BoolArray) -> str:
+    """Return the heading for designs of which some (a mask) make no robot."""
+    refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
+    return f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
+
+
+def _color_scale(values: Array) -> Normalize:
+    """Return the scale of colours over the finite values (designs,)."""
+    finite = values[np.isfinite(values)]
+    return Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
+
+
+def _mark_refused(ax: Axes, parameters: Array) -> None:
+    """Mark designs that make no robot by crosses below their parameters (k,)."""
+    height = np.full(len(parameters), 0.03)
+    transform = ax.get_xaxis_transform()
+    ax.plot(parameters, height, "x", color=ALARM, markersize=4, transform=transform, clip_on=False)
+
+
+def _draw_cell(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
+    """Draw the marks of one quantity over one parameter."""
+    middle = study.columns[key if key in AREAS else f"{key}_median"]
+    if key not in AREAS:
+        least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
+        ax.vlines(places, least, largest, color=AXIS, linewidth=0.8)
+        if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
+            ax.set_yscale("log")
+    return ax.scatter(
+        places, middle, s=12, zorder=3, c=study.columns[COLORING_QUANTITY], cmap=PALETTE, norm=norm
+    )
+
+
+def _row_name(key: str) -> str:
+    """Return the name of a quantity or area in words."""
+    return AREAS[key] if key in AREAS else QUANTITIES[key].name
+
+
+def _row_unit(study: DesignStudy, key: str) -> str:
+    """Return the unit of a quantity or area."""
+    return study.units[key if key in AREAS else f"{key}_median"].replace("^2", "\u00b2")
+
+
+def plot_fidelity(study: FidelityStudy) -> Axes:
+    """Plot the torque and platform errors of each level along s.
+
+    Over the peak, and over the path's length. Levels with the torques of a lower one, and those without
+    torques, have no curve.
+    """
+    axes = new_figure(2, height=2.0)[1]
+    s = study.highest.law(study.times)
+    own = [
+        comparison for comparison in study.levels if comparison.motion is not None and not comparison.same_as
+    ]
+    for k, comparison in enumerate(own):
+        for ax, errors in zip(axes, (comparison.torque_error, comparison.platform_error), strict=True):
+            ax.plot(
+                s,
+                np.where(errors > ERROR_ROUNDING, errors, np.nan),
+                label=display_name(comparison.level.name),
+                **line_style(k),
+            )
+    for ax, label in zip(axes, ("torque error  [peak]", "platform error  [path lengths]"), strict=True):
+        ax.set(yscale="log", ylabel=label)
+        ax.axhline(study.tolerance, color=ALARM, linewidth=0.8)
+        for crossing in study.highest.crossings:
+            draw_dashed(ax, crossing.s)
+    axes[-1].set_xlabel("path coordinate  $s$")
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=2)
+    return axes[0]
+
+
+def plot_robustness(
+    studies: Sequence[Study], axes: Sequence[Axes] | None = None, *, loop: ControlLoop | None = None
+) -> Axes:
+    """Plot the share of runs below a tracking error, and below a peak torque.
+
+    One curve a controller.
+
+    `loop`: what the runs had in common; errors within its tolerance are shaded, its torque limits are lines.
+    """
+    axes = new_figure(2, height=1.9, shared=False)[1] if axes is None else list(axes)
+    for k, study in enumerate(studies):
+        count = len(study.passed)
+        share = np.arange(1, count + 1) / count
+        label = f"{display_name(study.controller)}: {study.probability:.1%} passed"
+        for ax, values in zip(axes, (study.tracking_error, study.peak_torque.max(axis=1)), strict=True):
+            ax.step(np.sort(values), share, where="post", label=label, **line_style(k))
+    axes[0].set_xlabel("largest tracking error  [robot lengths, rad]")
+    axes[1].set_xlabel("peak motor torque  [N m]")
+    for ax in axes:
+        ax.set(xscale="log", ylabel="share of the runs", ylim=(0.0, 1.05))
+        ax.xaxis.set_minor_formatter(NullFormatter())
+    low, high = axes[1].get_xlim()
+    if high < 3.0 * low:  # torques that differ by less than that factor need no logarithms
+        axes[1].set_xscale("linear")
+        axes[1].xaxis.set_major_locator(MaxNLocator(5))
+    else:
+        axes[1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes[1].xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    if loop is not None:
+        _draw_bounds(axes, loop)
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.45, 1.0))
+    return axes[0]
+
+
+def _draw_bounds(axes: Sequence[Axes], loop: ControlLoop) -> None:
+    """Draw the errors within which a run passes, and the limits of its motors."""
+    errors, torques = axes
+    low, high = errors.get_xlim()
+    errors.axvspan(low, loop.tolerance, color=GOOD, alpha=0.1, linewidth=0)
+    errors.axvline(loop.tolerance, color=GOOD, linewidth=0.8)
+    errors.set_xlim(low, max(high, 1.5 * loop.tolerance))
+    _write_note(errors, loop.tolerance, "within: passes", GOOD)
+    limits = np.unique(np.asarray(loop.limit or ()))
+    # limits beyond so many times the largest torque are told, not drawn
+    drawn = limits[limits < 2.0 * torques.get_xlim()[1]]
+    for limit in drawn:
+        draw_dashed(torques, limit, ALARM, 0.8)
+    if len(drawn):
+        _write_note(torques, drawn[0], "torque limit", ALARM)
+    elif len(limits):  # far off: no place for it in the picture
+        label = f"torque limit: {limits[0]:.3g} N m, off to the right"
+        torques.text(0.98, 0.04, label, color=ALARM, fontsize=7, ha="right", transform=torques.transAxes)
+
+
+def _write_note(ax: Axes, x: float, text: str, color: str) -> None:
+    """Write an upright note beside x, at half the height."""
+    style: Style = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "center", "color": color}
+    ax.text(x, 0.5, text, transform=ax.get_xaxis_transform(), **style)
