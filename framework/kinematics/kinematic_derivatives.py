@@ -78,14 +78,14 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     at_rest = np.zeros((1, n_e, robot.n + len(robot.loops.names)))
     joints = solve_rates(robot, linearised, at_rest, robot.elastic, np.eye(n_e)[None])[0]
     return KinematicDerivatives(
-        motors=_slopes(robot, closed, robot.actuated),
-        springs=_slopes(robot, closed, robot.elastic),
+        motors=_pose_derivatives(robot, closed, robot.actuated),
+        springs=_pose_derivatives(robot, closed, robot.elastic),
         q_a=joints[:, robot.actuated].T,
     )
 
 
-def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
-    """Compute the slopes along k joints of the velocity vector, which the passive joints follow."""
+def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
+    """Compute the derivatives of the pose along k joints, while the passive joints close the loops."""
     steps = np.eye(robot.model.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):
         gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest

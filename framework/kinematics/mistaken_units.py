@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from framework.errors import point
-from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.numerics.arrays import Array
 
 
@@ -17,7 +17,7 @@ def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
     `joints`: their angles [rad] by name.
     """
     turns = []
-    for column, (joint, angle) in zip(columns_of(mechanism.model, joints), joints.items(), strict=True):
+    for column, (joint, angle) in zip(velocity_columns(mechanism.model, joints), joints.items(), strict=True):
         if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi:
             turns.append(f"{joint} at {angle:g} rad is {abs(angle) / (2.0 * np.pi):.3g} turns")
     return f"; angles are in rad: {', '.join(turns)}" if turns else ""

@@ -85,17 +85,17 @@ class Stretch:
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
         sigma = np.asarray(sigma, dtype=float)
-        start, end = self._ends
-        scaled = 2.0 * (self._raw(sigma, order) - (0.0 if order else start)) / (end - start)
+        start, end = self._unscaled_ends
+        scaled = 2.0 * (self._evaluate_unscaled(sigma, order) - (0.0 if order else start)) / (end - start)
         return np.asarray(scaled if order else scaled - 1.0)
 
     @cached_property
-    def _ends(self) -> tuple[float, float]:
+    def _unscaled_ends(self) -> tuple[float, float]:
         """The map at sigma = 0 and 1 before scaling."""
-        start, end = self._raw(np.array([0.0, 1.0]), 0)
+        start, end = self._evaluate_unscaled(np.array([0.0, 1.0]), 0)
         return float(start), float(end)
 
-    def _raw(self, sigma: Array, order: int) -> Array:
+    def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
         """Evaluate the map before scaling, or its derivative up to order 3.
 
         With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and

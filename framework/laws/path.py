@@ -50,7 +50,7 @@ def expect_path(path: object) -> None:
     expect_call("path", path, ("n", "knots"), "a Line, an Arc, a Spline or a Polyline")
 
 
-def _points(points: Any, least: int, kind: str) -> Array:
+def _check_points(points: Any, least: int, kind: str) -> Array:
     """Return points (m, n) as an array; raise InvalidInput unless a path can pass through the points."""
     try:
         array = np.array(points, dtype=float)
@@ -123,7 +123,7 @@ class Line(PointPath):
     knots: ClassVar[Array] = NO_KNOTS
 
     def __post_init__(self) -> None:
-        points = _points([self.start, self.end], 2, "line")
+        points = _check_points([self.start, self.end], 2, "line")
         _set_fields(self, start=points[0], end=points[1], points=points)
 
     def _evaluate(self, s: Array, order: int) -> Array:
@@ -158,7 +158,7 @@ class Arc(PointPath):
 
         The plane has the unit vectors u, towards the start, and the part of the chord to `via` across u.
         """
-        points = _points([self.start, self.via, self.end], 3, "arc")
+        points = _check_points([self.start, self.via, self.end], 3, "arc")
         start, via, end = points
         center = _circle_center(points)
         radius = float(np.linalg.norm(start - center))
@@ -212,7 +212,7 @@ class Spline(PointPath):
 
     def __post_init__(self) -> None:
         """Check the distances between points; keep the inner knots of the spline."""
-        points = _points(self.points, 2, "spline")
+        points = _check_points(self.points, 2, "spline")
         _set_fields(self, points=points)
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
@@ -274,7 +274,7 @@ class Polyline(PointPath):
 
     def __post_init__(self) -> None:
         """Check points and blend; compute arc lengths, directions, and knots where blends begin and end."""
-        points = _points(self.points, 3, "polyline")
+        points = _check_points(self.points, 3, "polyline")
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
@@ -363,7 +363,7 @@ def check_path(path: Path) -> None:
     expect_path(path)
     if isinstance(path, PointPath):
         return  # one of our own
-    starts, lengths = _intervals(path)
+    starts, lengths = _test_intervals(path)
     for order in (1, 2):
         _check_derivative(path, order, starts, lengths)
         _check_continuous(path, order)
@@ -375,10 +375,10 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a).
     """
     ends = np.concatenate([starts, starts + lengths])
-    at_start, at_end = np.split(_values(path, ends, order - 1), 2)
-    nodes, weights = _gauss()
+    at_start, at_end = np.split(_evaluate_path(path, ends, order - 1), 2)
+    nodes, weights = _gauss_rule()
     s = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)  # (intervals, nodes)
-    derivatives = _values(path, s.ravel(), order).reshape(*s.shape, path.n)
+    derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
     quotients = (at_end - at_start) / lengths[:, None]
     # of the largest derivative, and what rounding of the values makes of the quotient
@@ -400,7 +400,7 @@ def _check_continuous(path: Path, order: int) -> None:
     s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
     changes = []
     for _ in range(JUMP_GRIDS):
-        values = _values(path, s, order)
+        values = _evaluate_path(path, s, order)
         change = np.abs(np.diff(values, axis=0)).max(axis=1)
         k = int(change.argmax())
         changes.append(change[k])
@@ -413,12 +413,12 @@ def _check_continuous(path: Path, order: int) -> None:
 
 
 @cache
-def _gauss() -> tuple[Array, Array]:
+def _gauss_rule() -> tuple[Array, Array]:
     """Return nodes and weights (5,) on [-1, 1]."""
     return np.polynomial.legendre.leggauss(5)
 
 
-def _intervals(path: Path) -> tuple[Array, Array]:
+def _test_intervals(path: Path) -> tuple[Array, Array]:
     """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot.
 
     Starts are multiples of the golden ratio modulo 1, moved down where the interval would reach over a knot.
@@ -433,7 +433,7 @@ def _intervals(path: Path) -> tuple[Array, Array]:
     return np.minimum(starts, edges[panel + 1] - lengths), lengths
 
 
-def _values(path: Path, s: Array, order: int) -> Array:
+def _evaluate_path(path: Path, s: Array, order: int) -> Array:
     """Evaluate path(s, order) as an array (T, n) of finite numbers."""
     values = np.asarray(path(s, order), dtype=float)
     if values.shape != (len(s), path.n) or not np.all(np.isfinite(values)):

@@ -35,7 +35,7 @@ def nodes(size: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _transform(size: int) -> Array:
+def _transform_matrix(size: int) -> Array:
     """Return the matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients.
 
     It is the discrete cosine transform of type I: a_k = 2 w_k / (size - 1) sum_j w_j cos(pi k j / (size - 1))
@@ -50,7 +50,7 @@ def _transform(size: int) -> Array:
 
 def coefficients(values: Array) -> Array:
     """Compute the Chebyshev coefficients of values (..., size, k) sampled at `nodes(size)`, same shape."""
-    return _transform(values.shape[-2]) @ values
+    return _transform_matrix(values.shape[-2]) @ values
 
 
 def tail(series: Array) -> float:
@@ -89,14 +89,14 @@ def real_roots(series: Array) -> Array:
     """
     size = np.abs(series)
     degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
-    if degree == 0 or _is_dominated(size[: degree + 1]):
+    if degree == 0 or _constant_dominates(size[: degree + 1]):
         return np.empty(0)
     roots = _quadratic_roots(series) if degree == 2 else _colleague_eigenvalues(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
 
-def _is_dominated(size: Array) -> bool:
+def _constant_dominates(size: Array) -> bool:
     """Whether the constant |c_0| is above the sum of all other terms where roots are accepted: no root.
 
     There |T_k| is at most base^k, with |c_k| as `size` (degree + 1,).
@@ -120,14 +120,14 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
 def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
     """Return all roots of one Chebyshev series (degree + 1,), complex or real."""
     degree = len(series) - 1
-    matrix, weights = _colleague(degree)
+    matrix, weights = _colleague_matrix(degree)
     matrix = matrix.copy()
     matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
     return np.linalg.eigvals(matrix)
 
 
 @lru_cache(maxsize=64)
-def _colleague(degree: int) -> tuple[Array, Array]:
+def _colleague_matrix(degree: int) -> tuple[Array, Array]:
     """Return the colleague matrix of T_degree and weights (degree,) of the lower coefficients in its column.
 
     Its eigenvalues are the roots of a series once the lower coefficients over the last, times the weights,
@@ -248,7 +248,7 @@ class TimeGrid(ReadOnlyArrays):
 
     def differentiate(self, values: Array) -> tuple[Array, Array]:
         """Compute first and second time derivatives, each (panels * size, k), of values at the nodes."""
-        first, second = _differentiation(self.size)
+        first, second = _differentiation_matrices(self.size)
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         stacked = self._stack_panels(values)
         slopes = first @ stacked / half_widths
@@ -291,10 +291,10 @@ def derivative_matrix(size: int, order: int = 1) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _differentiation(size: int) -> tuple[Array, Array]:
+def _differentiation_matrices(size: int) -> tuple[Array, Array]:
     """Return matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
     _, first, second = basis_values(size)
-    return first @ _transform(size), second @ _transform(size)
+    return first @ _transform_matrix(size), second @ _transform_matrix(size)
 
 
 @lru_cache(maxsize=32)

@@ -72,14 +72,14 @@ def written_together(
                 os.replace(written, folder / written.name)
             for name in set(beside) - set(names) if replaces else ():
                 (folder / name).unlink(missing_ok=True)
-            _remove(locked)
+            _remove_locked_folder(locked)
             locked = None
     except OSError as error:
-        raise OutputError(f"{complaint}: {_reason(error)}") from None
+        raise OutputError(f"{complaint}: {_error_words(error)}") from None
     finally:
         with defer_signals():
             if locked is not None:
-                _remove(locked)
+                _remove_locked_folder(locked)
             _remove_empty(new_folders)
 
 
@@ -97,7 +97,7 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
         )
 
 
-def _remove(locked: tuple[Path, int]) -> None:
+def _remove_locked_folder(locked: tuple[Path, int]) -> None:
     """Remove a temporary folder, and close the descriptor of its lock."""
     temporary, lock = locked
     shutil.rmtree(temporary, ignore_errors=True)
@@ -179,7 +179,7 @@ def _is_ours(document: Path) -> bool:
     return isinstance(content, dict) and "robot" in content
 
 
-def _reason(error: Exception) -> str:
+def _error_words(error: Exception) -> str:
     """Return the system's words for an error."""
     return getattr(error, "strerror", None) or str(error)
 

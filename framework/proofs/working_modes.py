@@ -148,7 +148,7 @@ def _has_no_others(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x
     unless the leg stands alone.
     """
     columns = robot.moving[leg.columns]
-    previous = robot.moving[leg.before]
+    previous = robot.moving[leg.needed]
     fixed = np.ones(robot.model.nv, dtype=bool)
     fixed[robot.moving] = False
     fixed[previous] = True

@@ -73,7 +73,7 @@ class Collocation(ReadOnlyArrays):
 
 
 @lru_cache(maxsize=32)
-def radau(stages: int) -> Collocation:
+def radau_table(stages: int) -> Collocation:
     """Compute the table of Radau IIA with s stages.
 
     The inner nodes are the zeros of the Jacobi polynomial P_(s-1)^(1,0), which times (1 - x) is

@@ -142,14 +142,14 @@ def balancing_step(
     stiffest = (equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)
     rounding = EIGENVALUE_ROUNDING * max(float(stiffest), LEAST_DIVISOR)
     if np.linalg.eigvalsh(springs + dampers)[0] <= rounding:
-        raise _undetermined_motion(equations, light @ np.linalg.eigh(springs)[1][:, 0])
+        raise _undetermined_motion_error(equations, light @ np.linalg.eigh(springs)[1][:, 0])
     if np.linalg.eigvalsh(springs)[0] <= rounding:
         return np.zeros(light.shape[1])
     slope = springs - light.T @ curvature @ light
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
-def _undetermined_motion(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
+def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
     """Return the error for joint rates (nv,) of a motion without mass, stiffness and damping."""
     robot = equations.robot
     motion = np.abs(rates) / robot.column_scale

@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, difference, forces_on_joints, stacked_frames
+from framework.kinematics.frames import FrameStack, difference, forces_on_joints, select_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
@@ -131,7 +131,7 @@ class EquationsOfMotion:
         by_q[:, range(nv), range(nv)] += self.stiffness
         by_v[:, range(nv), range(nv)] += self.damping
         force += self.rotors * a + self.damping * v + self.spring_force(q)
-        frames = stacked_frames(scratch, placements, screws, q)
+        frames = select_frames(scratch, placements, screws, q)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 

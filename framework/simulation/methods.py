@@ -136,7 +136,7 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
             f"needs {MIN_FIXED_STEPS} steps"
         )
     edges, record = np.linspace(0.0, task.duration, count + 1), _Record(task, 1)
-    trajectory, _ = _collect(record, _fixed_steps(task, edges), edges)
+    trajectory, _ = _collect_steps(record, _fixed_steps(task, edges), edges)
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
     if error > FIXED_STEP_ERROR:
@@ -178,11 +178,11 @@ def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     steps = explicit_steps(task.equations, dynamics, task.drive, task.start, edges)
     record = _Record(task, settings.event_samples)
-    trajectory, error = _collect(record, steps, edges)
+    trajectory, error = _collect_steps(record, steps, edges)
     return record.integration(trajectory, error, len(trajectory.q) - 1)
 
 
-def _collect(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
+def _collect_steps(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
     """Collect steps up to the end or a terminal event; return the motion and the largest error.
 
     Raises:

@@ -132,7 +132,7 @@ def simulation_result(
         v=v,
         tracking_error=tracking,
         turning_error=turning,
-        closure_error=max(_gap(robot, times, q), _gap(robot, edges, edge_states[0])),
+        closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_states[0])),
         energy_error=_energy_error(equations, run, *edge_states),
         unresolved=run.unresolved,
         steps=len(edges) - 1,
@@ -159,7 +159,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     return float(error / scale) if scale > 0 else 0.0
 
 
-def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
+def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     """Compute the largest loop equation at q (T, nq), redundant ones too.
 
     Raises:

@@ -39,7 +39,7 @@ class State(NamedTuple):
     v: Array
 
 
-def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
+def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
     """Solve mass a + jacobian' (-lambda) = forces, jacobian a = rates for accelerations a (R, nv).
 
     They are infinite where the equations are singular.
@@ -52,7 +52,7 @@ def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
     return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
 
 
-def _springs(stack: RobotStack, q: Array) -> Array:
+def _spring_forces(stack: RobotStack, q: Array) -> Array:
     """Compute K (q - rest), (R, nv)."""
     if not stack.stiffness.any():
         return np.zeros_like(stack.rest)
@@ -60,7 +60,7 @@ def _springs(stack: RobotStack, q: Array) -> Array:
     return stack.stiffness * (difference(robot, robot.neutral, q) - stack.rest)
 
 
-def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
+def _implicit_mass(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
     """Return mass matrices (R, nv, nv) plus springs and damping, each times a factor."""
     matrix = mass.copy()
     diagonal = range(mass.shape[1])
@@ -77,17 +77,17 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
     robot = stack.robots[0]
     middle = integrate(robot, q, 0.5 * h * v)
     terms = stack.terms(middle, v)
-    implicit_mass = _implicit(terms.mass, stack, 0.25 * h**2, 0.5 * h)
+    implicit_mass = _implicit_mass(terms.mass, stack, 0.25 * h**2, 0.5 * h)
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
     drift = stack.drift(terms, v)
     gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift  # loop equations at q
-    steady = driven - _springs(stack, middle) - stack.damping * v
+    steady = driven - _spring_forces(stack, middle) - stack.damping * v
     closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
-    guess = _solve(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
+    guess = _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
     v_middle = v + 0.5 * h * guess
     terms = stack.with_velocities(terms, middle, v_middle)
     rates = closing - 0.5 * stack.drift(terms, v_middle)
-    v_end = v + h * _solve(implicit_mass, terms.jacobian, steady - terms.bias, rates)
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, rates)
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
 
@@ -98,7 +98,7 @@ class _EulerStep(NamedTuple):
     closing_rate: Array  # (R, m)
 
 
-def _euler(
+def _step_by_euler(
     stack: RobotStack, start: State, driven: Array, h: float, closing_rate: Array | None = None
 ) -> _EulerStep:
     """Step by the linear implicit Euler method, h [s].
@@ -112,10 +112,10 @@ def _euler(
     terms = stack.terms(predicted, v)
     if closing_rate is None:
         closing_rate = -CLOSING_SHARE * terms.residual / h
-    implicit_mass = _implicit(terms.mass, stack, h**2, h)
-    forces = driven - terms.bias - _springs(stack, predicted) - stack.damping * v
+    implicit_mass = _implicit_mass(terms.mass, stack, h**2, h)
+    forces = driven - terms.bias - _spring_forces(stack, predicted) - stack.damping * v
     loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
-    v_end = v + h * _solve(implicit_mass, terms.jacobian, forces, loop_acceleration)
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
     return _EulerStep(State(integrate(robot, q, h * v_end), v_end), closing_rate)
 
 
@@ -124,9 +124,9 @@ def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
 
     Extrapolation needs steps of different length toward one solution: all close the loops at one rate.
     """
-    whole, closing_rate = _euler(stack, State(q, v), driven, h)
-    half, _ = _euler(stack, State(q, v), driven, 0.5 * h, closing_rate)
-    halves, _ = _euler(stack, half, driven, 0.5 * h, closing_rate)
+    whole, closing_rate = _step_by_euler(stack, State(q, v), driven, h)
+    half, _ = _step_by_euler(stack, State(q, v), driven, 0.5 * h, closing_rate)
+    halves, _ = _step_by_euler(stack, half, driven, 0.5 * h, closing_rate)
     robot = stack.robots[0]
     error = difference(robot, whole.q, halves.q)
     return State(integrate(robot, halves.q, error), 2 * halves.v - whole.v)

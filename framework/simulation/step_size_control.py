@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.errors import NotConverged
 from framework.numerics.arrays import LEAST_DIVISOR, Array
-from framework.simulation.collocation import Collocation, CollocationStep, radau, solve_step
+from framework.simulation.collocation import Collocation, CollocationStep, radau_table, solve_step
 from framework.simulation.consistent import allowed_velocity
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
@@ -97,7 +97,7 @@ def collocate(
     Raises:
         NotConverged: no step, however short, can be solved or resolved.
     """
-    table = radau(stages)
+    table = radau_table(stages)
     control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
     for time, end in pairwise(drive.edges(duration)):
         previous = None
@@ -111,7 +111,7 @@ def collocate(
                 length=length,
                 q0=q,
                 v0=v,
-                guess=_guess(equations, table, previous, length),
+                guess=_extrapolate_guess(equations, table, previous, length),
                 accuracy=NEWTON_SHARE * tolerance,
             )
             if isinstance(step, str):
@@ -130,15 +130,15 @@ def collocate(
                     control.accept(length, factor)
                     many = control.accepted >= PROJECTED_AFTER
                     if many and control.accepted * duration > MAX_STEPS * time:
-                        raise _refusal(equations, time, length, "they are too many")
+                        raise _stalled_error(equations, time, length, "they are too many")
                     continue
                 reason = "the motion is not resolved"
                 control.reject(length, factor, end - time)
             if control.length < MIN_STEP_RATIO * duration:
-                raise _refusal(equations, time, control.length, f"and even they fail: {reason}")
+                raise _stalled_error(equations, time, control.length, f"and even they fail: {reason}")
 
 
-def _refusal(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
+def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
     """Return the error of a simulation that needs steps of a length [s] at a time [s]."""
     return NotConverged(
         f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
@@ -154,7 +154,7 @@ def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Arra
     return step.q[-1], allowed_velocity(equations, tangent, step.v[-1])
 
 
-def _guess(
+def _extrapolate_guess(
     equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
     """Extrapolate accelerations and multipliers at the nodes from the previous step; zero without one."""

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, stacked_frames
+from framework.kinematics.frames import FrameMotions, FrameStack, select_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike, IntArray
@@ -115,7 +115,7 @@ class RobotStack:
         rows, columns = _lower_half(nv)
         mass[:, rows, columns] = mass[:, columns, rows]
         mass[:, range(nv), range(nv)] += self.rotors
-        frames = stacked_frames(scratch, placements, screws, q)
+        frames = select_frames(scratch, placements, screws, q)
         loops = loop_equations(self.first.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 

@@ -39,7 +39,7 @@ class LocusCurves(NamedTuple):
     reach: float  # [m] half an edge of the square that was searched
 
     def serves(self, x: Array) -> bool:
-        """Whether x (T, n) has the same fixed coordinates and lies well inside."""
+        """Whether the curves are valid for x (T, n): same fixed coordinates, well inside the square."""
         offset = np.abs(x - self.about)
         fixed = np.delete(offset, self.axes, axis=1)
         is_same = fixed.max(initial=0.0) < SAME_PLACE * self.reach
@@ -105,7 +105,7 @@ def _shifted_determinants(robot: ParallelRobot, q: Array, x: Array, shifts: Arra
 def _pull_onto(
     measure: Callable[[Array], Array], start: Array, normal: Array, slope: float, farthest: float
 ) -> Array:
-    """Move points (T, k) along a normal (k,) to where the measure vanishes, by the secant method.
+    """Move points (T, k) along a normal (k,) to zeros of a measure, by the secant method.
 
     `slope` is the measure's first slope along the normal. NaN for a point that would have to go farther than
     `farthest`, or whose loops do not close.

@@ -36,9 +36,9 @@ from framework.singularity.curve_tracing import (
     Points,
     advance,
     chord_offsets,
-    points_at,
-    solutions_near,
-    whole_curves,
+    curve_points_at,
+    find_solutions,
+    trace_curves,
 )
 from framework.singularity.locus_equations import LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
@@ -141,35 +141,37 @@ def trace_locus(
         guesses = draw_in_mode(region, starts, seed)
     else:
         guesses = draw_joints(equations, closed.q[0], starts, seed)
-    solutions = solutions_near(equations, np.concatenate([guesses, np.reshape(near, (-1, robot.model.nq))]))
+    solutions = find_solutions(equations, np.concatenate([guesses, np.reshape(near, (-1, robot.model.nq))]))
     solutions = solutions[region.contains(solutions)]
     curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
-    described = tuple(_describe(equations, region.clip(curve), crossings) for curve, crossings in curves)
+    described = tuple(
+        _describe_curve(equations, region.clip(curve), crossings) for curve, crossings in curves
+    )
     return TracedLocus(robot, equations.free_names, described, starts=len(solutions))
 
 
 def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace the curves through solutions (S, nq) and all curves that cross, with branch points."""
+    """Trace the curves through solutions (S, nq), and those that cross; return the branch points of each."""
     curves: list[Curve] = []
     crossings: list[list[Points]] = []
-    starts = [points_at(equations, solutions)]
+    starts = [curve_points_at(equations, solutions)]
     while starts and len(curves) < MAX_CURVES:
-        traced = whole_curves(equations, join(starts), region.contains, longest)
-        own_crossings = [_crossings(equations, curve) for curve in traced]
+        traced = trace_curves(equations, join(starts), region.contains, longest)
+        own_crossings = [_find_branch_points(equations, curve) for curve in traced]
         curves += traced
         crossings += own_crossings
         starts = []
         for crossing in chain.from_iterable(own_crossings):
-            for point in branches_at(equations, crossing):
-                passed = any(_passes(equations, curve, point) for curve in curves)
+            for point in points_on_crossing_curve(equations, crossing):
+                passed = any(_passes_point(equations, curve, point) for curve in curves)
                 if region.contains(point.q)[0] and not passed:
                     starts.append(point)
     return list(zip(curves, crossings, strict=True))
 
 
-def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
+def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
     """Find the branch points of a curve, where other curves cross: det [dF/du ; t'] changes its sign.
 
     Where the equations lose rank all along the curve (Type 1 and Type 2 at once) signs are rounding.
@@ -183,15 +185,15 @@ def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
 
 
 def _least_slope(equations: LocusEquations, points: Points) -> Array:
-    """Compute the smallest singular value (S,) of the equations' derivatives."""
+    """Compute the least singular value (S,) of the equations' derivatives dF/du."""
     if not len(points.q):
         return np.zeros(0)
     slopes = equations.evaluate(points.q, points.border).slopes
     return np.asarray(singular_values(slopes)[:, -1])
 
 
-def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
-    """Whether a curve passes a point (S = 1)."""
+def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
+    """Whether a curve passes through a point (S = 1), by the distance of the point from its chords."""
     offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point
     chord = np.diff(offsets, axis=0)
     length = np.linalg.norm(chord, axis=1)
@@ -200,8 +202,8 @@ def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     return bool(((distance < MAX_CURVE_OFFSET * length) & is_step).any())
 
 
-def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
-    """Describe a curve in the robot's own coordinates."""
+def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
+    """Describe a traced curve by platform, motors, modes, cusps and branch points."""
     robot, points = equations.robot, curve.points
     linearised = linearised_at(robot, points.q, None)
     x = robot.platform.coordinates(linearised.frames)
@@ -222,13 +224,13 @@ def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) 
         kind=kind,
         closed=curve.ends[0] == "closed",
         ends=curve.ends,
-        cusps=_cusps(equations, points) if kind == "type_2" else (),
+        cusps=_find_cusps(equations, points) if kind == "type_2" else (),
         branch_points=tuple(_locus_point(robot, crossing.q[0]) for crossing in crossings),
     )
 
 
-def _cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
-    """Find the cusps along a curve of m points: where the slope of g along the escaping motion vanishes.
+def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
+    """Find the cusps of a curve: where the slope of g along the escaping motion changes its sign.
 
     The motion may have been turned over between neighbours. Where curves cross a second motion escapes, and
     the slope says nothing.
@@ -261,10 +263,10 @@ def root_between(
     *,
     small: float = ROOT_SIZE,
 ) -> Points | None:
-    """Find the point between two neighbours (S = 1) at which a measure of opposite signs vanishes.
+    """Find the point of a curve between two neighbours (S = 1) where a measure changes its sign.
 
-    False position (the Illinois variant) on the share of the chord, until the measure is `small`. Where the
-    corrector fails, as near a branch point, the last point of the search is returned; None if there is none.
+    By false position (the Illinois variant) on the fraction of the chord, until the measure is `small`. Where
+    the corrector fails, as near a branch point, the last point is returned; None if there is none.
     """
     chord = float(np.linalg.norm(equations.offsets(first.q[0], second.q[0])))
     bend = (second.tangent - first.tangent) / chord
@@ -291,7 +293,7 @@ def root_between(
 
 
 def branch_point(equations: LocusEquations, first: Points, second: Points) -> Points:
-    """Find the point between two neighbours at which another curve crosses, to 1e-6 of their distance."""
+    """Find the point between two neighbours (S = 1) at which another curve crosses."""
 
     def measure(point: Points) -> float:
         return float(point.orientation[0])
@@ -303,8 +305,8 @@ def branch_point(equations: LocusEquations, first: Points, second: Points) -> Po
     return first if abs(measure(first)) < abs(measure(second)) else second
 
 
-def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Return points of the curve that crosses at a `branch_point`, one on each side."""
+def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
+    """Compute points of the curve that crosses at a `branch_point`, one on each side."""
     tangent = _second_tangent(equations, crossing)
     points = []
     for direction in () if tangent is None else (tangent, -tangent):
@@ -393,12 +395,12 @@ class Region(NamedTuple):
         last_inside, outside = self.clearance(points.q[-2:]).tolist()
         if not outside < 0 < last_inside:
             return points
-        edge = self._edge(points.single(-2), points.single(-1), CUT_CLEARANCE_RATIO * last_inside)
+        edge = self._find_mode_edge(points.single(-2), points.single(-1), CUT_CLEARANCE_RATIO * last_inside)
         points = select(points, slice(None, -1))
         return points if edge is None else join([points, edge])
 
-    def _edge(self, inside: Points, outside: Points, margin: float) -> Points | None:
-        """Find the point between two neighbours at which the clearance is a margin."""
+    def _find_mode_edge(self, inside: Points, outside: Points, margin: float) -> Points | None:
+        """Find the point between two neighbours at which the clearance is `margin`."""
 
         def excess(point: Points) -> float:
             return float(self.clearance(point.q)[0]) - margin

@@ -68,7 +68,7 @@ class Curves:
         return motion
 
     def follow_to_turn(self, q: Array, share: Array) -> _CurveEnd:
-        """Follow the curves from q (T, nq) after shares (T,) by secants to where ds/dt is zero.
+        """Follow curves from q (T, nq) after shares (T,) to where ds/dt is zero, by the secant method.
 
         t is the length of each curve so far. A curve that has converged, or has become too long, rests while
         the others go on.
@@ -113,7 +113,7 @@ class _CurveEnd(NamedTuple):
 def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
     """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
 
-    They solve [M b; c' 0] with the right sides [-F; 0], so that the step is normal to c, and [0; 1].
+    They solve [M b; c' 0] with the right sides [-F; 0] and [0; 1]: the step is normal to c.
     """
     count, size = c.shape
     bordered = np.zeros((count, size + 1, size + 1))
@@ -126,7 +126,7 @@ def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array
     return solve(bordered, newton_right), solve(bordered, tangent_right)
 
 
-def turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
+def find_turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
     """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its motion.
 
     A turning point is found only if the curve from q to the point is nearly a parabola in t: its chord is t
