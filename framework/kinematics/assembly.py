@@ -150,7 +150,7 @@ def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
-    """Refuse an assembled configuration with a `stated` joint far from its value in the file."""
+    """Refuse a closed pose with a stated joint far from its value in the file."""
     offset = difference(mechanism, mechanism.q_near, closing.q)
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
@@ -167,7 +167,10 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error with the last iterate, and a remark on angles that look like degrees."""
+    """Return the error with the last iterate and its reason.
+
+    It remarks on angles that look like degrees.
+    """
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 

@@ -58,7 +58,10 @@ class Attitude(ReadOnlyArrays):
         return np.empty((len(rotation), 0))
 
     def residual(self, rotation: Array, x: Array) -> Array:
-        """Compute the offset (T, k) of R from the attitude of x, turns the short way; its rate is v."""
+        """Compute the offset (T, k) [rad] of R from the attitude of x.
+
+        Turns count the short way. Its rate is v.
+        """
         return wrap_angles(self.coordinates(rotation) - x)
 
     def couples(self, rotation: Array) -> Array:
@@ -70,7 +73,10 @@ class Attitude(ReadOnlyArrays):
         return np.zeros((len(w), len(self.axes), 3))
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute the w (T, 3) of couples w = v (T, k) that has no turn beside those of v."""
+        """Compute the angular velocity w (T, 3) with couples w = v (T, k).
+
+        It has no turn beside those that v measures.
+        """
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
@@ -140,7 +146,9 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
-    """Return the chart that attitudes (T, 3, 3) need: `angle` if they turn about its axis alone.
+    """Return the chart of one angle that attitudes (T, 3, 3) need.
+
+    It is `angle` itself if the frame turns about its axis alone.
 
     Raises:
         InvalidInput: the frame turns about other axes too, from an attitude that has no angle.

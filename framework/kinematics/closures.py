@@ -65,7 +65,7 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
 
 
 def row_joint_signs(rows: LoopRows, frames: FrameStack) -> Array:
-    """Return the sign (m, nv) with which each joint moves the second body of a row against the first.
+    """Return how each joint moves the two bodies of each row, (m, nv).
 
     1 if the joint carries the second body alone, -1 the first alone, 0 both or neither.
     """
@@ -153,7 +153,10 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
 
 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of the closure whose frames point farthest apart (T = 1); None if all agree."""
+    """Return the name of the closure that is most flipped; None without any.
+
+    The frames of a flipped closure point apart. T is 1.
+    """
     directions = mechanism.directions
     lengths = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
     if not np.any(lengths > TURNED_OVER_DISTANCE):

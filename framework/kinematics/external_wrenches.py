@@ -98,7 +98,10 @@ class ExternalWrenches:
         )
 
     def evaluate_on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
-        """Compute the wrenches (T, 6) at path coordinates s (T,) by frame, at its origin on base axes."""
+        """Compute the wrenches (T, 6) at path coordinates s (T,), by frame.
+
+        They act at the frame's origin, on base axes.
+        """
         wrenches = {}
         for entry in self.entries:
             wrench = entry(s)
@@ -169,9 +172,10 @@ def applied_wrench(
 
 
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) of a wrench's joint forces: row j, column i of S_j . w by joint i.
+    """Compute the derivative (T, nv, nv) of a wrench's joint forces.
 
-    With w = (f, m + p x f) about the base's origin it is a sum of two terms for i, j that move the frame:
+    Row j, column i is the derivative of S_j . w along joint i. With w = (f, m + p x f) about the base's
+    origin it is a sum of two terms for i, j that move the frame:
 
         [S_i, S_j] . w       as S_j changes with the joints i that precede j
         S_j . dw             on base axes p alone moves, by d_i: dw = (0, d_i x f);

@@ -49,7 +49,7 @@ class TreeColumns(NamedTuple):
 
 @lru_cache(maxsize=64)
 def tree_columns(mechanism: Mechanism) -> TreeColumns:
-    """Return the table of which columns move which bodies and axes of a mechanism's tree."""
+    """Return the table of which velocity columns move which bodies and axes."""
     model = mechanism.model
     owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
     carried = carrying_joints(model, np.arange(model.njoints))
@@ -57,9 +57,10 @@ def tree_columns(mechanism: Mechanism) -> TreeColumns:
 
 
 def bracket(a: Array, b: Array) -> Array:
-    """Compute the Lie bracket [a, b] (..., 6): the rate of a screw b that moves with twist a.
+    """Compute the Lie bracket [a, b] (..., 6) of screws.
 
-    With a = (v, w) and b = (p, s) it is (w x p + v x s, w x s).
+    It is the rate of a screw b that moves with twist a. With a = (v, w) and b = (p, s) it is (w x p + v x s,
+    w x s).
     """
     w = a[..., 3:]
     linear = cross(w, b[..., :3]) + cross(a[..., :3], b[..., 3:])
@@ -87,10 +88,10 @@ def complex_step_derivative(values: Array) -> Array:
 
 
 def vary_motions(mechanism: Mechanism, ahead: FrameStack, v: Array, a: Array, dv: Array) -> FrameMotions:
-    """Compute the motions (T, k, ...) of frames `ahead` of k complex steps, by V and A of the header.
+    """Compute the motions (T, k, ...) of frames `ahead` of k complex steps.
 
-    Before the steps the joint rates are v (T, nv) and the accelerations a (T, nv); rates change by dv
-    (T, k, nv) along the steps.
+    They follow from V and A of the header. Before the steps the joint rates are v (T, nv) and the
+    accelerations a (T, nv); rates change by dv (T, k, nv) along the steps.
     """
     columns = tree_columns(mechanism)
     joint_twists = ahead.screws * (v[:, None, :, None] + STEP * dv[..., None])  # S_i v_i, (T, k, nv, 6)

@@ -34,7 +34,10 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero where it rests
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to joint rates (..., T, nv) such that rows (rates + Z y) = right (T, k)."""
+        """Add turns Z y to joint rates (..., T, nv).
+
+        With the result rows (rates + Z y) = right (T, k).
+        """
         missing = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
@@ -46,7 +49,7 @@ class IdleTurns:
 
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
-    """Return the motions of idle turns and the rows that determine them; None if all turns rest."""
+    """Return the motions of idle turns; None if all turns rest."""
     weights = _driving_weights(robot)
     if not weights.any():
         return None
@@ -58,13 +61,19 @@ def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns |
 
 
 def driven_turns(robot: ParallelRobot) -> IntArray:
-    """Return the idle columns that the damping or armature of balls drives; the others rest."""
+    """Return the idle columns whose turns the balls drive.
+
+    Damping or armature of balls drives a turn; the other idle columns rest.
+    """
     return robot.structure.idle[_driving_weights(robot).any(axis=1)]
 
 
 @lru_cache(maxsize=16)
 def _driving_weights(robot: ParallelRobot) -> Array:
-    """Return G (k, nv): the damping of the balls that each idle turn moves, else their armature."""
+    """Return G (k, nv): the damping of the balls that each idle turn moves.
+
+    Without damping it is their armature.
+    """
     weights = np.zeros((len(robot.structure.idle), robot.model.nv))
     damping = _isotropic_ball_values(robot, robot.joint_damping)
     armature = _isotropic_ball_values(robot, robot.model.armature)

@@ -53,7 +53,10 @@ def require_square(robot: ParallelRobot) -> None:
 
 
 def require_mobility(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless the robot has as many platform axes as freedoms, and no fewer motors."""
+    """Raise InvalidInput unless platform axes are as many as freedoms.
+
+    Motors must not be fewer.
+    """
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops

@@ -55,7 +55,7 @@ class KinematicDerivatives(ReadOnlyArrays):
 
 
 def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) -> KinematicDerivatives:
-    """Compute the derivatives of the pose at q (nq,) along the motors and the deflections of springs.
+    """Compute the derivatives of a pose q (nq,) along motors and springs.
 
     Loop equations that springs alone can close stay open, such as those of planar robots across their plane.
 
@@ -85,7 +85,10 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
 
 
 def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
-    """Compute the derivatives of the pose along k joints, while the passive joints close the loops."""
+    """Compute the derivatives of the pose along k joints.
+
+    The passive joints close the loops.
+    """
     steps = np.eye(robot.model.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):
         gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest

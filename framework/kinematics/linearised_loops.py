@@ -92,7 +92,10 @@ class ClosedStack:
 
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
-    """Compute F and dF/dq at q (T, nq) and platform coordinates x (T, n); None: those of q itself."""
+    """Compute F and dF/dq at q (T, nq) and platform x (T, n).
+
+    Without x the platform's own coordinates at q are taken.
+    """
     equations, n = robot.equations, robot.n
     frames = frames_at(robot, q)
     loops = loop_wrenches(robot.rows, frames)
@@ -121,7 +124,7 @@ def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
-    """Compute the platform's x and the equations of a configuration q (nq,), refused if a loop is open.
+    """Return an assembled configuration q (nq,) with its linearised equations.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.

@@ -57,7 +57,7 @@ class LoopStructure(ReadOnlyArrays):
 def singular_reference_error(
     mechanism: Mechanism, passive: IntArray, poses: Sequence[Array], matrices: Sequence[Array]
 ) -> SingularReference | None:
-    """Return the error for a reference on a singularity of the loops; None for a regular one.
+    """Return the error for a singular reference; None for a regular one.
 
     There the loops, or the loops and the platform along the passive joints, have a lower rank than at another
     pose. `matrices` are those of `motion_matrix` at the `poses` (nq,), of which the first is the reference.
@@ -99,10 +99,11 @@ def spring_only_rows(
 
 
 def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
-    """Find a passive joint for each motion that moves neither platform nor loops, such as a rod's own turn.
+    """Find a passive joint for each motion that moves neither platform nor loops.
 
-    These motions are the null space of `motion_matrix` (n + rows, n_p) along the passive joints. They carry
-    no load as long as the body that they turn is balanced about them; `dynamics.residuals` measures the load.
+    An example is the turn of a rod about its own axis. These motions are the null space of `motion_matrix` (n
+    + rows, n_p) along the passive joints. They carry no load as long as the body that they turn is balanced
+    about them; `dynamics.residuals` measures the load.
     """
     motions = null_directions(matrix, RANK_ROUNDING) if len(passive) else np.empty((0, 0))  # (c, n_p)
     if not len(motions):
@@ -149,7 +150,10 @@ def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 
 
 
 def pivot_rows(matrix: Array) -> IntArray:
-    """Order the rows of a matrix by pivoted QR: each is the farthest from the span of its predecessors."""
+    """Order the rows of a matrix by QR with pivots.
+
+    Each row is the farthest from the span of its predecessors.
+    """
     from scipy.linalg import qr
 
     return qr(matrix.T, mode="r", pivoting=True)[1]

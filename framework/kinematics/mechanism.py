@@ -128,7 +128,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def mass(self) -> float:
-        """Mass of the bodies that move [kg]; with `length` and a duration, the scale of forces."""
+        """Mass of the bodies that move [kg]."""
         return float(sum(body.mass for body in list(self.model.inertias)[1:]))
 
     @cached_property
@@ -152,12 +152,15 @@ class Mechanism(ReadOnlyArrays):
 
     @property
     def spring_names(self) -> tuple[str, ...]:
-        """Names of all springs: of virtual joints, and of the joints of the URDF that springs act on."""
+        """Names of all springs: of virtual joints, then of joints of the URDF."""
         sprung = np.flatnonzero(self.joint_stiffness)
         return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
-        """Return the dry friction of the columns as text, such as `knee 0.1 N m`; empty without any."""
+        """Describe the dry friction of columns, such as `knee 0.1 N m`.
+
+        The text is empty if none has friction.
+        """
         sizes = []
         for column in columns[self.joint_friction[columns] > 0.0].tolist():
             unit = "N" if self.sliding[column] else "N m"
@@ -282,7 +285,7 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with the indices of its joints in the velocity vector and in q."""
+    """Return a coupling with the indices of its joints in v and in q."""
     first = model.joints[model.getJointId(coupling.joint)]
     second = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(
@@ -296,7 +299,10 @@ def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
 
 
 def frame_index(model: pin.Model, name: str) -> int:
-    """Return the index of the frame of a link, else of a joint: URDF lets the two share a name."""
+    """Return the index of the frame of a link, else of a joint.
+
+    URDF lets the two share a name.
+    """
     link = pin.FrameType.BODY
     is_link = model.existFrame(name, link)
     return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
@@ -310,11 +316,11 @@ def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:
 
 
 def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
-    """Compute the size [m] of the mechanism at q (nq,), to compare metres with radians; 1 if it has none.
+    """Compute the size [m] of the mechanism at q (nq,), 1 without any.
 
-    It is the largest distance between joints, frames that move and frames of the loops, whatever the place of
-    the robot. If all of them meet in one point, as in a spherical robot, it is the largest radius of gyration
-    of a body about its joint.
+    With it metres are compared with radians. It is the largest distance between joints, frames that move and
+    frames of the loops, whatever the place of the robot. If all of them meet in one point, as in a spherical
+    robot, it is the largest radius of gyration of a body about its joint.
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)

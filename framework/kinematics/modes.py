@@ -105,7 +105,9 @@ class Leg(ReadOnlyArrays):
 
 
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
-    """Compute the legs in the order of their first motor; legs without a motor last.
+    """Compute the legs in the order of their first motor.
+
+    Legs without a motor come last.
 
     Raises:
         InvalidInput: the platform does not determine the joints.
@@ -130,10 +132,10 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
 
 
 def _leg_dependencies(label: IntArray, first: IntArray, second: IntArray) -> BoolArray:
-    """Compute whether leg i needs leg j, directly or through others, or is the same, (legs, legs).
+    """Compute whether leg i needs leg j, (legs, legs).
 
-    `label` (columns,) is the leg of each column. Each of the pairs (first, second) is a column and another
-    one that its equation contains.
+    A leg needs itself, and others directly or through others. `label` (columns,) is the leg of each column.
+    Each of the pairs (first, second) is a column and another one that its equation contains.
     """
     needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
     for _ in needs:  # a chain of needs has at most as many legs

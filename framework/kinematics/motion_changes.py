@@ -44,9 +44,10 @@ class MotionChanges(NamedTuple):
 
 
 def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) -> MotionSteps:
-    """Return unit steps of k = n + c coordinates at T instants, at constant rates and accelerations.
+    """Return unit steps of k = n + c coordinates at T instants.
 
-    Coordinates are those of a platform at x, dx, ddx (T, n), then c `columns` of deflections or idle joints.
+    Rates and accelerations stay. Coordinates are those of a platform at x, dx, ddx (T, n), then c `columns`
+    of deflections or idle joints.
     """
     count, n = x[0].shape
     size = n + len(columns)  # k
@@ -59,7 +60,9 @@ def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) 
 
 
 def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
-    """Compute the changes of a motion by small steps: dq, dv and da in turn, by the header's equations.
+    """Compute the changes dq, dv and da of a motion by small steps.
+
+    The equations of the header are solved in turn.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.

@@ -96,7 +96,10 @@ def motion_at(
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion of the same platform at constant deflections, for motions q, v, a of T instants."""
+    """Compute the motion of the same platform at constant deflections.
+
+    The motion given has q (T, nq), v and a (T, nv).
+    """
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     twists = platform_twists(robot, Motion(q, v, a, linearised))

@@ -111,12 +111,12 @@ class ParallelRobot(Mechanism):
 
     @property
     def moving(self) -> IntArray:
-        """The columns that follow when x and q_e are given: actuated, then passive but for the idle ones."""
+        """The columns that x and q_e determine: actuated, then passive but not idle."""
         return self.equations.columns
 
     @cached_property
     def following(self) -> IntArray:
-        """The passive joints that follow the platform and the motors: all but the idle ones."""
+        """The passive joints except the idle ones."""
         return read_only(self.equations.columns[self.n_a :])
 
     @property
@@ -154,7 +154,7 @@ class ParallelRobot(Mechanism):
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """Unit of each motor's torque: N for a slide without a gear (gear ratio 1), N m for all others."""
+        """Unit of each motor's torque: N for slides without a gear, else N m."""
         slides = self.sliding[self.actuated]
         return tuple(
             "N" if slide and gear == 1.0 else "N m"
@@ -259,7 +259,10 @@ class SquarePart(ReadOnlyArrays):
 
     @staticmethod
     def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
-        """Return the entries of a pattern in some rows and columns; None unless these are as many."""
+        """Return the entries of a pattern in some rows and columns.
+
+        None unless the columns are as many as the rows.
+        """
         if not len(rows) == len(columns) > 0:
             return None
         i, j = np.nonzero(pattern[rows][:, columns])

@@ -76,7 +76,10 @@ def scratch_of(mechanism: Mechanism) -> Scratch:
 
 @lru_cache(maxsize=16)  # megabytes each
 def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
-    """Allocate the working memory of one thread once; the thread's number is a key of the cache."""
+    """Allocate the working memory of one thread, once.
+
+    The thread's number is a key of the cache.
+    """
     return Scratch.of(model, frames)
 
 
@@ -96,7 +99,10 @@ def _copy_arrays(data: pin.Data) -> tuple[Array, ...]:
 
 
 def _view_arrays(data: pin.Data) -> tuple[Array, ...] | None:
-    """Return the six arrays of `Scratch` as views of pinocchio's memory; None if its layout is another."""
+    """Return the six arrays of `Scratch` as views of pinocchio's memory.
+
+    None if its layout is not the expected one.
+    """
     blocks = (
         _view_vector([pose.rotation for pose in data.oMf], 12),
         None if data.J.flags.owndata else data.J.reshape(6, -1).T,
@@ -110,10 +116,10 @@ def _view_arrays(data: pin.Data) -> tuple[Array, ...] | None:
 
 
 def _view_vector(first_numbers: list[Array], width: int) -> Array | None:
-    """View a C++ vector of pinocchio as an array (elements, width); None if its memory is not one block.
+    """View a C++ vector of pinocchio as an array (elements, width).
 
-    The vector keeps its elements in one block at a constant stride [bytes]. `first_numbers` are views of the
-    first numbers of each element.
+    None if its memory is not one block. The vector keeps its elements in one block at a constant stride
+    [bytes]. `first_numbers` are views of the first numbers of each element.
     """
     if any(numbers.flags.owndata for numbers in first_numbers):
         return None  # they are copies

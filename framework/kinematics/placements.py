@@ -16,10 +16,10 @@ from framework.tolerances import FILE_ROUNDING
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
-    """Compute poses (F, njoints, 7) of all joints, (x, y, z, qx, qy, qz, qw), at F configurations q (F, nq).
+    """Compute the poses (F, njoints, 7) of all joints at q (F, nq).
 
-    The signs of quaternions, which do not matter to one pose, are continuous from each configuration to the
-    next.
+    A pose is (x, y, z, qx, qy, qz, qw). The signs of quaternions, which do not matter to one pose, are
+    continuous from each configuration to the next.
     """
     model, data = robot.model, robot.model.createData()
     poses = np.empty((len(q), model.njoints, 7))
@@ -57,7 +57,10 @@ def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute all positions (m, 3) of joints, platform and ends of loops, which a view has to show."""
+    """Compute all positions (m, 3) that a view has to show.
+
+    They are those of joints, platform and ends of loops.
+    """
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
@@ -73,7 +76,10 @@ def rotate_vector(quaternion: Array, vector: Array) -> Array:
 
 
 def carried_points(pose: Array, points: Array) -> Array:
-    """Return points (m, 3) of a joint's frame in the base, the joint at a pose (7,) of `joint_poses`."""
+    """Convert points (m, 3) of a joint's frame to the base.
+
+    The joint is at a pose (7,) of `joint_poses`.
+    """
     return pose[:3] + rotate_vector(pose[None, 3:], points)
 
 
@@ -86,7 +92,7 @@ class JointAxis(NamedTuple):
 
 
 def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of a column of the velocity vector, in the frame of the parent joint."""
+    """Return the axis of a velocity column in the frame of the parent joint."""
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
@@ -97,7 +103,7 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
 
 
 def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of a column of the velocity vector, in the frame of its own joint."""
+    """Return the axis of a velocity column in the frame of its own joint."""
     model, joint = robot.model, int(tree_columns(robot).owner[column])
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -108,9 +114,9 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:
-    """Compute the normal (3,) of a planar robot, in the base frame; None if the robot is not planar.
+    """Compute the normal (3,) of a planar robot in the base frame.
 
-    All hinges are parallel to the normal and all slides perpendicular.
+    None if the robot is not planar. All hinges are parallel to the normal and all slides perpendicular.
     """
     screws = frames_at(robot, robot.reference.q[None]).screws[0]  # (nv, 6)
     turning = np.linalg.norm(screws[:, 3:], axis=1) > 0.5  # hinges; angular parts of slides are zero

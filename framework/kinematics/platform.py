@@ -54,9 +54,9 @@ class _Coordinates(ReadOnlyArrays):
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def twist_changes(self, motion: CoordinateRates, step: Array) -> CoordinateRates:
-        """Compute what a step (T, n) of x displaces along v, and the changes of v and dv/dt, (T, n) each.
+        """Compute the displacement along v, and the changes of v and dv/dt, (T, n) each.
 
-        `motion` are x, dx and ddx, each (T, n).
+        They are those by a step (T, n) of x. `motion` are x, dx and ddx, each (T, n).
         """
         x, dx, ddx = motion
         v, dv = self.twist(x + STEP * step, dx + 0.0 * STEP, ddx + 0.0 * STEP)
@@ -118,7 +118,10 @@ class FramePlatform(_Coordinates):
         return x
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
-        """Compute the offset (T, n) of the frame from x [m, rad], turns the short way; its rate is v."""
+        """Compute the offset (T, n) of the frame from x [m, rad].
+
+        Turns count the short way. Its rate is v.
+        """
         if self.is_point:
             return frames.position[:, 0, self.along] - x
         offset = np.empty((len(x), self.n))
@@ -165,9 +168,10 @@ class FramePlatform(_Coordinates):
         return v
 
     def drift(self, motions: FrameMotions) -> Array:
-        """Compute dv/dt (..., n) for motions of the frame: of turns C dw/dt + dC/dt w, C the couples.
+        """Compute dv/dt (..., n) for motions of the frame.
 
-        For motions without joint accelerations it is the drift dJ/dt v.
+        Of turns it is C dw/dt + dC/dt w, with the couples C. For motions without joint accelerations it is
+        the drift dJ/dt v.
         """
         rate = np.empty((*motions.twist.shape[:-2], self.n), dtype=motions.twist.dtype)
         rate[..., self.sliding] = motions.rates[2][..., 0, 3, self.along]  # acceleration of its origin
@@ -190,14 +194,20 @@ class FramePlatform(_Coordinates):
         )
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute the twist (T, 6) of the frame with this v (T, n), zero along free axes and turns."""
+        """Compute the twist (T, 6) of the frame with velocities v (T, n).
+
+        It is zero along free axes and turns.
+        """
         twist = np.zeros((len(v), 6))
         twist[:, self.along] = v[:, self.sliding]
         twist[:, 3:] = self.attitude.angular_velocity(frames.rotation[:, 0], v[:, self.turning])
         return twist
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Compute v = E(x) dx and dv/dt, each (T, n); only a rotation vector has E other than 1."""
+        """Compute v = E(x) dx and dv/dt, each (T, n).
+
+        Only a rotation vector has E other than 1.
+        """
         ddx = np.zeros_like(dx) if ddx is None else ddx
         if self.attitude.rates_are_velocities:
             return dx, ddx
@@ -209,7 +219,7 @@ class FramePlatform(_Coordinates):
 
 @dataclass(frozen=True, eq=False)
 class JointPlatform(_Coordinates):
-    """Positions of joints of the tree. Methods are those of `FramePlatform`."""
+    """Positions of joints of the tree, with the methods of `FramePlatform`."""
 
     columns: IntArray  # (n,) entries of pinocchio's velocity vector
     places: IntArray  # (n,) entries of q
@@ -264,7 +274,10 @@ class JointPlatform(_Coordinates):
         return twist
 
     def frame_velocity(self, motions: FrameMotions) -> Array:
-        """Return zeros (..., n): v does not depend on the frame, it is that of the joints' own rates."""
+        """Return zeros (..., n), the part of v that depends on the frame.
+
+        v is that of the joints' own rates.
+        """
         return np.zeros((*motions.twist.shape[:-2], self.n))
 
     def drift(self, motions: FrameMotions) -> Array:
@@ -283,6 +296,9 @@ def platform_coordinates(platform: Platform, model: pin.Model) -> PlatformCoordi
 
 
 def frame_wrench(platform: PlatformCoordinates, frames: FrameStack, W: Array) -> Array:
-    """Compute the wrench (T, 6) at the frame's origin of components W (T, n); its power is W . v."""
+    """Compute the wrench (T, 6) at the frame's origin of components W (T, n).
+
+    Its power is W . v.
+    """
     wrenches = np.broadcast_to(platform.wrenches(frames), (len(W), platform.n, 6))
     return matvec(wrenches.swapaxes(1, 2), W)

@@ -49,7 +49,7 @@ def assemble_mechanism(mechanism: Mechanism) -> AssembledMechanism:
     try:
         closing = close_reference(mechanism)
     except NotAssembled as failure:
-        reduced = _without_rounded_rows(mechanism, failure.q)
+        reduced = _set_rounded_rows_aside(mechanism, failure.q)
         if reduced is None:
             raise
         return AssembledMechanism(reduced, close_reference(reduced))
@@ -57,7 +57,7 @@ def assemble_mechanism(mechanism: Mechanism) -> AssembledMechanism:
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
     matrix = all_loops_matrix(sized, closing.q)[:, mechanism.joints]
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
-        reduced = _without_rounded_rows(sized, closing.q)
+        reduced = _set_rounded_rows_aside(sized, closing.q)
         if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
             return AssembledMechanism(replace(reduced, length=mechanism.length), closing)
     return AssembledMechanism(mechanism, closing)
@@ -70,8 +70,11 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
     return float(np.abs(loop_equations(mechanism.rounded, frames_at(mechanism, q)).residual).max())
 
 
-def _without_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Move rows that repeat others but for rounding at q (nq,) to `rounded`; None if there are none."""
+def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
+    """Move rows that repeat others but for rounding at q to `rounded`.
+
+    None if there are no such rows at q (nq,).
+    """
     rows = mechanism.rows
     matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
     rank = numerical_rank(matrix, ROUNDED_ROW)
@@ -83,7 +86,10 @@ def _without_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
 
 
 def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
-    """Whether the rows of `reduced` imply all of the mechanism's, but for rounding, at poses near q (nq,)."""
+    """Whether the rows of `reduced` imply all others at poses near q (nq,).
+
+    They do so but for rounding.
+    """
     poses = nearby_configurations(reduced, q)
     matrices = [all_loops_matrix(mechanism, pose)[:, mechanism.joints] for pose in poses]
     ranks = {numerical_rank(matrix, ROUNDED_ROW) for matrix in matrices}

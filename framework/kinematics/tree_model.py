@@ -50,7 +50,10 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> 
 
 
 def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
-    """Return the model with balls for joints of kinds `several` [name]; a floating one has slides too."""
+    """Return the model with balls in place of the floating joints `several`.
+
+    `several` has the kinds of joints by name; a floating one has slides too.
+    """
     model = pin.Model()
     model.name = parsed.name
     new = {0: 0}  # the new joint of each parsed one
@@ -80,7 +83,7 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add three slides along x, y, z at a placement on a parent; return the last one."""
+    """Add slides along x, y and z to a parent joint; return the last."""
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
         placement = pin.SE3.Identity()
@@ -88,7 +91,10 @@ def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) ->
 
 
 def _centre_direction(model: pin.Model, j: int) -> Array:
-    """Return a vector (3,) from joint j to its centre of mass, else to its farthest frame, else z."""
+    """Return a vector (3,) from joint j to its centre of mass.
+
+    Without one, to its farthest frame, else z.
+    """
     inertia = model.inertias[j]
     if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
         return inertia.lever
@@ -165,7 +171,10 @@ def file_axes(model: pin.Model) -> Array:
 
 
 def link_axes(model: pin.Model, j: int) -> pin.SE3:
-    """Return the placement of the link's axes on joint j: the identity except for balls."""
+    """Return the placement of the link's axes on joint j.
+
+    It is the identity except for balls.
+    """
     name = str(model.names[j])
     if model.existFrame(name, pin.FrameType.JOINT):
         return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement

@@ -78,9 +78,10 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Return A, B and C of N [v; 0] = N M dq, with N (T, m, n + m) and dF/dq = M (T, n + m, nv).
+    """Return A, B and C of N [v; 0] = N M dq.
 
-    A are the columns of N that meet v, B and C the columns of N M of motors and springs.
+    N is (T, m, n + m), M = dF/dq (T, n + m, nv). A are the columns of N that meet v, B and C the columns of N
+    M of motors and springs.
     """
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 

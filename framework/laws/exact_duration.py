@@ -85,9 +85,10 @@ class SpeedSpace(NamedTuple):
         return y
 
     def _linearise(self, y: Array, equalities: Affine, duration: float | None) -> tuple[Array, Array]:
-        """Return slopes (c, size) and values (c,) at y of the equalities, and of T(y) - duration if given.
+        """Return slopes (c, size) and values (c,) of the equations at y.
 
-        T = integral of z^(-1/2), so that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
+        They are the equalities and, if a duration is given, T(y) - duration. T = integral of z^(-1/2), so
+        that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
         """
         slopes = np.asarray(equalities.matrix @ np.eye(len(y)))
         values = equalities(y)
@@ -99,10 +100,11 @@ class SpeedSpace(NamedTuple):
         return slopes, np.append(values, weights @ z**-0.5 - duration)
 
     def _inverse_weights(self, y: Array, relative: bool) -> Array:
-        """Return W^-1 (size, size), where step' W step is the cost of changing coefficients y by a step.
+        """Return W^-1 (size, size) of the cost step' W step.
 
-        Splines: W = 1 / y^2, so that they change in proportion. One polynomial: W grows with the degree, or,
-        relative to z, W = mean of (change of z)^2 / z^2 and a resistance that grows with the degree.
+        It is the cost of changing coefficients y by a step. Splines: W = 1 / y^2, so that they change in
+        proportion. One polynomial: W grows with the degree, or, relative to z, W = mean of (change of z)^2 /
+        z^2 and a resistance that grows with the degree.
         """
         size = len(y)
         if self.basis.is_spline:

@@ -11,7 +11,7 @@ chords count 1 m like 1 rad. Through the same points in other units it is anothe
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from math import comb
 from typing import Any, ClassVar, Protocol
 
@@ -46,12 +46,15 @@ class Path(Protocol):
 
 
 def expect_path(path: object) -> None:
-    """Raise InvalidInput unless an object can be called like a path and has its attributes."""
+    """Raise InvalidInput unless an object has the call and attributes of a path."""
     expect_call("path", path, ("n", "knots"), "a Line, an Arc, a Spline or a Polyline")
 
 
 def _check_points(points: Any, least: int, kind: str) -> Array:
-    """Return points (m, n) as an array; raise InvalidInput unless a path can pass through the points."""
+    """Return points (m, n) as an array.
+
+    Raises InvalidInput unless a path can pass through them.
+    """
     try:
         array = np.array(points, dtype=float)
     except (TypeError, ValueError):
@@ -85,7 +88,10 @@ class PointPath(ReadOnlyArrays):
         return int(self.points.shape[1])
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or its derivative by s of this order: s of any shape (...) gives (..., n)."""
+        """Compute x(s), or its derivative by s of an order.
+
+        s of any shape (...) gives (..., n).
+        """
         check_order(order)
         s_values = np.asarray(s, dtype=float)
         values = self._evaluate(s_values.reshape(-1), order)
@@ -273,7 +279,10 @@ class Polyline(PointPath):
         return f"Polyline({self.points.tolist()}, blend={self.blend!r})"
 
     def __post_init__(self) -> None:
-        """Check points and blend; compute arc lengths, directions, and knots where blends begin and end."""
+        """Check points and blend; compute lengths, directions and knots.
+
+        Knots are where blends begin and end.
+        """
         points = _check_points(self.points, 3, "polyline")
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
@@ -317,7 +326,10 @@ class Polyline(PointPath):
 
 
 def _blend_value(w: Array, order: int) -> Array:
-    """Compute f(w), 0 for w <= -1 and w for w >= 1 with the blend between, or a derivative."""
+    """Compute the blend f(w), or a derivative.
+
+    f is 0 for w <= -1 and w for w >= 1.
+    """
     blend = _BLEND.deriv(order)
     line = Polynomial([0.0, 1.0]).deriv(order)
     return np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line(w), blend(w)))
@@ -347,10 +359,11 @@ def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
 
 
 def check_path(path: Path) -> None:
-    """Test x' and x'' of a user's own path against x on a few short intervals.
+    """Test x' and x'' of a user's own path against x.
 
-    Torques are made of x(s), x'(s) and x''(s) as the path gives them: with an x' that is not the derivative
-    of x they belong to no motion, however well they converge. Tested are the integrals
+    The test is made on a few short intervals. Torques are made of x(s), x'(s) and x''(s) as the path gives
+    them: with an x' that is not the derivative of x they belong to no motion, however well they converge.
+    Tested are the integrals
 
         x(b) - x(a) = int_a^b x'(s) ds,    x'(b) - x'(a) = int_a^b x''(s) ds,
 
@@ -376,7 +389,7 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     """
     ends = np.concatenate([starts, starts + lengths])
     at_start, at_end = np.split(_evaluate_path(path, ends, order - 1), 2)
-    nodes, weights = _gauss_rule()
+    nodes, weights = np.polynomial.legendre.leggauss(5)
     s = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)  # (intervals, nodes)
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
@@ -396,7 +409,10 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 
 def _check_continuous(path: Path, order: int) -> None:
-    """Refuse a derivative whose largest change is not halved where the grid is refined about the change."""
+    """Refuse a derivative that jumps.
+
+    It does where its largest change is not halved on a grid refined about the change.
+    """
     s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
     changes = []
     for _ in range(JUMP_GRIDS):
@@ -410,12 +426,6 @@ def _check_continuous(path: Path, order: int) -> None:
             f"path: path(s, {order}) jumps at s = {s[0]:.6g} by {changes[-1]:.3g}, where the torque would "
             f"{'have no bound' if order == 1 else 'have to jump'}: round it, as a Polyline does its corners"
         )
-
-
-@cache
-def _gauss_rule() -> tuple[Array, Array]:
-    """Return nodes and weights (5,) on [-1, 1]."""
-    return np.polynomial.legendre.leggauss(5)
 
 
 def _test_intervals(path: Path) -> tuple[Array, Array]:

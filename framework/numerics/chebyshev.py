@@ -97,9 +97,10 @@ def real_roots(series: Array) -> Array:
 
 
 def _constant_dominates(size: Array) -> bool:
-    """Whether the constant |c_0| is above the sum of all other terms where roots are accepted: no root.
+    """Whether |c_0| is above the sum of all other terms, so no root exists.
 
-    There |T_k| is at most base^k, with |c_k| as `size` (degree + 1,).
+    The terms are those where roots are accepted. There |T_k| is at most base^k, with |c_k| as `size` (degree
+    + 1,).
     """
     base = 1.0 + 2.0 * SAME_PLACE**0.25
     return bool(size[0] > size[1:] @ base ** np.arange(1, len(size)))
@@ -128,11 +129,11 @@ def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
 
 @lru_cache(maxsize=64)
 def _colleague_matrix(degree: int) -> tuple[Array, Array]:
-    """Return the colleague matrix of T_degree and weights (degree,) of the lower coefficients in its column.
+    """Return the colleague matrix of T_degree and weights (degree,).
 
-    Its eigenvalues are the roots of a series once the lower coefficients over the last, times the weights,
-    are subtracted from the column. Rows and columns are in reverse order, which reduces rounding errors, as
-    in numpy's `chebroots`.
+    The weights are those of the lower coefficients of a series in the first column. Its eigenvalues are the
+    roots of a series once the lower coefficients over the last, times the weights, are subtracted from the
+    column. Rows and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
     """
     weights = np.full(degree, 0.5)
     weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
@@ -257,9 +258,10 @@ class TimeGrid(ReadOnlyArrays):
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
-        """Return the grid of `size` to `size` + 5 nodes a panel whose nodes are farthest from `instants` [s].
+        """Return the grid whose nodes are farthest from `instants` [s].
 
-        Distances count in mean distances of nodes. A node at the instant of a crossing would divide 0 by 0.
+        Candidates have `size` to `size` + 5 nodes a panel. Distances count in mean distances of nodes. A node
+        at the instant of a crossing would divide 0 by 0.
         """
         best_size = size
         best_distance = -1.0

@@ -36,10 +36,11 @@ class Polytope(ReadOnlyArrays):
         return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
-        """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is.
+        """Compute the least and the largest t with t direction (n,) inside.
 
-        Each half-space says slope t <= offset, slope = normal . direction: an upper end where the slope is
-        positive, a lower end where it is negative. Without a slope it holds for all t, or for none.
+        Both are NaN if no t is. Each half-space says slope t <= offset, slope = normal . direction: an upper
+        end where the slope is positive, a lower end where it is negative. Without a slope it holds for all t,
+        or for none.
         """
         slope = self.normals @ direction
         is_steep = np.abs(slope) > RANK_ROUNDING * np.linalg.norm(direction)

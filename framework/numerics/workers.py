@@ -55,7 +55,7 @@ class Workers(Executor):
         return self._threads.submit(self._call_in_worker, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; wait for the tasks taken, or drop the ones not begun."""
+        """Take no more tasks; wait for those taken, or drop those not begun."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while self._idle:
             self._end_process(self._idle.pop())
@@ -81,7 +81,7 @@ class Workers(Executor):
             raise
 
     def _call_in_worker(self, *call: Any) -> Any:
-        """Return the result of a call in an idle process or a new one; raise its error."""
+        """Return the result of a call in a worker process, or raise its error."""
         message = pickle.dumps(call)
         for _ in range(MAX_TRIES):
             with self._lock:
@@ -140,7 +140,7 @@ def _serve_calls(pipe: Connection) -> None:
 
 
 def _answer_call(call: bytes) -> bytes:
-    """Return, pickled, the result or the error of a pickled call, also of an unreadable one."""
+    """Return, pickled, the result or the error of a pickled call."""
     try:
         fn, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, fn(*args, **kwargs)))

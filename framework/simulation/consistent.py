@@ -35,10 +35,11 @@ class AllowedMotions(NamedTuple):
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
-    """Compute the motions that the loops allow, the same to the last bit in every stack.
+    """Compute the motions that the loops allow.
 
-    They are the null space Z of the loops' Jacobian J, turned to the eigenvectors of Z' M Z. Redundant rows
-    are left out of J; what else loses rank is a singularity of the closures and no free motion.
+    They are the same to the last bit in every stack. They are the null space Z of the loops' Jacobian J,
+    turned to the eigenvectors of Z' M Z. Redundant rows are left out of J; what else loses rank is a
+    singularity of the closures and no free motion.
     """
     robot, rows = equations.robot, tangent.jacobian.shape[1]
     scale = robot.column_scale[:, None]  # (nv, 1)
@@ -76,9 +77,10 @@ def consistent_state(
     torque: Array,
     world: WorldForces = NO_FORCES,
 ) -> tuple[Array, Array]:
-    """Find the state next to (q, v) in which the loops close and massless parts are in balance.
+    """Find the consistent state next to (q, v).
 
-    Newton's method under motor torques (n_a,) [N m] and the forces of the world at t = 0.
+    In it the loops close and massless parts are in balance. Newton's method under motor torques (n_a,) [N m]
+    and the forces of the world at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; names its joints.

@@ -115,7 +115,7 @@ def simulation_result(
     samples: int,
     seconds: float,
 ) -> Simulation:
-    """Return the result of a run: its states at the sampled instants, and its errors."""
+    """Return the result of a run: sampled states and errors."""
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
     end = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
@@ -144,9 +144,10 @@ def simulation_result(
 
 
 def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
-    """Compute the `energy_error` of a `Simulation` from states q (K + 1, nq), v at the ends of all steps.
+    """Compute the `energy_error` of a `Simulation`.
 
-    The scale is at least the rounding of the work that lifts or moves the robot by its length.
+    States q (K + 1, nq) and v are those at the ends of all steps. The scale is at least the rounding of the
+    work that lifts or moves the robot by its length.
     """
     robot, edges = equations.robot, run.trajectory.edges
     energy = equations.energy(q, v)

@@ -26,7 +26,7 @@ import numpy as np
 from framework.errors import InvalidInput, choose_from, finite_numbers, whole_number
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.laws.law import MAX_DURATION, MIN_DURATION
+from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
@@ -147,8 +147,7 @@ def _simulated_duration(duration: float | None, planned: PlannedMotion | None) -
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
         return planned.duration
-    if not MIN_DURATION <= finite_numbers("duration", [duration], 1)[0] <= MAX_DURATION:
-        raise InvalidInput(f"duration: must lie in [{MIN_DURATION:g}, {MAX_DURATION:g}] s, got {duration!r}")
+    check_duration(duration)
     duration = float(duration)
     if planned is not None and duration > planned.duration * (1 + SAME_PLACE):
         raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {duration!r}")

@@ -47,13 +47,11 @@ class StepSizeControl:
     tried: int = 0  # number of `BRIDGING_RATIOS` tried over the present singularity
     accepted: int = 0  # number of steps
 
-    @property
-    def leniency(self) -> float:
-        """Factor on the tolerance for the next step."""
-        return BRIDGING_LENIENCY if self.short else 1.0
-
     def next_length(self, remaining: float) -> float:
-        """Return the next length; two equal steps end a stretch, instead of a long one and a tiny one."""
+        """Return the length [s] of the next step.
+
+        Two equal steps end a stretch, instead of a long one and a tiny one.
+        """
         count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
         return remaining / count if count <= 2 else self.length
 
@@ -65,10 +63,11 @@ class StepSizeControl:
         self.accepted += 1
 
     def reject(self, length: float, factor: float, remaining: float) -> None:
-        """Reject a step; the next is shorter by this factor, or steps over a singularity.
+        """Reject a step of this length and choose the next.
 
-        Where steps become far shorter than usual, long ones are tried first, one of `BRIDGING_RATIOS` after
-        the other. If none succeeds, `short` is the length to go on with.
+        It is shorter by this factor, or steps over a singularity. Where steps become far shorter than usual,
+        long ones are tried first, one of `BRIDGING_RATIOS` after the other. If none succeeds, `short` is the
+        length to go on with.
         """
         shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
         meets_singularity = bool(self.short) or shorter < self.usual / BRIDGED_SHORTENING
@@ -122,7 +121,8 @@ def collocate(
                 admissible = tolerance + MOVE_ROUNDING * float(joint_motions.max(initial=0.0))
                 factor = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
                 factor = float(np.clip(STEP_SAFETY * factor, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
-                if step.unresolved <= control.leniency * admissible:
+                leniency = BRIDGING_LENIENCY if control.short else 1.0  # over a singularity
+                if step.unresolved <= leniency * admissible:
                     yield step
                     q, v = end_state(equations, step)
                     time = end if length == end - time else time + length
@@ -139,7 +139,10 @@ def collocate(
 
 
 def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
-    """Return the error of a simulation that needs steps of a length [s] at a time [s]."""
+    """Return the error of a simulation that needs too short steps.
+
+    At this time [s] it needs steps of this length [s].
+    """
     return NotConverged(
         f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
         f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
@@ -149,7 +152,10 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
 
 
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Array, Array]:
-    """Return the state at the end of a step, with a velocity that the loops allow."""
+    """Return the state at the end of a step.
+
+    Its velocity is one that the loops allow.
+    """
     tangent = equations.tangent_at_rest(step.q[-1])
     return step.q[-1], allowed_velocity(equations, tangent, step.v[-1])
 

@@ -55,7 +55,9 @@ class RobotStack:
         damping: ArrayLike | None = None,
         like: ParallelRobot | None = None,
     ) -> RobotStack:
-        """Stack one robot or several; `like` decides which loop equations count and which joints idle.
+        """Stack one robot or several of the same structure.
+
+        `like` decides which loop equations count and which joints idle.
 
         Raises:
             InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.

@@ -39,10 +39,11 @@ class Border(NamedTuple):
 
     @staticmethod
     def of(matrix: Array, size: int = 1) -> Border:
-        """Return the border for matrices near M (..., n, n); det G then has the sign of det M.
+        """Return the border for matrices near M (..., n, n).
 
-        With singular vectors G of the matrix itself is -diag(sigma), sigma its least singular values. So b is
-        turned over where (-1)^size and the sign of det M, det U det V of M = U S V', differ.
+        With it det G has the sign of det M. With singular vectors G of the matrix itself is -diag(sigma),
+        sigma its least singular values. So b is turned over where (-1)^size and the sign of det M, det U det
+        V of M = U S V', differ.
         """
         U, _, V_rows = np.linalg.svd(matrix)
         b, c = U[..., -size:].copy(), V_rows[..., -size:, :].swapaxes(-1, -2)
@@ -59,12 +60,18 @@ class BorderedSolution(NamedTuple):
 
     @property
     def g(self) -> Array:
-        """Return det G (T,): the measure of singularity, zero where and only where the matrix is singular."""
+        """The measure of singularity det G (T,).
+
+        It is zero where and only where the matrix is singular.
+        """
         return determinant(self.G)
 
 
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
-    """Solve [M b; c' 0] [eta; G] = [0; 1] for matrices M (T, n, n), with one border or T."""
+    """Solve [M b; c' 0] [eta; G] = [0; 1] for T matrices M.
+
+    M is (T, n, n), with one border for all or T borders.
+    """
     count, n = matrices.shape[:2]
     size = border.b.shape[-1]
     bordered = np.zeros((count, n + size, n + size))
@@ -117,7 +124,10 @@ def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
 
 
 def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
-    """Compute g, dg/dp and d2g/dp2 from matrices (3, n, n) at a `stencil` p (3,), the border `size` wide."""
+    """Compute g, dg/dp and d2g/dp2 from matrices (3, n, n) on a `stencil`.
+
+    The border of the middle matrix is `size` wide. p is (3,).
+    """
     g = bordered_solution(matrices, 1, size).g
     lower, middle, upper = map(float, g)
     width = float(p[2] - p[0])

@@ -44,11 +44,14 @@ class Points(NamedTuple):
     border: Border  # (S, m, 1) of P
 
     def reverse(self) -> Points:
-        """Return the same points, in the same order, of curves that are followed the other way."""
+        """Return the same points of curves that are followed the other way.
+
+        Their order stays.
+        """
         return self._replace(tangent=-self.tangent, orientation=-self.orientation)
 
     def backwards(self) -> Points:
-        """Return the points of one curve that is followed the other way, the last point first."""
+        """Return the points of one curve in reverse order, followed the other way."""
         return select(self.reverse(), slice(None, None, -1))
 
     def single(self, k: int) -> Points:
@@ -130,7 +133,7 @@ class _Fronts(NamedTuple):
     piece: IntArray  # (F,) the start's number, plus their count against its tangent
 
     def advance(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts after steps (F,): moved to the points ahead where these are accepted.
+        """Return the fronts after steps (F,), moved where accepted to the points ahead.
 
         The next step aims at a share of the largest turn of the tangent.
         """
@@ -148,9 +151,10 @@ class _Fronts(NamedTuple):
 def _trace_pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[int, _Piece]:
-    """Trace 2 S pieces from S starts: piece k along the tangent of start k, piece S + k against.
+    """Trace two pieces from each of S starts, one either way.
 
-    All pieces take a step together; a piece that has ended is left out of the `fronts`.
+    Piece k goes along the tangent of start k, piece S + k against. All pieces take a step together; a piece
+    that has ended is left out of the `fronts`.
     """
     starts_both_ways = join([starts, starts.reverse()])
     step = np.full(len(starts_both_ways.q), min(FIRST_STEP, longest))
@@ -181,10 +185,10 @@ def _trace_pieces(
 def _find_following(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
 ) -> IntArray:
-    """Find the start that each front passes in its step; return the piece that goes on there, or -1, (F,).
+    """Find the start that each front passes in its step.
 
-    A start is passed if it lies between the planes normal to the tangents at both ends of the step, beside
-    the chord of the step, with a similar tangent.
+    Returned is the piece (F,) that goes on from there, or -1. A start is passed if it lies between the planes
+    normal to the tangents at both ends of the step, beside the chord of the step, with a similar tangent.
     """
     from_front = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k) to each start
     from_end = equations.offsets(ahead.q[:, None], starts.q[None])
@@ -213,7 +217,7 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
 
 
 def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect the points of a piece and of those that follow; return also how the last one ends.
+    """Collect the points of a piece and its followers, and the end of the last.
 
     Pieces are numbered as in `_trace_pieces`; the starts that are passed are added to `done`.
     """
@@ -232,7 +236,7 @@ def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tupl
 
 
 def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) ahead on their curves, and whether each step is accepted (S,).
+    """Compute the points a step (S,) ahead; return which are accepted, too.
 
     The predictor is quadratic, with the tangents' rates `bend` (S, k); Newton's method corrects it. A point
     whose step is too long stays as it was.
@@ -278,7 +282,9 @@ def _newton_correction(evaluated: Evaluated, tangent: Array) -> tuple[Array, Boo
 
 
 def _points_of(equations: LocusEquations, q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
-    """Return the points at q (S, nq), with tangents and motions turned as at the previous points.
+    """Return the points of curves at q (S, nq).
+
+    Tangents and motions are turned as at the previous points.
 
     Args:
         evaluated: the equations at q, or within `NEWTON_STEP` of q.

@@ -96,7 +96,10 @@ def _worst_torques(
 
 
 def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
-    """Compute the pressure angles (T, n_a) [rad]: of each column of J to the normal of all others."""
+    """Compute the pressure angles (T, n_a) [rad].
+
+    They are the angles of each column of J to the normal of all others.
+    """
     has_one_unit = robot.translations.all() or not robot.translations.any()
     if not has_one_unit or robot.n < 2 or robot.n_a != robot.n:
         return np.full((len(J), robot.n_a), np.nan)

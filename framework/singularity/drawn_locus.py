@@ -47,10 +47,10 @@ class LocusCurves(NamedTuple):
 
 
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
-    """Trace the locus about an assembled configuration q (nq,), platform at x (n,), in its working mode.
+    """Trace the locus about a configuration q (nq,) in its working mode.
 
-    None for a robot without exactly two translations, without passive joints, or with redundant motors (whose
-    g has no sign).
+    x (n,) is the platform there. None for a robot without exactly two translations, without passive joints,
+    or with redundant motors (whose g has no sign).
     """
     straight = robot.platform.sliding.tolist()
     if len(straight) != 2 or not has_signed_measure(robot):
@@ -91,9 +91,9 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
 
 def _shifted_determinants(robot: ParallelRobot, q: Array, x: Array, shifts: Array) -> Array:
-    """Compute det P (T,) at shifts (T, 3) of the platform; NaN where the loops do not close.
+    """Compute det P (T,) at shifts (T, 3) of the platform.
 
-    The determinant changes its sign where g does, and needs no border.
+    NaN where the loops do not close. The determinant changes its sign where g does, and needs no border.
     """
     targets = np.repeat(x[None], len(shifts), axis=0)
     targets[:, robot.platform.sliding] += shifts

@@ -137,10 +137,11 @@ class LooseMotion(NamedTuple):
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute a motion of the platform along t_s with closed loops; None where the loops open.
+    """Compute a motion of the platform along t_s with closed loops.
 
-    To first order the loops allow this motion with locked motors. With the loops closed exactly the motors
-    move by the square of the platform's motion. `shift` is that of the platform [robot lengths].
+    None where the loops open. To first order the loops allow this motion with locked motors. With the loops
+    closed exactly the motors move by the square of the platform's motion. `shift` is that of the platform
+    [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
@@ -159,7 +160,9 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Bring one platform coordinate to `value`, the others at rest, as far as the working mode goes.
+    """Move one platform coordinate to `value`, the others at rest.
+
+    The motion ends where the working mode does.
 
     Raises:
         InvalidInput: q is not assembled, no such coordinate, or the platform does not fix the joints.
@@ -172,7 +175,9 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> J
 
 
 def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
-    """Bring the platform's origin towards a point (3,) of the base [m], as far as its coordinates allow.
+    """Move the platform's origin towards a point (3,) of the base [m].
+
+    It goes as far as its coordinates allow.
 
     Raises:
         InvalidInput: q is not assembled, the point is not finite, or the platform does not fix the joints.
@@ -185,7 +190,9 @@ def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
 
 
 def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
-    """Move the platform straight to coordinates `target` (n,), as far as mode and joint limits allow.
+    """Move the platform straight to coordinates `target` (n,).
+
+    It goes as far as working mode and joint limits allow.
 
     Raises:
         InvalidInput: q is not assembled, or the platform does not fix the joints.
@@ -199,9 +206,9 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
 
 
 def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
-    """Return the last pose of a motion from q (nq,) with all joints within limits, by bisection.
+    """Find the last pose of a motion from q (nq,) within joint limits.
 
-    `pose_after` returns the pose after a share of the motion.
+    It is found by bisection. `pose_after` returns the pose after a share of the motion.
     """
     pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
@@ -256,7 +263,10 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return forward_kinematics(robot, target, near=q).q
 
     def stop_before(angle: float, sign: float) -> Array:
-        """Return the joints (nq,) just before a singularity after a turn of this size and sign."""
+        """Return joints (nq,) just before a singularity.
+
+        It lies after a turn of this size and sign.
+        """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         for _ in range(MAX_RETREATS):
             angle, retreat = angle - retreat, 10.0 * retreat
@@ -269,7 +279,10 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return q
 
     def pose_after(share: float) -> JoggedPose:
-        """Return the pose after a share of the turn, or just before a singularity on the way."""
+        """Return the pose after a share of the turn.
+
+        It is just before a singularity that lies between.
+        """
         angle = share * (value - motors[index])
         try:
             return describe_jogged_pose(robot, turn(angle))
@@ -284,7 +297,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
 
 
 def _check_request(index: int, count: int, value: float) -> None:
-    """Raise InvalidInput for an index out of range or a value that is not finite."""
+    """Refuse an index out of range and a value that is not finite."""
     if not 0 <= index < count:
         raise InvalidInput(f"index: needs 0 .. {count - 1}, got {index}")
     if not np.isfinite(value):

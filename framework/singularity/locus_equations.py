@@ -110,7 +110,10 @@ class LocusEquations:
         return offset
 
     def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
-        """Evaluate the equations and their derivatives at q (S, nq); each with its own border by default."""
+        """Evaluate the equations and their derivatives at q (S, nq).
+
+        Each has its own border by default.
+        """
         robot, count = self.robot, len(self._stencil)
         poses = self.move(np.repeat(q, count, axis=0), np.tile(self._stencil, (len(q), 1)))  # (S count, nq)
         linearised = linearised_at(robot, poses, None)
@@ -151,7 +154,10 @@ class LocusEquations:
 
 
 def _measure_slopes(P: Array, border: Border, eta: Array, dP: Array) -> Array:
-    """Compute the gradient dg = -psi' dP eta (S, k) of g for derivatives dP (S, k, m, m) of P (S, m, m)."""
+    """Compute the gradient dg = -psi' dP eta (S, k) of g.
+
+    dP (S, k, m, m) are the derivatives of P (S, m, m).
+    """
     psi = solve_bordered(P.swapaxes(1, 2), Border(border.c, border.b)).eta[:, :, 0]
     return -np.matvec(np.matvec(dP, eta[:, None]), psi)
 

@@ -87,7 +87,7 @@ class MapLocus(ReadOnlyArrays):
 
 
 def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
-    """Trace the locus over the window of a map, on the branch of its poses."""
+    """Trace the locus on a map, on the branch of its poses."""
     started = time.perf_counter()
     first = tuple(np.argwhere(poses.reached)[0])
     try:
@@ -152,7 +152,10 @@ def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Ar
 
 
 def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
-    """Trace the locus from starts (nq,), in the working mode of the first, as far as the map goes."""
+    """Trace the locus over the map from starts (nq,).
+
+    Curves are in the working mode of the first start.
+    """
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[0][None]))[0, axes]
     lengths = robot.platform_scale[axes]
@@ -215,7 +218,10 @@ def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -
 
 
 def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> list[MapCurve]:
-    """Return the parts of a curve that lie on the map's branch, cut where an angle jumps by a turn."""
+    """Return the parts of a curve that lie on the map's branch.
+
+    Parts are cut where an angle jumps by a turn.
+    """
     axes = list(poses.axes)
     x = curve.x[:, axes]
     is_on, is_off = _compare_branches(equations, poses, curve, x)
@@ -246,12 +252,13 @@ def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
 def _compare_branches(
     equations: LocusEquations, poses: MapPoses, curve: LocusCurve, x: Array
 ) -> tuple[BoolArray, BoolArray]:
-    """Whether points x (m, 2) of a curve surely are on the map's branch, and surely are not, (m,) each.
+    """Tell which points x (m, 2) of a curve are on the map's branch.
 
-    A step of inverse kinematics from the nearest pose leads to the point's own configuration, or elsewhere.
-    Where the inverse kinematics is singular too no step leads to a point: it then counts as on the branch if
-    it is no farther from the nearest pose than the farthest of the neighbours. Points at and beyond the rim
-    of the reached poses may be neither.
+    Returned are masks (m,) of those that surely are, and of those that surely are not. A step of inverse
+    kinematics from the nearest pose leads to the point's own configuration, or elsewhere. Where the inverse
+    kinematics is singular too no step leads to a point: it then counts as on the branch if it is no farther
+    from the nearest pose than the farthest of the neighbours. Points at and beyond the rim of the reached
+    poses may be neither.
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
     neighbours = _neighbouring_poses(poses, x)

@@ -51,7 +51,10 @@ class Measured(NamedTuple):
         return self.matrix(self.branch.close(s).linearised)
 
     def guess(self, s: Array) -> LinearisedLoops:
-        """Compute the equations at the branch's guesses for s (T,), where the loops may not close."""
+        """Compute the equations at the branch's guesses for s (T,).
+
+        The loops may not close there.
+        """
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
@@ -152,7 +155,7 @@ class Candidate(NamedTuple):
 
 
 def find_candidates(resolved: list[Panel]) -> list[Candidate]:
-    """Find the minima of |g| and the roots of g on the panels that may be contacts."""
+    """Find the minima of |g| and the roots of g that may be contacts."""
     deepest = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
     all_candidates: list[Candidate] = []
     for panel in resolved:
@@ -173,7 +176,10 @@ def bound_measure(resolved: list[Panel]) -> float:
 
 
 def _resolve_panel(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on a panel by a Chebyshev series, with borders of growing width; None if none suffices."""
+    """Resolve g on a panel by a Chebyshev series, by ever wider borders.
+
+    None if no border suffices.
+    """
     try:
         matrices = measured.matrix(samples.loops(start, end))
     except NotAssembled:
@@ -198,7 +204,10 @@ def _resolve_panel(samples: Samples, measured: Measured, start: float, end: floa
 
 
 def count_small_values(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix (n, n) below level times the largest, or times 1 if less."""
+    """Count the singular values of a matrix below a level.
+
+    The level is a share of the largest, or of 1 if that is less.
+    """
     values = singular_values(matrix)
     return int(np.sum(values < level * min(float(values[0]), 1.0)))
 
@@ -258,7 +267,9 @@ class Extremum(NamedTuple):
         return roots
 
     def _find_first_step(self, side: int, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
-        """Walk from the extremum to one side (-1, 1) by doubling steps until g passes a test.
+        """Walk from the extremum to one side until g passes a test.
+
+        Steps are doubled; the side is -1 or 1.
 
         Returns:
             s at both ends of the last step; None if g passes nowhere on the panel.

@@ -73,7 +73,9 @@ class SearchedPath(NamedTuple):
     near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, at ends too, below a hundredth of its largest
 
     def under(self, wrenches: ExternalWrenches) -> SearchedPath:
-        """Return the same path under wrenches of the world, on which singular points do not depend.
+        """Return the same path under wrenches of the world.
+
+        Singular points do not depend on them.
 
         Raises:
             InvalidInput: the robot has no such frame.
@@ -166,7 +168,10 @@ def _continue_branch(branch: Branch) -> _ContinuedBranch:
 
 
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
-    """Continue the branch at the first path coordinate where that is possible; None if at none."""
+    """Continue the branch at the first path coordinate that allows it.
+
+    None if none does.
+    """
     for s in parameters:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
@@ -196,7 +201,7 @@ def _refuse_type_1(type1: Measured, resolved: list[Panel] | Unresolved) -> None:
 
 
 def _most_singular_s(type1: Measured, s: float) -> float:
-    """Find the path coordinate about s at which the least singular value of the matrix is smallest.
+    """Find the s at which the least singular value is smallest.
 
     Candidates are the knots of the branch about s, and s to three digits. A knot on the singularity itself
     may be on another branch; then guesses are wrong up to the next knots, between which the singularity lies.
@@ -226,10 +231,11 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
 
 
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
-    """Raise NotConverged if the independent loop equations have a lower rank at s than all rows.
+    """Raise NotConverged if dropped loop equations are needed at s.
 
-    An overconstrained robot repeats its loop equations in proportions that change as it moves; the rows
-    that say it all at the reference need not do so everywhere.
+    The independent ones then have a lower rank than all rows. An overconstrained robot repeats its loop
+    equations in proportions that change as it moves; the rows that say it all at the reference need not do so
+    everywhere.
     """
     robot = branch.robot
     if not len(robot.structure.dropped):
@@ -267,7 +273,7 @@ def _is_type_1(type1: Measured, s: float) -> bool:
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
-    """Describe the singular point at a contact: its uncontrolled twist along the path, dg/ds, its pose."""
+    """Describe the singular point at a contact: its twist, dg/ds and pose."""
     branch, s = passive.branch, contact.s
     robot, points = branch.robot, stencil(s)
     closed = branch.close(points)

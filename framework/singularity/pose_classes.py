@@ -155,7 +155,9 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
 
 
 def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tuple[str, ...]]:
-    """Return whether a pose is of Type 1, and the names of the motors that move while the platform rests.
+    """Return whether a pose is of Type 1, and the motors that move.
+
+    They move while the platform rests.
 
     Args:
         rates: (k, n_a) of the motors in the motions of a locked platform.
@@ -169,10 +171,10 @@ def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> t
 
 
 def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
-    """Whether P has lost rank at the reference and at poses drawn about q (nq,) and about the reference.
+    """Whether P has lost rank at the reference and at poses drawn at random.
 
-    g is analytic: where it vanishes at poses drawn at random, it vanishes on all that is connected to them,
-    but with probability zero.
+    Poses are drawn about q (nq,) and about the reference. g is analytic: where it vanishes at poses drawn at
+    random, it vanishes on all that is connected to them, but with probability zero.
     """
     reference = robot.reference.q
     if _least_singular_value(robot, reference) >= RANK_LOST:

@@ -67,11 +67,11 @@ class NearMiss(NamedTuple):
 
 
 def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
-    """Find all places where the matrix loses rank, ascending in s; `resolved` are the panels of g.
+    """Find all places where the matrix loses rank, ascending in s.
 
-    Minima of |g| are polished before roots: a minimum near zero decides on the roots beside it, which then
-    need not be found again. Where several singular values vanish at once g is no measure, and the entries of
-    G are.
+    `resolved` are the panels of g. Minima of |g| are polished before roots: a minimum near zero decides on
+    the roots beside it, which then need not be found again. Where several singular values vanish at once g is
+    no measure, and the entries of G are.
     """
     multiple: list[Contact] = []  # several singular values vanish at once
     single: list[Contact] = []
@@ -126,7 +126,11 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 def _miss_at_extremum(
     measured: Measured, extremum: Extremum, known: list[Contact], size: int
 ) -> list[NearMiss]:
-    """Return an extremum of g as a near miss; none if g vanishes there or a contact is within reach."""
+    """Return an extremum of g beside which g does not vanish as a near miss.
+
+    Without such, the list is empty: g vanishes there, or a contact is within reach. It is none if g vanishes
+    there or a contact is within reach.
+    """
     lower, upper = extremum.bracket(2 * abs(extremum.g))
     if extremum.is_touch or extremum.roots() or any(lower <= contact.s <= upper for contact in known):
         return []
@@ -136,7 +140,11 @@ def _miss_at_extremum(
 
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
-    """Return the end s, 0 or 1, of the path as a near miss if |g| falls towards the outside there."""
+    """Return an end of the path beyond which |g| falls as a near miss.
+
+    s is 0 or 1. The list is empty if |g| grows towards the outside. It is one if |g| falls towards the
+    outside there.
+    """
     outwards = 2.0 * s - 1.0  # -1 or 1: the end on the panel, and the direction out of the path
     matrix = panel.matrices[0 if s == 0.0 else -1]
     value = chebyshev.chebval(outwards, panel.series)
@@ -156,7 +164,10 @@ def _is_apart(s: float, points: Sequence[Contact | NearMiss | RootStretch], dist
 
 
 def _border_width(measured: Measured, matrix: Array) -> int:
-    """Count the small singular values of a matrix (n, n), at least 1: the width of its border."""
+    """Count the small singular values of a matrix (n, n), at least 1.
+
+    That is the width of the border that it needs.
+    """
     return max(1, count_small_values(matrix, VANISHING_TOGETHER**measured.power))
 
 
@@ -172,7 +183,10 @@ class RootStretch(NamedTuple):
 
 
 def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
-    """Find the contacts at or beside an extremum of g, and the reach of their `RootStretch`."""
+    """Find the contacts at or beside an extremum of g.
+
+    The reach of their `RootStretch` is returned too.
+    """
     s = extremum.s
     if extremum.is_touch:
         if not _loses_rank(measured, s, size):
@@ -188,9 +202,9 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
 
 
 def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
-    """Polish the roots of g beside an extremum by Newton's method, each with its own border.
+    """Polish the roots of g beside an extremum by Newton's method.
 
-    A root from which Newton's method leads elsewhere stays as it is.
+    Each has its own border. A root from which Newton's method leads elsewhere stays as it is.
     """
     roots = []
     for root in extremum.roots():
@@ -202,12 +216,18 @@ def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[flo
 
 
 def _loses_rank(measured: Measured, s: float, size: int) -> bool:
-    """Whether the least singular value vanishes at s; with several small ones a small det G is no proof."""
+    """Whether the least singular value vanishes at s.
+
+    With several small ones a small det G is no proof of it.
+    """
     return size == 1 or count_small_values(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power) > 0
 
 
 def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
-    """Whether the matrix loses rank at a root, and g changes its sign or the path ends there."""
+    """Whether g vanishes at a root and changes its sign.
+
+    At an end of the path no change of sign is needed.
+    """
     if not _loses_rank(measured, root.place, size):
         return False
     s = root.place
@@ -225,10 +245,10 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
 
 
 def _find_common_contact(measured: Measured, start: float, size: int) -> Contact | None:
-    """Find the contact near `start` where at least two singular values vanish; None without one.
+    """Find a contact where two or more singular values vanish.
 
-    Gauss-Newton minimises |G|, whose entries all vanish there. If they vanish without a slope, the contact is
-    the extremum of their `_common_part`.
+    It lies near `start`; None without one. Gauss-Newton minimises |G|, whose entries all vanish there. If
+    they vanish without a slope, the contact is the extremum of their `_common_part`.
     """
     s, step = start, 1.0
     for _ in range(MAX_COMMON_STEPS):
@@ -251,7 +271,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
 
 
 def _common_part(G: Array) -> Array:
-    """Compute the scalar products (T,) of blocks G (T, size, size) with the sum of those at both ends.
+    """Project blocks G (T, size, size) on the sum of those at both ends, (T,).
 
     All but the last block are at ascending s; the last one is that of the border, at the contact.
     """
@@ -268,9 +288,10 @@ class BlockSlopes(NamedTuple):
 
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> BlockSlopes:
-    """Compute G and its derivatives at s by central differences, with the border of the matrix at s.
+    """Compute G and its two derivatives at s by central differences.
 
-    Within half a stencil of an end of the path the stencil stays inside, and the slope is extrapolated to s.
+    The border is that of the matrix at s. Within half a stencil of an end of the path the stencil stays
+    inside, and the slope is extrapolated to s.
     """
     h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))

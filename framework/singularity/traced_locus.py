@@ -153,7 +153,10 @@ def trace_locus(
 def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace the curves through solutions (S, nq), and those that cross; return the branch points of each."""
+    """Trace all curves through solutions (S, nq), and curves that cross.
+
+    Each comes with its branch points.
+    """
     curves: list[Curve] = []
     crossings: list[list[Points]] = []
     starts = [curve_points_at(equations, solutions)]
@@ -172,9 +175,10 @@ def _trace_branches(
 
 
 def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
-    """Find the branch points of a curve, where other curves cross: det [dF/du ; t'] changes its sign.
+    """Find the branch points of a curve, where other curves cross.
 
-    Where the equations lose rank all along the curve (Type 1 and Type 2 at once) signs are rounding.
+    There det [dF/du ; t'] changes its sign. Where the equations lose rank all along the curve (Type 1 and
+    Type 2 at once) signs are rounding.
     """
     points = curve.points
     changes = np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0)
@@ -193,7 +197,10 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
 
 
 def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
-    """Whether a curve passes through a point (S = 1), by the distance of the point from its chords."""
+    """Whether a curve passes through a point (S = 1).
+
+    The distance of the point from the curve's chords decides.
+    """
     offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point
     chord = np.diff(offsets, axis=0)
     length = np.linalg.norm(chord, axis=1)
@@ -230,10 +237,10 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
 
 
 def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
-    """Find the cusps of a curve: where the slope of g along the escaping motion changes its sign.
+    """Find the cusps of a curve of m points.
 
-    The motion may have been turned over between neighbours. Where curves cross a second motion escapes, and
-    the slope says nothing.
+    There the slope of g along the escaping motion changes its sign. The motion may have been turned over
+    between neighbours. Where curves cross a second motion escapes, and the slope says nothing.
     """
     cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)
     changes = points.cusp[1:] * points.cusp[:-1] * cosine < 0
@@ -263,10 +270,11 @@ def root_between(
     *,
     small: float = ROOT_SIZE,
 ) -> Points | None:
-    """Find the point of a curve between two neighbours (S = 1) where a measure changes its sign.
+    """Find the point between two neighbours where a measure is zero.
 
-    By false position (the Illinois variant) on the fraction of the chord, until the measure is `small`. Where
-    the corrector fails, as near a branch point, the last point is returned; None if there is none.
+    The measure has opposite signs at the neighbours (S = 1). By false position (the Illinois variant) on the
+    fraction of the chord, until the measure is `small`. Where the corrector fails, as near a branch point,
+    the last point is returned; None if there is none.
     """
     chord = float(np.linalg.norm(equations.offsets(first.q[0], second.q[0])))
     bend = (second.tangent - first.tangent) / chord
@@ -317,11 +325,11 @@ def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> lis
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
-    """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
+    """Compute the unit tangent (k,) of the other curve at a branch point.
 
-    Both tangents w lie in the null space of the slopes F', of dimension 2, and solve y . F"(w, w) = 0, y the
-    left null vector. With w = tangent + r normal that is along + 2 mixed r + across r^2 = 0, of which r = 0
-    is the curve itself.
+    None if it is not real. Both tangents w lie in the null space of the slopes F', of dimension 2, and solve
+    y . F"(w, w) = 0, y the left null vector. With w = tangent + r normal that is along + 2 mixed r + across
+    r^2 = 0, of which r = 0 is the curve itself.
     """
     evaluated = equations.evaluate(crossing.q, crossing.border)
     U, _, V_rows = np.linalg.svd(evaluated.slopes[0])
@@ -380,7 +388,10 @@ class Region(NamedTuple):
         return (leg_determinants(robot, linearised) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
-        """Return the part of a curve in the working mode, which ends next to a Type 1 singularity."""
+        """Return the part of a curve in the working mode.
+
+        It ends next to a Type 1 singularity.
+        """
         if self.mode is None or len(curve.points.q) < 2:
             return curve
         points = curve.points
@@ -391,7 +402,7 @@ class Region(NamedTuple):
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points) -> Points:
-        """Replace the last point, if beyond the working mode, by a point next to the mode's edge."""
+        """Move the last point, if beyond the working mode, to the mode's edge."""
         last_inside, outside = self.clearance(points.q[-2:]).tolist()
         if not outside < 0 < last_inside:
             return points

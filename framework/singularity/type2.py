@@ -65,9 +65,9 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
 
 
 def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute the twist (n,) and joint rates (nv,) that the motors control least, the twist a unit (T = 1).
+    """Compute the unit twist (n,) and joint rates (nv,) least controlled.
 
-    On a Type 2 singularity of corank 1 they are those of `uncontrolled_motion`.
+    T is 1. On a Type 2 singularity of corank 1 they are those of `uncontrolled_motion`.
     """
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P)[2][-1])
@@ -92,7 +92,9 @@ class EscapingMotions(NamedTuple):
 def escaping_motions(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_least: int = 0
 ) -> EscapingMotions:
-    """Compute the motions with locked motors (T = 1), the null space of P, and the kinds of singularity.
+    """Compute the motions with locked motors and the kinds of singularity.
+
+    The motions are the null space of P (T = 1).
 
     Args:
         at_least: number of motions that count however large their singular values are.
@@ -133,9 +135,10 @@ def _count_rank(rows: Array) -> int:
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:
-    """Return the size of a twist (n,): its speed, or its turning rate where the point rests.
+    """Return the speed of a twist (n,), or its turning rate.
 
-    Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
+    The latter is taken where the platform's point rests. Along a unit twist, t_s . W_p is a force [N] (a
+    torque [N m] for a pure turn).
     """
     part = robot.translations if moves_point(robot, twist) else ~robot.translations
     return float(np.linalg.norm(twist[part]))
@@ -161,7 +164,10 @@ def sign_along(twist: Array, direction: Array) -> float:
 
 
 def has_signed_measure(robot: ParallelRobot) -> bool:
-    """Whether the robot has passive joints and no redundant motors, so that g has a sign."""
+    """Whether the measure g of a robot has a sign.
+
+    It needs passive joints and no redundant motors.
+    """
     return len(robot.following) > 0 and robot.n_a == robot.n
 
 

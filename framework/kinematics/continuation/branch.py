@@ -163,10 +163,10 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation near s; None if the branch is not smooth.
+    """Return the branch with a continuation near s, if it is smooth there.
 
-    Continuations are tried from wide to narrow, within the smooth piece of the path about s. The polynomial
-    of a wider one, though it is not good enough, is the guess for a narrower one.
+    None if it is not. Continuations are tried from wide to narrow, within the smooth piece of the path about
+    s. The polynomial of a wider one, though it is not good enough, is the guess for a narrower one.
     """
     edges = np.concatenate(([0.0], branch.path.knots, [1.0]))
     piece = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))

@@ -48,7 +48,9 @@ class ForwardPose(Configuration):
 def forward_kinematics(
     robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
 ) -> ForwardPose:
-    """Compute the pose for prescribed motor joints, in the assembly mode of a start pose.
+    """Compute the pose for prescribed motor joints, from a start pose.
+
+    It is in the assembly mode of the start.
 
     Args:
         q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Full
@@ -94,7 +96,9 @@ def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoo
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
-    """Return the pose of an assembled configuration (nq,), the reference by default, as start of a curve.
+    """Return an assembled configuration (nq,) as the start of a curve.
+
+    By default it is the reference.
 
     Raises:
         InvalidInput: it is not assembled.
@@ -115,7 +119,10 @@ def check_motors_are_free(robot: ParallelRobot) -> None:
 
 
 def motors_are_free(robot: ParallelRobot) -> bool:
-    """Whether one motor can move while the others rest: P is square, and as many motors as platform axes."""
+    """Whether each motor can move while the others rest.
+
+    That is so if P is square and the motors are as many as the platform's axes.
+    """
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 

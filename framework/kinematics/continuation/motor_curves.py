@@ -67,7 +67,10 @@ class _Steps(NamedTuple):
 
 
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses, the platform's turns counted on from x (T, n)."""
+    """Return T curves that begin at assembled poses.
+
+    The platform's turns are counted on from x (T, n).
+    """
     frames = linearised.frames
     count = len(frames.q)
     least_value = clearance(robot, linearised)
@@ -89,7 +92,7 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
 def follow_curves(
     robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, targets: Array
 ) -> MotorCurves:
-    """Turn the motors from one pose towards T targets (T, n_a), as far as the curves go.
+    """Turn the motors from one pose towards T targets (T, n_a).
 
     The pose is the only one of `start`, with the loops `linearised` (T = 1). A curve whose `share` stays
     below 1 has ended: at a Type 2 singularity, or where it cannot be followed.
@@ -145,9 +148,10 @@ def _begin_curves(
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
-    """Take steps (T,) of the share along tangents, and measure_steps whether their ends are on the branches.
+    """Take steps (T,) along tangents; tell which ends are on the branches.
 
-    `turn` (T, nv) is the whole turn of the motors from the start (nq,).
+    Steps are in the share of the whole turn. `turn` (T, nv) is the whole turn of the motors from the start
+    (nq,).
     """
     share = current.share + step
     share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
@@ -183,7 +187,10 @@ def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Arra
 
 
 def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
-    """Compute rates (T, nv) of all joints for rates `turn` (T, nv) of the motors; None if P is singular."""
+    """Compute all joint rates (T, nv) for rates `turn` (T, nv) of the motors.
+
+    None if P is singular.
+    """
     rate, columns = turn.copy(), robot.following
     if len(columns):
         driven = np.matvec(linearised.closures, turn)
@@ -197,7 +204,10 @@ def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: 
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move the curves `rows` to the Type 2 singularity next ahead; return the rows that have one."""
+    """Move the curves `rows` to the Type 2 singularity next ahead.
+
+    Returned are the rows that have one.
+    """
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])

@@ -40,7 +40,9 @@ class PoseStack(ReadOnlyArrays):
 
 
 def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
-    """Compute all joints and the platform for T sets of motor joints (T, n_a), each from the reference.
+    """Compute the poses for T sets of motor joints (T, n_a).
+
+    Each curve starts from the reference.
 
     Raises:
         InvalidInput: as `forward_kinematics`; its other errors are `refused` of the result, by row.
@@ -68,9 +70,10 @@ def follow_motors(
     near: ArrayLike | Configuration | None = None,
     single_turn: bool = False,
 ) -> Iterator[ForwardPose]:
-    """Yield the pose of each sample of the motors' joints, starting from the pose of the last sample.
+    """Yield the pose of each sample of the motors' joints.
 
-    The platform's turns are counted on through the whole stream.
+    Each starts from the pose of the last sample. The platform's turns are counted on through the whole
+    stream.
 
     Args:
         samples: motor joints (n_a,), joint side of the gears [rad, m], such as encoders give.

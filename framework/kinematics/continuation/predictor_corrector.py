@@ -25,7 +25,7 @@ END_ROUNDING = 1e-12  # of the curve: a pose that near to its end is the end
 
 
 class StepMeasure(NamedTuple):
-    """What tells whether T steps stayed on their branches."""
+    """Measures of whether T steps stayed on their branches."""
 
     correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
     small: BoolArray  # (T,) whether it is small, or small against the step
@@ -33,7 +33,10 @@ class StepMeasure(NamedTuple):
 
 
 def measure_steps(robot: Mechanism, correction: Array, predicted: Array, at_end: Array) -> StepMeasure:
-    """Measure T steps by their corrections and by the steps along the tangents at both ends, (T, nv) each."""
+    """Measure whether T steps stayed on their branches.
+
+    The corrections, and the steps along the tangents at start and end, are (T, nv) each.
+    """
     corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
     turned = largest_motion(robot, at_end - predicted)
     return StepMeasure(

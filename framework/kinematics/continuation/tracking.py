@@ -146,11 +146,12 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 def follow_path(
     robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
 ) -> FollowedCurve:
-    """Follow the path with the platform from the pose q (nq,) at s = 0, up to the end of the branch.
+    """Follow the path from the pose q (nq,) at s = 0.
 
-    The poses stay in one working mode and pass Type 2 singularities. Springs keep the deflections of q. Poses
-    are closed to this `last_step` of `close_each`. A branch that ends early does so just before a Type 1
-    singularity, or with `to_the_end` on the singularity itself where that is found.
+    The curve ends with the path, or where the branch does. The poses stay in one working mode and pass Type 2
+    singularities. Springs keep the deflections of q. Poses are closed to this `last_step` of `close_each`. A
+    branch that ends early does so just before a Type 1 singularity, or with `to_the_end` on the singularity
+    itself where that is found.
     """
     s, first = 0.0, np.zeros(1)
     pose = _poses_at(robot, path, first, q[None], linearised_at(robot, q[None], path(first)))
@@ -219,7 +220,10 @@ def _take_steps(
 def _close_ahead(
     robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
 ) -> BranchPoses | None:
-    """Close the loops of poses (T, nq) predicted at s (T,), up to the first that fails; None if all fail."""
+    """Close the loops of poses (T, nq) predicted at s (T,).
+
+    Poses from the first that fails on are left out; None if all fail.
+    """
     q, linearised, closed = close_each(
         robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
     )
@@ -237,13 +241,19 @@ def _close_ahead(
 def _poses_at(
     robot: ParallelRobot, path: Path, s: Array, q: Array, linearised: LinearisedLoops
 ) -> BranchPoses:
-    """Return the poses at s (K,) and q (K, nq) with their tangents dq/ds, springs at rest."""
+    """Return the poses q (K, nq) at s (K,) with their tangents dq/ds.
+
+    Springs rest.
+    """
     twist, _ = robot.platform.twist(path(s), path(s, 1))
     return BranchPoses(q, linearised, joint_rates(robot, linearised, twist, np.zeros((len(s), robot.n_e))))
 
 
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: float) -> Array:
-    """Return up to POSES_AT_ONCE path coordinates ahead of s, one step apart, as far as predictors lead."""
+    """Return up to POSES_AT_ONCE path coordinates ahead of s, one step apart.
+
+    None is farther than the predictor may lead.
+    """
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]
     allowed = (s + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
@@ -260,7 +270,10 @@ def _count_leading(flags: BoolArray) -> int:
 def _type1_end(
     robot: ParallelRobot, path: Path, s: float, pose: BranchPoses
 ) -> tuple[float, BranchPoses] | None:
-    """Find the Type 1 singularity next ahead of a pose at s; return its path coordinate and its pose."""
+    """Find the Type 1 singularity next ahead of a pose at s.
+
+    Its path coordinate and its pose are returned.
+    """
     sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -280,7 +293,10 @@ def _type1_end(
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
-    """Return the branch along the path from the pose q (nq,) at s = 0; `what` names the path in errors."""
+    """Return the branch along the path from the pose q (nq,) at s = 0.
+
+    `what` names the path in errors.
+    """
     followed = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
     if not followed.complete:
         raise _branch_end_error(
@@ -293,7 +309,10 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Bra
 def _branch_end_error(
     robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
-    """Return the error for the end of a branch: a stretched or folded leg, or loops that lose their rank."""
+    """Return the error for the end of a branch at s.
+
+    Either a leg is stretched or folded, or the loops lose their rank.
+    """
     x = path(s)
     count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
@@ -346,7 +365,7 @@ def _closes_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool
 
 
 def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
-    """Return the error for `count` motions that the motors do not control, at s with platform x (n,)."""
+    """Return the error for `count` uncontrolled motions at s, platform x (n,)."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "

@@ -158,9 +158,9 @@ class _Group:
 
 
 def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
-    """Split the loops of a robot into groups that share no joint; springs are at rest.
+    """Split the loops of a robot into groups that share no joint.
 
-    Rows of one group are a connected component of the graph of rows that share joints.
+    Springs rest. Rows of one group are a connected component of the graph of rows that share joints.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components

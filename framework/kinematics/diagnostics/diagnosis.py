@@ -128,7 +128,10 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
 
 
 def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None, list[str]]:
-    """Return the robot at a closed pose, the gap [m or rad] at an open reference (else None), and remarks."""
+    """Return the robot at a closed pose, the gap at its reference, and remarks.
+
+    The gap [m or rad] is None if the loops close near the reference of the file.
+    """
     gap, remarks = None, list[str]()
     try:
         mechanism, closing = assemble_mechanism(mechanism)
@@ -179,7 +182,7 @@ def _reference_modes(robot: ParallelRobot) -> _Modes:
 
 
 def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
-    """Return advice on the freedoms of a robot and on the axes of its platform."""
+    """Return advice on a robot's freedoms and its platform's axes."""
     advice, mobility = [], motions.working
     listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
     instead = f"; axes that would do: {listed}" if listed else ""
@@ -251,7 +254,7 @@ def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[s
 
 
 def remarks_on_bodies(robot: ParallelRobot) -> list[str]:
-    """Return remarks on sizes, masses and inertias of bodies that are in no usual unit."""
+    """Return remarks on unusual sizes, masses and inertias of bodies."""
     bodies, advice = _measure_bodies(robot), []
     masses = {name: body.mass for name, body in bodies.items()}
     longest = max((body.size for body in bodies.values()), default=1.0)
@@ -300,7 +303,10 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
 
 
 def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
-    """Name, in words, closures without one of which there are as many freedoms as platform axes."""
+    """Name, in words, closures that may be one too many.
+
+    Without one of them the freedoms are as many as the platform axes.
+    """
     if mobility >= robot.n:
         return ""
     names, loops = [], all_loops_matrix(robot, robot.reference.q)[:, robot.joints]

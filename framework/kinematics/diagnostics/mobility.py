@@ -57,7 +57,10 @@ class PlatformAxes(NamedTuple):
 
 
 def count_freedoms(robot: ParallelRobot) -> Mobility:
-    """Count the degrees of freedom at the assembled reference; name a joint for each idle or loose one."""
+    """Count the degrees of freedom at the assembled reference.
+
+    A joint is named for each idle and each loose one.
+    """
     q = robot.reference.q
     motions = _free_motions(robot, q)  # (nv, f)
     driven_rates = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
@@ -74,7 +77,7 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
 
 
 def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
-    """Find the axes along which the platform cannot move, and `freedoms` axes along which it can.
+    """Find axes along which the platform cannot move, and axes that would do.
 
     Poses are the assembled reference and closed poses nearby.
     """
@@ -95,7 +98,7 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
 
 def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return sets of axes along which a frame can move at one of the poses, fewest turns first.
+    """Return sets of axes along which a frame can move, fewest turns first.
 
     `twists` (6, f) are those of the frame at each pose. Two turns are coordinates in series, and their order
     matters: if the `stated` axes are two insufficient turns, the other order is proposed.
@@ -130,7 +133,10 @@ def _immovable_combinations(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the twists (6, f) of the platform's frame in all motions that the loops allow at q (nq,)."""
+    """Compute the twists (6, f) of the platform's frame at q (nq,).
+
+    They are those of the f motions that the loops allow.
+    """
     jacobian = frames_at(robot, q[None]).frame_jacobian(0)[0]  # (6, nv)
     return scaled_twists(robot, jacobian) @ _free_motions(robot, q)
 
@@ -161,7 +167,7 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
 
 
 def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
-    """Name the axes in immovable combinations (n, k) of them: each alone, or several together."""
+    """Name the axes of immovable combinations (n, k): alone, or several together."""
     sizes = np.linalg.norm(stuck, axis=1)  # (n,) 1 for an axis that is itself a combination
     alone = [name for name, size in zip(names, sizes, strict=True) if size > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
@@ -177,9 +183,10 @@ def null_space(matrix: Array) -> Array:
 
 
 def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
-    """Compute orthonormal bases (c, r) of the row space and (c, c - r) of the null space of a matrix.
+    """Compute orthonormal bases of the row space and the null space of a matrix.
 
-    The rank r counts singular values above a level.
+    They are (c, rank) and (c, c - rank) for a matrix with c columns. The rank r counts singular values above
+    a level.
     """
     _, values, right = np.linalg.svd(matrix)
     rank = int(np.sum(values > level))

@@ -122,7 +122,7 @@ def propose(options: Options, known: Known) -> Known:
 
 
 def _complete_with_holding(known: Known) -> Known:
-    """Complete the description; hold springs and idle turns that no motor drives, if there are any."""
+    """Complete the description; hold springs and idle turns without a motor."""
     try:
         return _complete_description(known, by_joints=True)
     except _UndrivenMotions as loose:
@@ -155,7 +155,10 @@ def _complete_description(known: Known, *, by_joints: bool) -> Known:
 
 
 def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Known:
-    """Complete the description at a closed pose: motors, then the first proposed platform that is driven."""
+    """Complete the description at a closed pose: motors, then a platform.
+
+    The first proposed platform that is driven is taken.
+    """
     if not motions.freedoms:
         raise _no_freedom(motions, known)
     known = _choose_motors(motions, known)
@@ -186,7 +189,10 @@ def _complete_at_pose(known: Known, motions: _Motions, *, by_joints: bool) -> Kn
 
 
 def _choose_motors(motions: _Motions, known: Known) -> Known:
-    """Return the content of the file at a closed pose, with motors chosen if need be."""
+    """Return the content of the file with the closed pose and chosen motors.
+
+    Motors of the file stay if they are no more than the freedoms.
+    """
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
@@ -217,10 +223,11 @@ def _no_freedom(motions: _Motions, known: Known) -> RobotFileError:
 
 
 def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
-    """Return the advice, if any, that selects one of several parts with loops of their own, such as a leg.
+    """Return advice to select one of several parts with loops, such as a leg.
 
-    A part is what a joint carries if that includes several motors, not all, and whole loops only. Without
-    such a joint, the advice is to lock all loops but those that share joints with the first.
+    It is empty if there is no such part. A part is what a joint carries if that includes several motors, not
+    all, and whole loops only. Without such a joint, the advice is to lock all loops but those that share
+    joints with the first.
     """
     motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
     loop_paths = [
@@ -270,7 +277,7 @@ def _close_within_limits(description: RobotDescription) -> _Motions | None:
 
 
 def _close_near_reference(description: RobotDescription) -> _Motions:
-    """Return the motions at the closed regular pose nearest to the reference of a description."""
+    """Return the motions at the closed regular pose nearest to the reference."""
     mechanism, remarks = _assemble(Mechanism.from_description(description))
     q = mechanism.q_near
     beside = nearby_configurations(mechanism, q)
@@ -283,7 +290,10 @@ def _close_near_reference(description: RobotDescription) -> _Motions:
 
 
 def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
-    """Return the mechanism with its closed pose as `q_near`, searched if need be, and remarks on the pose."""
+    """Return the mechanism with a closed pose as `q_near`, and remarks on the pose.
+
+    The pose is searched if the loops do not close near the reference.
+    """
     try:
         assembled, closing = assemble_mechanism(mechanism)
     except NotAssembled:
@@ -323,7 +333,10 @@ def _loop_rank(mechanism: Mechanism, q: Array) -> int:
 
 
 def _choose_driving_joints(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
-    """Choose joints whose rates determine the working motions: likely ones by the file, then by depth."""
+    """Choose joints whose rates determine the working motions.
+
+    Likely ones by the file come first, then the nearest to the base.
+    """
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
     names = dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth])
     return motions.independent(motions.working, names)
@@ -357,7 +370,10 @@ def _choose_best_motors(motions: _Motions, description: RobotDescription) -> lis
 def _choose_joints_to_hold(
     motions: _Motions, undriven: Array, description: RobotDescription, tree: UrdfTree
 ) -> list[str]:
-    """Choose joints to lock that stop all of motions (nv, k): with springs first, else far from the base."""
+    """Choose joints to lock that stop all of some motions (nv, k).
+
+    Joints with springs come first, then those far from the base.
+    """
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
@@ -410,7 +426,10 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
 
 
 def _likely_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> list[Platform]:
-    """Return platforms to try, the likeliest first: frames that every motor moves, first of all tools."""
+    """Return platforms to try, the likeliest first.
+
+    They are on frames that every motor moves; tools come first.
+    """
     count, motors = motions.freedoms, description.motor_joints
     motions_by_motor = np.linalg.pinv(motions.rates(motors))  # (w, n_a)
     scored: list[tuple[float, Platform]] = []
@@ -443,10 +462,10 @@ def _joint_platforms(motions: _Motions, description: RobotDescription, tree: Urd
 def _frame_platforms(
     twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms on one frame with twists (6, w), each with a score, larger for likelier ones.
+    """Yield platforms on one frame, each with a score of likelihood.
 
-    First the joints that carry the frame, if passive; then axes, whose score is their least singular value,
-    and more for translations.
+    The frame has twists (6, w). First the joints that carry the frame, if passive; then axes, whose score is
+    their least singular value, and more for translations.
     """
     path = [joint for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves]
     names = tuple(joint.name for joint in path)
@@ -489,7 +508,7 @@ def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Arra
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:
-    """Whether the robot with this platform moves along all its axes, and in no other way."""
+    """Whether the robot moves along all axes of a platform, and in no other way."""
     try:
         robot = ParallelRobot.from_description(replace(description, platform=platform))
         mobility = count_freedoms(robot)
@@ -519,7 +538,10 @@ def _serial_joints(known: Known) -> list[str]:
 
 
 def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], list[str]]:
-    """Return the serial joints that no option names: those that carry no loop, and those that carry one."""
+    """Return the serial joints without and with loops behind.
+
+    Joints that an option names are left out.
+    """
     tree = known.tree
     used = {*(options.motors or ()), *(options.platform_joints or ())}
     if known.platform is not None or options.platform is not None:
@@ -535,7 +557,10 @@ def _split_serial_joints(known: Known, options: Options) -> tuple[list[str], lis
 
 
 def _hold_joints(known: Known, joints: Sequence[str], why: str) -> Known:
-    """Lock joints of the file at the reference and leave them out of the description, with a remark."""
+    """Lock joints of the file at the reference, with a remark.
+
+    They are left out of the description.
+    """
     if not joints:
         return known
     tree, description = known.tree, known.description
