@@ -206,9 +206,14 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
 
 def _loop_null_space(mechanism: Mechanism, q: Array) -> Array:
     """Compute orthonormal joint motions (f, joints) that the loops allow at q (nq,) [rad, robot lengths]."""
-    values, right = np.linalg.svd(all_loops_matrix(mechanism, q)[:, mechanism.joints])[1:]
+    values, right = np.linalg.svd(joint_loops_matrix(mechanism, q))[1:]
     rank = int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0)))
     return right[rank:]
+
+
+def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
+    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), springs left out."""
+    return all_loops_matrix(mechanism, q)[:, mechanism.joints]
 
 
 def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:

@@ -159,7 +159,7 @@ def _newton_steps(
     try:
         steps = -factors.solve(residual)
     except np.linalg.LinAlgError:
-        return residual, np.asarray(factors.slogdet[0] != 0)
+        return residual, factors.slogdet[0] != 0
     has_residual = np.asarray(np.isfinite(residual).all(axis=1))
     if not has_residual.all():  # they spoil the steps of all others
         return steps, has_residual

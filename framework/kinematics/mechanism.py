@@ -188,7 +188,7 @@ class Mechanism(ReadOnlyArrays):
     @cached_property
     def neutral(self) -> Array:
         """The configuration (nq,) from which pinocchio counts."""
-        return read_only(np.asarray(pin.neutral(self.model)))
+        return read_only(pin.neutral(self.model))
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -228,7 +228,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     frame_names = list(dict.fromkeys([description.platform.frame, *ends]))  # without repetitions
     frames = tuple(frame_index(model, name) for name in frame_names)
     reference = file_axes(model).T @ _joint_vector(model, description.reference)
-    q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
+    q_near = pin.integrate(model, pin.neutral(model), reference)
     rows = loop_rows(
         description.closures,
         frame_names,

@@ -53,7 +53,7 @@ def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
     """Compute the origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
     placed = robot.model.frames[frame]
     joint = poses[:, placed.parentJoint]
-    return joint[:, :3] + rotate_vector(joint[:, 3:], np.asarray(placed.placement.translation))
+    return joint[:, :3] + rotate_vector(joint[:, 3:], placed.placement.translation)
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
@@ -97,8 +97,8 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
         int(robot.model.parents[joint]),
-        np.asarray(placement.translation),
-        np.asarray(placement.rotation @ axis),
+        placement.translation,
+        placement.rotation @ axis,
     )
 
 
@@ -110,7 +110,7 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
     linear, angular = jacobian[:3, column], jacobian[3:, column]
     axis = linear if robot.sliding[column] else angular
-    return JointAxis(joint, np.zeros(3), np.asarray(axis / np.linalg.norm(axis)))
+    return JointAxis(joint, np.zeros(3), axis / np.linalg.norm(axis))
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:

@@ -15,8 +15,8 @@ import numpy as np
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import (
     Closing,
-    all_loops_matrix,
     close_reference,
+    joint_loops_matrix,
     largest_gap,
     nearby_configurations,
 )
@@ -55,7 +55,7 @@ def assemble_mechanism(mechanism: Mechanism) -> AssembledMechanism:
         return AssembledMechanism(reduced, close_reference(reduced))
     # with its size at the closed pose for the length, which scales the rows
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
-    matrix = all_loops_matrix(sized, closing.q)[:, mechanism.joints]
+    matrix = joint_loops_matrix(sized, closing.q)
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
         reduced = _set_rounded_rows_aside(sized, closing.q)
         if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
@@ -76,7 +76,7 @@ def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
     None if there are no such rows at q (nq,).
     """
     rows = mechanism.rows
-    matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
+    matrix = joint_loops_matrix(mechanism, q)
     rank = numerical_rank(matrix, ROUNDED_ROW)
     if largest_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
         return None
@@ -91,7 +91,6 @@ def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Arra
     They do so but for rounding.
     """
     poses = nearby_configurations(reduced, q)
-    matrices = [all_loops_matrix(mechanism, pose)[:, mechanism.joints] for pose in poses]
-    ranks = {numerical_rank(matrix, ROUNDED_ROW) for matrix in matrices}
+    ranks = {numerical_rank(joint_loops_matrix(mechanism, pose), ROUNDED_ROW) for pose in poses}
     gaps = [largest_gap(mechanism, pose) for pose in poses]
     return ranks == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING

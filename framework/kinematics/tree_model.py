@@ -129,7 +129,7 @@ class Coordinates:
 
     def to_file_axes(self, v: Array) -> Array:
         """Convert tangent vectors v (T, nv) to the axes of files, see `file_axes`."""
-        return v if self.model.nq == self.model.nv else np.asarray(v @ file_axes(self.model).T)
+        return v if self.model.nq == self.model.nv else v @ file_axes(self.model).T
 
 
 def single_columns(model: pin.Model) -> frozenset[int]:

@@ -57,7 +57,7 @@ class OnParameter:
         u = 0.5 * law.squared_speed(sigma, 1)
         dxi = law.stretch(sigma, 1)
         ddxi = law.stretch(sigma, 2)
-        return s, np.asarray(dxi * np.sqrt(z)), np.asarray(ddxi * z + dxi * u)
+        return s, dxi * np.sqrt(z), ddxi * z + dxi * u
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

@@ -32,12 +32,12 @@ class SpeedSpace(NamedTuple):
     stretch: Stretch
 
     def duration(self, y: Array) -> float:
-        """Compute the integral of z^(-1/2) over [0, 1] [s] for coefficients (size,) of a positive z."""
+        """Compute the integral of z^(-1/2) over [0, 1] [s] for coefficients y (size,) of a positive z."""
         values, weights = self._quadrature(y)
         return float(weights @ (values @ y) ** -0.5)
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
-        """Compute the combination of coefficients `quick` and `slow` (size,) that takes a duration [s].
+        """Combine coefficients `quick` and `slow` (size,) to a law of a duration [s].
 
         It is slow + share (quick - slow), with a duration between those of both. Duration is convex along the
         blend, so Newton's method from the slow end never leaves the interval.
@@ -53,12 +53,12 @@ class SpeedSpace(NamedTuple):
                 break
             share += excess / float(0.5 * weights @ (z**-1.5 * (values @ direction)))
             y = slow + share * direction
-        return np.asarray(y)
+        return y
 
     def adjust(
         self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
     ) -> Array:
-        """Compute the nearest coefficients (size,) that meet the equalities and take exactly `duration` [s].
+        """Compute the nearest coefficients (size,) of an exact `duration` [s] that meet the equalities.
 
         Newton's method: with the linearised equations A step = -values, the step of least step' W step is
         -W^-1 A' (A W^-1 A')^-1 values, see `_inverse_weights`.
@@ -115,7 +115,7 @@ class SpeedSpace(NamedTuple):
         z = values @ y
         mean_square = values.T * (z.mean() / z) ** 2 @ values / len(z)
         resistance = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
-        return np.asarray(np.linalg.inv(mean_square + resistance))
+        return np.linalg.inv(mean_square + resistance)
 
     def _quadrature(self, y: Array) -> tuple[Any, Array]:
         """Return values (P, size) of the basis and weights (P,) in sigma that integrate z^(-1/2).

@@ -172,7 +172,7 @@ class Law(ReadOnlyArrays, PlannedLaw):
         if not order:
             return self.coefficients
         scale = (2.0 / self.duration) ** order
-        return np.asarray(scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients))
+        return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
@@ -346,7 +346,7 @@ def _divide_out_ends(degree: int, smoothness: int) -> Array:
     x = nodes(2 * size + 4)[1:-1]
     slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)
     quotients = slopes / ((1 - x**2)[:, None]) ** smoothness
-    return np.asarray(np.linalg.pinv(_interior_values(size)) @ quotients)
+    return np.linalg.pinv(_interior_values(size)) @ quotients
 
 
 @lru_cache(maxsize=64)

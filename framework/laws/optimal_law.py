@@ -207,7 +207,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         """
         slowness = slowness_on_panels(np.array(self.cells), self.series, self.stretch)
         half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
-        series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half_widths
+        series = chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1) * half_widths
         instants = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
         if abs(instants[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
             correction = self.duration / instants[-1]
@@ -309,7 +309,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         It is positive, so that s' > 0 between the ends.
         """
         # the integral of a cell over xi is that over its local coordinate in [-1, 1] times half its width
-        local_integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
+        local_integrals = chebyshev.chebint(self.series, lbnd=-1, axis=1).sum(axis=1)
         integral = 0.5 * np.diff(self.cells) @ local_integrals
         mean = float(0.5 * integral)  # [-1, 1] has the length 2
         return least_value(self.series) / mean
@@ -359,7 +359,7 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
         x = np.clip(x + step, -1.0, 1.0)
         if np.abs(step).max(initial=0.0) < NEWTON_STEP:
             break
-    return read_only(np.asarray(start + 0.5 * width * (x + 1.0)))
+    return read_only(start + 0.5 * width * (x + 1.0))
 
 
 def _check_cells(law: OptimalLaw) -> None:
@@ -393,7 +393,7 @@ def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0
 def _evaluate_each(x: Array, series: Array) -> Array:
     """Evaluate T Chebyshev series (T, size), each at its own x (T,): T_k(x) = cos(k arccos x)."""
     polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))
-    return np.asarray(np.einsum("tk,tk->t", polynomials, series))
+    return np.einsum("tk,tk->t", polynomials, series)
 
 
 def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:

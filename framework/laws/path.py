@@ -135,7 +135,7 @@ class Line(PointPath):
     def _evaluate(self, s: Array, order: int) -> Array:
         direction = self.end - self.start
         if order == 0:
-            return np.asarray(self.start + s[:, None] * direction)
+            return self.start + s[:, None] * direction
         return 0.0 * s[:, None] + (direction if order == 1 else 0.0 * direction)
 
 
@@ -184,7 +184,7 @@ class Arc(PointPath):
         u, w = self._spokes
         phase = s[:, None] * self.angle + order * np.pi / 2  # each derivative turns by a quarter
         values = self.radius * self.angle**order * (np.cos(phase) * u + np.sin(phase) * w)
-        return np.asarray(values + self.center if order == 0 else values)
+        return values + self.center if order == 0 else values
 
 
 def _circle_center(points: Array) -> Array:
@@ -199,7 +199,7 @@ def _circle_center(points: Array) -> Array:
     along = (longer @ shorter) / (shorter @ shorter) * shorter
     if np.linalg.norm(longer - along) <= DEGENERATE_PATH * np.linalg.norm(longer):
         raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-    return np.asarray(start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0])
+    return start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -322,7 +322,7 @@ class Polyline(PointPath):
         second = _blend_value(w, order)
         value = first[:, None] * self._directions[corner] + second[:, None] * self._directions[corner + 1]
         value = value * self.blend * (total / self.blend) ** order
-        return np.asarray(value + self.points[corner + 1] if order == 0 else value)
+        return value + self.points[corner + 1] if order == 0 else value
 
 
 def _blend_value(w: Array, order: int) -> Array:

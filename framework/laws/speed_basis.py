@@ -68,7 +68,7 @@ class SpeedBasis(ReadOnlyArrays):
         from scipy.interpolate import BSpline
 
         if not self.is_spline:
-            values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
+            values = chebyshev.chebvander(xi, self.size - 1)
             return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
 
         if not len(xi):  # `design_matrix` refuses an empty array

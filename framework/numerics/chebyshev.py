@@ -73,7 +73,7 @@ def evaluate(x: Array, series: Array) -> Array:
     """
     if x.size > MIN_CLENSHAW_POINTS:
         return np.asarray(chebyshev.chebval(x, series).T)
-    return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series)
+    return np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series
 
 
 def extrema(series: Array) -> Array:
@@ -279,7 +279,7 @@ def _nodes_between(edges: Array, size: int) -> Array:
     half_widths = 0.5 * (edges[1:] - edges[:-1])[:, None]
     times = edges[:-1, None] + half_widths * (nodes(size) + 1.0)
     times[:, -1] = edges[1:]  # to the last bit
-    return np.asarray(times.ravel())
+    return times.ravel()
 
 
 @lru_cache(maxsize=64)

@@ -179,4 +179,4 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
     change = np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0][: len(v)]
-    return np.asarray(v + scale * change, dtype=float)
+    return v + scale * change

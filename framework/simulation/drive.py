@@ -110,7 +110,7 @@ class Drive:
         torques = self(np.full(4 * nv, t), all_q, all_v)
         ahead, back = torques.reshape(2, 2, nv, -1).swapaxes(0, 1)  # (2, nv, n_a) each, by q and by v
         slopes = (ahead - back) / (2 * FEEDBACK_DIFFERENCE)
-        return np.asarray(slopes.swapaxes(1, 2))
+        return slopes.swapaxes(1, 2)
 
     @staticmethod
     def of(

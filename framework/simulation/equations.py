@@ -151,7 +151,7 @@ class EquationsOfMotion:
         ]
         offset = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
         stored = 0.5 * (v**2 @ self.robot.rotors) + 0.5 * (offset**2 @ self.stiffness)
-        return np.asarray(np.array(tree) + stored, dtype=float)
+        return np.array(tree) + stored
 
 
 def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array) -> Array:
@@ -161,7 +161,7 @@ def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array)
     """
     if not stiffness.any():
         return np.zeros((len(q), robot.model.nv))
-    springs = np.asarray(stiffness * (difference(robot, robot.neutral, q) - rest), dtype=float)
+    springs = stiffness * (difference(robot, robot.neutral, q) - rest)
     return forces_on_joints(robot, robot.neutral, q, springs)
 
 

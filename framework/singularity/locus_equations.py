@@ -91,11 +91,6 @@ class LocusEquations:
             fixed=np.delete(np.arange(robot.n), [first, second]),
         )
 
-    @property
-    def size(self) -> int:
-        """k, the joints that move."""
-        return len(self.robot.moving)
-
     def move(self, q: Array, u: Array) -> Array:
         """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q."""
         columns = self.robot.moving
@@ -136,7 +131,7 @@ class LocusEquations:
     @cached_property
     def _stencil(self) -> Array:
         """Steps (2 k + 1, k) [rad, lengths] of central differences: none, all ahead, all back."""
-        units = np.eye(self.size)
+        units = np.eye(len(self.robot.moving))
         return DIFFERENCE_STEP * np.concatenate([0.0 * units[:1], units, -units])
 
     def _fixed_offsets(self, poses: Array, frames: FrameStack) -> Array:

@@ -193,7 +193,7 @@ def _least_slope(equations: LocusEquations, points: Points) -> Array:
     if not len(points.q):
         return np.zeros(0)
     slopes = equations.evaluate(points.q, points.border).slopes
-    return np.asarray(singular_values(slopes)[:, -1])
+    return singular_values(slopes)[:, -1]
 
 
 def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
@@ -406,17 +406,15 @@ class Region(NamedTuple):
         last_inside, outside = self.clearance(points.q[-2:]).tolist()
         if not outside < 0 < last_inside:
             return points
-        edge = self._find_mode_edge(points.single(-2), points.single(-1), CUT_CLEARANCE_RATIO * last_inside)
-        points = select(points, slice(None, -1))
-        return points if edge is None else join([points, edge])
-
-    def _find_mode_edge(self, inside: Points, outside: Points, margin: float) -> Points | None:
-        """Find the point between two neighbours at which the clearance is `margin`."""
+        margin = CUT_CLEARANCE_RATIO * last_inside  # the clearance at the edge
 
         def excess(point: Points) -> float:
             return float(self.clearance(point.q)[0]) - margin
 
-        return root_between(self.equations, inside, outside, excess, small=0.1 * margin)
+        ends = points.single(-2), points.single(-1)
+        edge = root_between(self.equations, *ends, excess, small=0.1 * margin)
+        points = select(points, slice(None, -1))
+        return points if edge is None else join([points, edge])
 
 
 def draw_in_mode(region: Region, count: int, seed: int) -> Array:

@@ -135,7 +135,7 @@ class Branch(ReadOnlyArrays):
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         start = (1 + 2 * t) * (1 - t) ** 2 * self.u[k] + t * (1 - t) ** 2 * step * self.du[k]
         end = t**2 * (3 - 2 * t) * self.u[k + 1] + t**2 * (t - 1) * step * self.du[k + 1]
-        return np.asarray(start + end)
+        return start + end
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Return assembled configurations on the branch at s (T,).

@@ -68,18 +68,12 @@ class BranchPoses(NamedTuple):
     linearised: LinearisedLoops
     rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
 
-    @property
-    def last(self) -> BranchPoses:
-        """The last pose, K = 1."""
-        return self._part(slice(-1, None)) if len(self.q) > 1 else self
-
-    def first(self, count: int) -> BranchPoses:
-        """Return the first poses."""
-        return self._part(slice(count)) if count < len(self.q) else self
-
-    def _part(self, which: slice) -> BranchPoses:
-        """Return some of the poses."""
-        return BranchPoses(self.q[which], self.linearised.select(which), self.rate[which])
+    def select(self, which: slice) -> BranchPoses:
+        """Return some of the poses; if these are all, with the factors of their equations."""
+        q = self.q[which]
+        if len(q) == len(self.q):
+            return self
+        return BranchPoses(q, self.linearised.select(which), self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
@@ -168,7 +162,7 @@ def follow_path(
             poses, correction = accepted
             parameters.append(s_ahead[: len(poses.q)])
             stretches.append(poses)
-            s, pose = float(parameters[-1][-1]), poses.last
+            s, pose = float(parameters[-1][-1]), poses.select(slice(-1, None))
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
@@ -182,7 +176,7 @@ def follow_path(
         at=np.concatenate(parameters),
         q=np.concatenate([poses.q for poses in stretches]),
         rate=np.concatenate([poses.rate for poses in stretches]),
-        last=stretches[-1].last,
+        last=stretches[-1].select(slice(-1, None)),
     )
 
 
@@ -209,12 +203,12 @@ def _take_steps(
     correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
     if not is_small[0]:
         return None
-    ends = ends.first(_count_leading(is_small))
+    ends = ends.select(slice(_count_leading(is_small)))
     accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
     bent = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
     accepted[bent] = count_lost_ranks(robot, ends.linearised.select(bent), BRANCHES_CROSS) == 0
     count = _count_leading(accepted)
-    return (ends.first(count), float(correction[count - 1])) if count else None
+    return (ends.select(slice(count)), float(correction[count - 1])) if count else None
 
 
 def _close_ahead(

@@ -145,7 +145,7 @@ class _Group:
             max_nfev=evaluations,
             **dict.fromkeys(("xtol", "ftol", "gtol"), tolerance),
         )
-        return np.asarray(answer.x), np.asarray(answer.fun)
+        return answer.x, answer.fun
 
     def configuration(self, u: Array) -> Array:
         """Return the configuration (nq,) at offsets u (k,)."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled, SingularReference, expect
-from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     Mobility,
@@ -309,7 +309,7 @@ def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
     """
     if mobility >= robot.n:
         return ""
-    names, loops = [], all_loops_matrix(robot, robot.reference.q)[:, robot.joints]
+    names, loops = [], joint_loops_matrix(robot, robot.reference.q)
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         rank = len(independent_rows(loops[others])) if others else 0

@@ -20,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
-from framework.kinematics.closures import scale_jacobian
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations
 from framework.kinematics.frames import frames_at, full_motion
-from framework.kinematics.loop_structure import pivot_rows
+from framework.kinematics.loop_structure import motion_matrix, pivot_rows
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
@@ -118,7 +117,7 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
     """Compute orthonormal joint motions (nv, f) that loops of a rank allow at q [rad, robot lengths]."""
-    right = np.linalg.svd(all_loops_matrix(robot, q)[:, robot.joints])[2]
+    right = np.linalg.svd(joint_loops_matrix(robot, q))[2]
     return full_motion(robot, robot.joints, right[rank:]).T
 
 
@@ -143,8 +142,7 @@ def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
 
 def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
     """Compute the Jacobian (n, nv) of the platform's velocity at q (nq,) [rad, robot lengths]."""
-    jacobian = robot.platform.jacobian(frames_at(robot, q[None]))
-    return scale_jacobian(robot, jacobian, ~robot.translations)[0]
+    return motion_matrix(robot, robot.platform, q)[: robot.n]
 
 
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:

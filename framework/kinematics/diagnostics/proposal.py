@@ -22,7 +22,7 @@ import pinocchio as pin
 from scipy.linalg import qr
 
 from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
-from framework.kinematics.assembly import all_loops_matrix, nearby_configurations, residual_at
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     PROPOSED_AXES_CLEARANCE,
@@ -329,7 +329,7 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
 
 def _loop_rank(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the loop equations along the joints at q (nq,)."""
-    return len(independent_rows(all_loops_matrix(mechanism, q)[:, mechanism.joints]))
+    return len(independent_rows(joint_loops_matrix(mechanism, q)))
 
 
 def _choose_driving_joints(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
