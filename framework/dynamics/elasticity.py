@@ -302,7 +302,8 @@ class _Iteration:
         right = to_unknowns(current.residual)
         width = DIFFERENCE_STEP * float(np.linalg.norm(to_unknowns(current.caused)))
         most = min(MAX_GMRES_DIRECTIONS, max(1, self._max_passes - self.passes))
-        return to_series(gmres(apply_linear, right, left=accuracy, most=most, weak=MIN_SINGULAR_RATIO))
+        series = gmres(apply_linear, right, tolerance=accuracy, max_products=most, cutoff=MIN_SINGULAR_RATIO)
+        return to_series(series)
 
     def _evaluate_near(self, current: Pass, function: TimeFunction) -> Pass:
         """Evaluate a pass at the deflections `function`, with another pass as first guess.

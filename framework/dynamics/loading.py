@@ -38,7 +38,7 @@ from framework.kinematics.continuation.turning_point import (
     CurveEquations,
     Curves,
     TurningPoints,
-    turning_points,
+    find_turning_points,
 )
 from framework.kinematics.frames import integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
@@ -294,7 +294,7 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoin
         return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
 
     columns, still = moving_columns(robot), np.zeros((len(start.q), robot.model.nv))
-    return turning_points(Curves(robot, columns, still, evaluate), start.q, start.share)
+    return find_turning_points(Curves(robot, columns, still, evaluate), start.q, start.share)
 
 
 def _move_joints(robot: ParallelRobot, q: Array, step: Array) -> Array:

@@ -27,7 +27,7 @@ from framework.kinematics.external_wrenches import (
     expect_wrenches,
 )
 from framework.kinematics.frame_variations import tree_columns
-from framework.kinematics.frames import move_wrench, rotations
+from framework.kinematics.frames import move_wrench, rotation_matrices
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -186,7 +186,7 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
         pin.rnea(robot.model, scratch.data, q, v, a)
         scratch.update()
         poses[k], forces[k] = scratch.joints, scratch.forces
-    on_base_axes = matvec(rotations(poses)[:, :, None], forces.reshape(*forces.shape[:2], 2, 3))
+    on_base_axes = matvec(rotation_matrices(poses)[:, :, None], forces.reshape(*forces.shape[:2], 2, 3))
     return on_base_axes.reshape(forces.shape), poses[..., 9:]
 
 

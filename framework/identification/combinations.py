@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.kinematics.loop_structure import row_pivots
+from framework.kinematics.loop_structure import pivot_rows
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING
@@ -115,7 +115,7 @@ def _independent_columns(matrix: Array, rank: int) -> IntArray:
             independent.append(k)
     if len(independent) == rank:
         return np.array(independent, dtype=np.intp)
-    return np.sort(row_pivots(matrix.T)[:rank])
+    return np.sort(pivot_rows(matrix.T)[:rank])
 
 
 def format_combination(names: Sequence[str], coefficients: Array) -> str:

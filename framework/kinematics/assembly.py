@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled, finite_numbers
-from framework.kinematics.closures import find_turned_over, loop_equations, row_weights, scale_jacobian
+from framework.kinematics.closures import find_flipped_closure, loop_equations, row_weights, scale_jacobian
 from framework.kinematics.frames import difference, frames_at, integrate_columns
-from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import remark_on_turns
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
@@ -52,7 +52,7 @@ def configuration(robot: Mechanism, pose: Any, *, stacks: bool = False) -> Array
 
 
 class Closing(NamedTuple):
-    """The last iterate of the search for closed loops, and the gap that remains."""
+    """The last iterate of Newton's method on the loops, and the gap that remains."""
 
     q: Array  # (nq,)
     residual: float  # largest loop equation [m or rad]
@@ -70,16 +70,16 @@ def close_reference(mechanism: Mechanism) -> Closing:
         NotAssembled: the loops do not close from the reference, or only far from it, or turned over; carries
             the last iterate and the residual.
     """
-    stated = columns_of(mechanism.model, mechanism.description.reference)
+    stated = velocity_columns(mechanism.model, mechanism.description.reference)
     others = np.setdiff1d(mechanism.joints, stated)
     closing = _close(mechanism, mechanism.q_near, others) if len(stated) and len(others) else None
     if closing is None or closing.gap > CLOSED_LOOP:
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
     if closing.gap > CLOSED_LOOP:
-        raise _open_error(mechanism, closing)
-    closure = find_turned_over(mechanism, frames_at(mechanism, closing.q[None]))
+        raise _open_loops_error(mechanism, closing)
+    closure = find_flipped_closure(mechanism, frames_at(mechanism, closing.q[None]))
     if closure is not None:
-        raise _not_assembled(
+        raise _not_assembled_error(
             mechanism,
             f"near the reference the loops close only with {closure} turned over, its frames pointing apart; "
             f"give a reference nearer to an assembled configuration",
@@ -135,12 +135,12 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
     return step * share * mechanism.column_scale[free]
 
 
-def _open_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
+def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
     """Return the error for loops that stay open."""
     rows = mechanism.rows
     residual = np.abs(residual_at(mechanism, closing.q))
     row = int(np.argmax(residual * np.where(rows.rotation, mechanism.length, 1.0)))
-    return _not_assembled(
+    return _not_assembled_error(
         mechanism,
         f"the loops do not close near the reference: {rows.names[row]} stays {residual[row]:.3g} "
         f"{'rad' if rows.rotation[row] else 'm'} apart after {closing.iterations} iterations; check the link "
@@ -150,7 +150,7 @@ def _open_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
-    """Refuse an assembled configuration with a `stated` joint far from its value in the file."""
+    """Refuse a closed pose with a stated joint far from its value in the file."""
     offset = difference(mechanism, mechanism.q_near, closing.q)
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
@@ -158,7 +158,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
     column = int(stated[np.argmax(distances)])
     joint = mechanism.coordinates.name_of(column)
     value = mechanism.description.reference[joint]
-    raise _not_assembled(
+    raise _not_assembled_error(
         mechanism,
         f"the reference is not near an assembled configuration: {joint} is given as {value:g}, the loops "
         f"close at {value + offset[column]:.4g}; give all joints, so that one way of assembling is meant",
@@ -166,8 +166,11 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
     )
 
 
-def _not_assembled(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error with the last iterate, and a remark on angles that look like degrees."""
+def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
+    """Return the error with the last iterate and its reason.
+
+    It remarks on angles that look like degrees.
+    """
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
@@ -179,7 +182,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     again. Configurations lie in different directions. A structure, which cannot move, has none.
     """
     joints = mechanism.joints
-    allowed = _allowed_motions(mechanism, reference)  # (f, joints)
+    allowed = _loop_null_space(mechanism, reference)  # (f, joints)
     random = np.random.default_rng(0)
     configurations: list[Array] = []
     directions: list[Array] = []
@@ -201,15 +204,20 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     return tuple(configurations)
 
 
-def _allowed_motions(mechanism: Mechanism, q: Array) -> Array:
-    """Compute orthonormal motions (f, joints) that the loops allow at q (nq,) [rad, robot lengths]."""
-    values, right = np.linalg.svd(all_loops_matrix(mechanism, q)[:, mechanism.joints])[1:]
+def _loop_null_space(mechanism: Mechanism, q: Array) -> Array:
+    """Compute orthonormal joint motions (f, joints) that the loops allow at q (nq,) [rad, robot lengths]."""
+    values, right = np.linalg.svd(joint_loops_matrix(mechanism, q))[1:]
     rank = int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0)))
     return right[rank:]
 
 
+def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
+    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), springs left out."""
+    return all_loops_matrix(mechanism, q)[:, mechanism.joints]
+
+
 def all_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the Jacobian (rows, nv) of all loop equations at q (nq,), without dimension."""
+    """Compute the dimensionless Jacobian (rows, nv) of all loop equations at q (nq,)."""
     rows = mechanism.rows
     jacobian = loop_equations(rows, frames_at(mechanism, q[None])).jacobian
     return scale_jacobian(mechanism, jacobian, rows.rotation)[0]

@@ -51,14 +51,17 @@ class Attitude(ReadOnlyArrays):
 
     axes: IntArray  # (k,) base axes 0..2 in the stated order
     constant = True  # whether the couples are the same at every attitude
-    by_rates = True  # whether v = dx
+    rates_are_velocities = True  # whether v = dx
 
     def coordinates(self, rotation: Array) -> Array:
         """Compute coordinates x (T, k) [rad]."""
         return np.empty((len(rotation), 0))
 
     def residual(self, rotation: Array, x: Array) -> Array:
-        """Compute the offset of R from the attitude of x, (T, k), turns the short way: its rate is v."""
+        """Compute the offset (T, k) [rad] of R from the attitude of x.
+
+        Turns count the short way. Its rate is v.
+        """
         return wrap_angles(self.coordinates(rotation) - x)
 
     def couples(self, rotation: Array) -> Array:
@@ -69,8 +72,11 @@ class Attitude(ReadOnlyArrays):
         """Compute the couples' time derivatives (T, k, 3) at angular velocities w (T, 3)."""
         return np.zeros((len(w), len(self.axes), 3))
 
-    def turning(self, rotation: Array, v: Array) -> Array:
-        """Compute w (T, 3) with couples w = v (T, k), without a turn that no coordinate measures."""
+    def angular_velocity(self, rotation: Array, v: Array) -> Array:
+        """Compute the angular velocity w (T, 3) with couples w = v (T, k).
+
+        It has no turn beside those that v measures.
+        """
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
@@ -140,7 +146,9 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
-    """Return the chart of attitudes (T, 3, 3): `angle` if the frame turns about its axis alone.
+    """Return the chart of one angle that attitudes (T, 3, 3) need.
+
+    It is `angle` itself if the frame turns about its axis alone.
 
     Raises:
         InvalidInput: the frame turns about other axes too, from an attitude that has no angle.
@@ -163,7 +171,7 @@ class TwoAngles(DirectionChart):
 
     The angular velocity is w = dx_1 a + dx_2 R_a b + (free rate) R c; the couples are the two that
     yield dx_1 and dx_2 on it and nothing on the free turn. With u = R c and q its part across a they are
-    a - (a . u) q / q^2 and, a x b = hand c, R_a b = hand u x a / |q|.
+    a - (a . u) q / q^2 and, with h = +-1 and a x b = h c, R_a b = h u x a / |q|.
     """
 
     @property
@@ -172,7 +180,7 @@ class TwoAngles(DirectionChart):
         return 3 - int(self.axes.sum())
 
     @property
-    def hand(self) -> float:
+    def handedness(self) -> float:
         """1 where a, b and c are right-handed, else -1."""
         return float(np.linalg.det(np.eye(3)[[*self.axes, self.frame_axis]]))
 
@@ -180,17 +188,17 @@ class TwoAngles(DirectionChart):
         """Compute the angles x_1, x_2 (T, 2) [rad] from u = R c: u = R_a(x_1) R_b(x_2) c."""
         u = rotation[:, :, self.frame_axis]
         along_a, along_b, along_c = u[:, [*self.axes, self.frame_axis]].T
-        first = np.arctan2(-self.hand * along_b, along_c)
-        second = np.arctan2(self.hand * along_a, np.hypot(along_b, along_c))
+        first = np.arctan2(-self.handedness * along_b, along_c)
+        second = np.arctan2(self.handedness * along_a, np.hypot(along_b, along_c))
         return np.stack([first, second], axis=1)
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
         """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
-        The couples are a - (a.u) p and b = hand u x a/|q|, where q = u - (a.u) a is the part of u across a,
-        and p = q/q^2. With g = p . q' the rate of log |q|,
+        The couples are a - (a.u) p and b = h u x a/|q|, h the `handedness`, where q = u - (a.u) a is the
+        part of u across a, and p = q/q^2. With g = p . q' the rate of log |q|,
 
-            p' = q'/q^2 - 2 g p,   b' = hand u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
+            p' = q'/q^2 - 2 g p,   b' = h u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
         """
         a = np.eye(3)[self.axes[0]]
         au, dau = u[:, self.axes[:1]], du[:, self.axes[:1]]  # (T, 1) a.u and its rate
@@ -199,13 +207,14 @@ class TwoAngles(DirectionChart):
         p = q / square
         g = dot(p, dq)[:, None]
         dp = dq / square - 2.0 * g * p
-        b = self.hand / np.sqrt(square) * cross(u, a)
-        db = self.hand / np.sqrt(square) * cross(du, a) - g * b
+        b = self.handedness / np.sqrt(square) * cross(u, a)
+        db = self.handedness / np.sqrt(square) * cross(du, a) - g * b
         couples = np.stack([a - au * p, b], axis=1)
         rates = np.stack([-dau * p - au * dp, db], axis=1)
         return couples, rates
 
-    def turning(self, rotation: Array, v: Array) -> Array:
+    def angular_velocity(self, rotation: Array, v: Array) -> Array:
+        """Compute w (T, 3) = dx_1 a + dx_2 R_a b, without a turn about R c."""
         return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
 
 
@@ -213,7 +222,7 @@ class TwoAngles(DirectionChart):
 class RotationVector(Attitude):
     """Three axes: the rotation vector, its components in the stated order."""
 
-    by_rates = False
+    rates_are_velocities = False
 
     def coordinates(self, rotation: Array) -> Array:
         return rotation_vector(rotation)[:, self.axes]

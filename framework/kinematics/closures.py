@@ -8,7 +8,7 @@ neither has no entry.
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
 Residual, Jacobian, curvature (`loop_curvature`) and exact derivatives (`frame_variations`) follow from these.
 
-This module also has the directions that closures keep alike. They tell a closed loop from one turned over.
+This module also has the directions that closures keep alike. They tell a closed loop from a flipped one.
 
 A rotation is locked by keeping axes of the two frames perpendicular (see `LoopRows`). That is exact near the
 right pose. It also holds with a hinge's axis turned round, or two welded frames turned by 120 degrees about
@@ -51,22 +51,29 @@ class LoopWrenches(NamedTuple):
 
 
 def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
-    """Compute the residual and the Jacobian of any rows of a robot at T configurations."""
+    """Compute the residual (T, m) and the Jacobian (T, m, nv) of m rows at T configurations.
+
+    An entry of the Jacobian is the power of the row's wrench on the joint's screw.
+    """
     residual, wrench = loop_wrenches(rows, frames)
-    at_base = move_wrench(wrench, frames.position[:, rows.second])
-    jacobian = matmul(at_base, frames.screws.swapaxes(1, 2)) * carried_between(rows, frames)
+    at_base = move_wrench(wrench, frames.position[:, rows.second])  # (T, m, 6)
+    powers = matmul(at_base, frames.screws.swapaxes(1, 2))  # (T, m, nv)
+    jacobian = powers * row_joint_signs(rows, frames)
     if rows.has_couplings:
         jacobian += rows.coupling_jacobian(jacobian.shape[2])
     return LoopEquations(residual, jacobian)
 
 
-def carried_between(rows: LoopRows, frames: FrameStack) -> Array:
-    """Return how joints carry the bodies of rows, (m, nv): 1 the second body alone, -1 the first alone."""
+def row_joint_signs(rows: LoopRows, frames: FrameStack) -> Array:
+    """Return how each joint moves the two bodies of each row, (m, nv).
+
+    1 if the joint carries the second body alone, -1 the first alone, 0 both or neither.
+    """
     return frames.carried[rows.second] - frames.carried[rows.first]
 
 
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
-    """Compute the loop equations as wrenches; couplings of joints have a value and no wrench.
+    """Compute residuals (T, m) and wrenches (T, m, 6) of m rows; couplings have no wrench.
 
     An axis u turns with the first frame, an axis w with the second, and d leads from origin to origin. Of the
     three kinds of products the rates, with velocities v and angular velocities w_1, w_2 of the frames, are
@@ -98,18 +105,19 @@ def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
     (a . b)" = a" . b + 2 a' . b' + a . b". For motions without joint accelerations it is the drift dJ/dt v.
     """
     a, b = row_factors(rows, motions.rates)  # (3, ..., m, 3) each: values and two derivatives
-    terms = a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]
+    terms = a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]  # (..., m, 3)
     return rows.weight * (terms[..., 0] + terms[..., 1] + terms[..., 2])
 
 
 def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
-    """Select the two vectors (..., m, 3) whose product is each row, of axes and origins (..., F, 4, 3).
+    """Select the two vectors (..., m, 3) whose product is each row.
 
-    The first is u, or d of a square; the second is d, or w of a rotation (`LoopRows`). They are linear in
-    axes and origins, so rates of these give rates of the vectors.
+    `placed` (..., F, 4, 3) are axes and origins of the frames, or their rates, since both vectors are linear
+    in these. The first is u, or d of a square; the second is d, or w of a rotation (`LoopRows`).
     """
-    *stack, count, four, width = placed.shape
-    selected = placed.reshape(*stack, count * four, width).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
+    *stack, count, _, _ = placed.shape
+    vectors = placed.reshape(*stack, 4 * count, 3)  # axes and origin, frame by frame
+    selected = vectors.take(rows.vectors, axis=-2)  # (..., 4, m, 3)
     u, w, first_origin, second_origin = np.moveaxis(selected, -3, 0)
     d = second_origin - first_origin
     if rows.only_translations:
@@ -118,9 +126,9 @@ def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
 
 
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
-    """Make a matrix (..., m, nv) dimensionless: metres in lengths of the mechanism.
+    """Return a matrix (..., m, nv) without dimension: metres in lengths of the mechanism.
 
-    `turning` (m,) tells the rows that are angles. Conditioning and singularity are judged on the result, so a
+    `turning` (m,) marks the rows that are angles. Conditioning and singularity are judged on the result, so a
     robot drawn in millimetres is judged alike.
     """
     return matrix * row_weights(mechanism, turning)[:, None] * mechanism.column_scale
@@ -137,15 +145,20 @@ def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
     return frames.placements[:, second, axis] - frames.placements[:, first, axis]
 
 
-def direction_slopes(directions: LockedDirections, frames: FrameStack) -> Array:
+def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the derivatives (T, d, 3, nv) of `direction_gaps` along the joints."""
     first, second, axis, _ = directions
-    slopes = frames.slopes
-    return (slopes[:, second, axis] - slopes[:, first, axis]).swapaxes(2, 3)
+    derivatives = frames.placement_derivatives  # (T, F, 4, nv, 3)
+    return (derivatives[:, second, axis] - derivatives[:, first, axis]).swapaxes(2, 3)
 
 
-def find_turned_over(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of the closure that is turned over, T = 1, or farthest over; None if none is."""
+def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
+    """Return the name of the closure that is most flipped; None without any.
+
+    The frames of a flipped closure point apart. T is 1.
+    """
     directions = mechanism.directions
     lengths = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
-    return directions.closures[int(np.argmax(lengths))] if np.any(lengths > TURNED_OVER_DISTANCE) else None
+    if not np.any(lengths > TURNED_OVER_DISTANCE):
+        return None
+    return directions.closures[int(np.argmax(lengths))]

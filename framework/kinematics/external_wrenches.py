@@ -20,8 +20,8 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
 from framework.kinematics.frame_variations import bracket, tree_columns
-from framework.kinematics.frames import FrameStack, move_wrench, rotations
-from framework.kinematics.mechanism import Mechanism, frame_of
+from framework.kinematics.frames import FrameStack, move_wrench, rotation_matrices
+from framework.kinematics.mechanism import Mechanism, frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import FramePlatform
@@ -98,12 +98,15 @@ class ExternalWrenches:
         )
 
     def evaluate_on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
-        """Compute the wrenches (T, 6) at path coordinates s (T,) by frame, at its origin on base axes."""
+        """Compute the wrenches (T, 6) at path coordinates s (T,), by frame.
+
+        They act at the frame's origin, on base axes.
+        """
         wrenches = {}
         for entry in self.entries:
             wrench = entry(s)
             if entry.turns:
-                rotation = _frame_pose(mechanism, frames, frame_of(mechanism.model, entry.frame))[1]
+                rotation = _frame_placement(mechanism, frames, frame_index(mechanism.model, entry.frame))[1]
                 wrench = matvec(rotation[:, None], wrench.reshape(-1, 2, 3)).reshape(-1, 6)
             wrenches[entry.frame] = wrench
         return wrenches
@@ -145,14 +148,15 @@ def check_frame(mechanism: Mechanism, frame: object) -> None:
 def applied_wrench(
     mechanism: Mechanism, frames: FrameStack, frame: str, wrench: ArrayLike, *, turns: bool = False
 ) -> AppliedWrench:
-    """Compute a wrench (6,) or (T, 6), at a frame's origin on base axes, as joint forces at T configurations.
+    """Compute the joint forces of a wrench, (6,) or (T, 6), at T configurations.
 
     Args:
         frames: of the robot, at these configurations.
+        wrench: at the frame's origin on base axes.
         turns: whether the wrench turns with its frame.
     """
-    index = frame_of(mechanism.model, frame)
-    origin, _ = _frame_pose(mechanism, frames, index)
+    index = frame_index(mechanism.model, frame)
+    origin, _ = _frame_placement(mechanism, frames, index)
     at_origin = np.broadcast_to(np.asarray(wrench, dtype=float), (len(origin), 6))
     at_base = move_wrench(at_origin, origin)
     joint = int(mechanism.model.frames[index].parentJoint)
@@ -168,9 +172,10 @@ def applied_wrench(
 
 
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
-    """Compute the derivative (T, nv, nv) of the joint forces S_j . w, row j, along column i.
+    """Compute the derivative (T, nv, nv) of a wrench's joint forces.
 
-    With w = (f, m + p x f) about the base's origin it is a sum of two terms for i, j that move the frame:
+    Row j, column i is the derivative of S_j . w along joint i. With w = (f, m + p x f) about the base's
+    origin it is a sum of two terms for i, j that move the frame:
 
         [S_i, S_j] . w       as S_j changes with the joints i that precede j
         S_j . dw             on base axes p alone moves, by d_i: dw = (0, d_i x f);
@@ -189,8 +194,8 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
     return (by_screw * columns.precedes.T + by_wrench) * carried * carried[:, None]
 
 
-def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
-    """Compute origins (T, 3) and rotations (T, 3, 3) of one frame of pinocchio's."""
+def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
+    """Compute the origin (T, 3) and the rotation (T, 3, 3) of one of pinocchio's frames."""
     if index in mechanism.frames:
         k = mechanism.frames.index(index)
         return frames.position[:, k], frames.rotation[:, k]
@@ -200,4 +205,4 @@ def _frame_pose(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[A
         pin.forwardKinematics(model, data, q)
         placement = pin.updateFramePlacement(model, data, index)
         poses[k] = np.append(placement.rotation.ravel(order="F"), placement.translation)
-    return poses[:, 9:], rotations(poses)
+    return poses[:, 9:], rotation_matrices(poses)

@@ -41,12 +41,12 @@ class FrameStack(NamedTuple):
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
     @property
-    def slopes(self) -> Array:
-        """Derivatives of axes and origins along the joints, (T, F, 4, nv, 3)."""
+    def placement_derivatives(self) -> Array:
+        """Derivatives (T, F, 4, nv, 3) of axes and origins along each joint rate, see `move_frames`."""
         twists = self.screws[:, None] * self.carried[..., None]  # (T, F, nv, 6)
-        slopes = cross(twists[:, :, None, :, 3:], self.placements[..., None, :])
-        slopes[:, :, 3] += twists[..., :3]
-        return slopes
+        derivatives = cross(twists[:, :, None, :, 3:], self.placements[..., None, :])  # w x axis
+        derivatives[:, :, 3] += twists[..., :3]  # of origins: v + w x origin
+        return derivatives
 
     def frame_jacobian(self, frame: int) -> Array:
         """Compute the Jacobian (T, 6, nv) of one of the frames at its origin, base axes."""
@@ -57,7 +57,7 @@ class FrameStack(NamedTuple):
 
 
 class FrameMotions(NamedTuple):
-    """Twists of the frames at T instants with their time derivatives, and how axes and origins move.
+    """Twists of F frames at T instants, and velocities and accelerations of their axes and origins.
 
     A twist (v, w) is that at the base's origin: of the point of the frame's body that is there.
     """
@@ -68,10 +68,9 @@ class FrameMotions(NamedTuple):
 
     @staticmethod
     def of(placements: Array, twist: Array, twist_rate: Array) -> FrameMotions:
-        """Return the motions of frames with axes and origins c (..., F, 4, 3) and twists (..., F, 6).
+        """Return the motions of frames placed at c (..., F, 4, 3) with twists (..., F, 6).
 
-        An axis turns with its frame, c' = w x c; an origin moves with it, c' = v + w x c. So c" is the same
-        of the twist's rate, and w x c' beside it.
+        Axes have c' = w x c, origins c' = v + w x c. So accelerations are c" = dw/dt x c (+ dv/dt) + w x c'.
         """
         velocity = move_frames(twist, placements)
         acceleration = move_frames(twist_rate, placements) + turn_vectors(twist, velocity)
@@ -90,18 +89,22 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
         scratch.update()
         poses[k] = placements
         screws[k] = columns
-    return stacked_frames(scratch, poses, screws, q)
+    return select_frames(scratch, poses, screws, q)
 
 
-def stacked_frames(scratch: Scratch, placements: Array, screws: Array, q: Array) -> FrameStack:
-    """Return the frames at q (T, nq) among all placements (T, frames, 12), with the screws (T, nv, 6)."""
-    poses = placements.take(scratch.frames, axis=1).reshape(len(q), len(scratch.frames), 4, 3)
-    return FrameStack(poses, screws, scratch.carried, q)
+def select_frames(scratch: Scratch, placements: Array, screws: Array, q: Array) -> FrameStack:
+    """Select the robot's frames from placements (T, frames of the model, 12) at q (T, nq).
+
+    The screws (T, nv, 6) are those of all joints.
+    """
+    own = placements.take(scratch.frames, axis=1)  # (T, F, 12)
+    return FrameStack(own.reshape(*own.shape[:2], 4, 3), screws, scratch.carried, q)
 
 
-def rotations(placements: Array) -> Array:
-    """Return rotation matrices (..., 3, 3) of placements (..., 12) of `Scratch`."""
-    return placements[..., :9].reshape(*placements.shape[:-1], 3, 3).swapaxes(-1, -2)
+def rotation_matrices(placements: Array) -> Array:
+    """Return the rotation matrices (..., 3, 3) of placements (..., 12) of `Scratch`."""
+    axes = placements[..., :9].reshape(*placements.shape[:-1], 3, 3)  # one axis a row
+    return axes.swapaxes(-1, -2)
 
 
 def turn_vectors(twist: Array, vectors: Array) -> Array:
@@ -117,14 +120,17 @@ def move_frames(twist: Array, placements: Array) -> Array:
 
 
 def move_wrench(wrench: Array, arm: Array) -> Array:
-    """Refer wrenches (..., 6) at a point to another one; the arm (..., 3) leads from that to the point."""
-    result = wrench.copy()
-    result[..., 3:] += cross(arm, wrench[..., :3])
-    return result
+    """Refer wrenches (..., 6) to another point, from which arms (..., 3) lead to their own point.
+
+    The moment becomes m + arm x f; the force f stays.
+    """
+    moved = wrench.copy()
+    moved[..., 3:] += cross(arm, wrench[..., :3])
+    return moved
 
 
 def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) -> FrameMotions:
-    """Compute the motions of `frames` at q (T, nq) with joint rates v (T, nv) and no joint acceleration."""
+    """Compute the motions of `frames` at q (T, nq) for rates v (T, nv), without joint accelerations."""
     scratch = scratch_of(mechanism)
     no_acceleration = np.zeros(mechanism.model.nv)
     twists = np.empty((2, len(q), *scratch.velocities.shape))  # of all bodies, and their rates
@@ -137,72 +143,77 @@ def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) 
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
-    """Move q (..., nq) by tangent vectors (..., nv): pinocchio's integrate, stacked."""
+    """Move configurations q (..., nq) by tangent vectors (..., nv), as pinocchio's `integrate`."""
     model = mechanism.model
-    if model.nq == model.nv:  # every joint a line: integrating is adding
+    if model.nq == model.nv:  # no balls: integrating is adding
         return q + step
-    q = np.broadcast_to(q, (*step.shape[:-1], model.nq))
-    flat = [
-        pin.integrate(model, np.ascontiguousarray(a), np.ascontiguousarray(b))
-        for a, b in zip(q.reshape(-1, model.nq), step.reshape(-1, model.nv), strict=True)
-    ]
-    return np.array(flat).reshape(*step.shape[:-1], model.nq)
+    starts = np.broadcast_to(q, (*step.shape[:-1], model.nq)).reshape(-1, model.nq)
+    pairs = zip(starts, step.reshape(-1, model.nv), strict=True)
+    ends = [pin.integrate(model, *map(np.ascontiguousarray, pair)) for pair in pairs]
+    return np.array(ends).reshape(*step.shape[:-1], model.nq)
 
 
-def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, change: Array) -> Array:
-    """Move q (..., nq) by changes (..., k) of some columns of the tangent vector, the others at rest."""
-    step = np.zeros((*change.shape[:-1], mechanism.model.nv))
-    step[..., columns] = change
-    return integrate(mechanism, q, step)
+def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array:
+    """Return tangent vectors (..., nv) with motions (..., k) in some columns and zero elsewhere."""
+    full = np.zeros((*motion.shape[:-1], mechanism.model.nv))
+    full[..., columns] = motion
+    return full
+
+
+def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, step: Array) -> Array:
+    """Move configurations q (..., nq) by steps (..., k) of some columns, the others at rest."""
+    return integrate(mechanism, q, full_motion(mechanism, columns, step))
 
 
 def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
-    """Return the largest entry (T,) of tangent vectors (T, nv), in radians and lengths of the robot."""
+    """Return the largest entry (T,) of tangent vectors (T, nv) [rad, robot lengths]."""
     return np.abs(motion / mechanism.column_scale).max(axis=1, initial=0.0)
 
 
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute tangent vectors (..., nv) from configurations start (..., nq) to q (..., nq), broadcast."""
+    """Compute tangent vectors (..., nv) from start (..., nq) to q (..., nq), as pinocchio's `difference`."""
     model = mechanism.model
     if model.nq == model.nv:
         return q - start
     pairs = np.broadcast_arrays(start, q)
-    flat = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
-    differences = [pin.difference(model, first, end) for first, end in zip(*flat, strict=True)]
+    starts, ends = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
+    differences = [pin.difference(model, *pair) for pair in zip(starts, ends, strict=True)]
     return np.array(differences).reshape(*pairs[0].shape[:-1], model.nv)
 
 
-def _difference_slopes(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute the derivatives (T, nv, nv) of `difference` from start (nq,) to q (T, nq) along joint rates."""
+def _difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:
+    """Compute d difference(start, q)/dq (T, nv, nv) along joint rates, start (nq,) to q (T, nq)."""
+    by_end = pin.ArgumentPosition.ARG1
     rows = map(np.ascontiguousarray, q)
-    return np.array([pin.dDifference(mechanism.model, start, row, pin.ArgumentPosition.ARG1) for row in rows])
+    return np.array([pin.dDifference(mechanism.model, start, row, by_end) for row in rows])
 
 
 def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
-    """Compute generalised forces (T, nv) at q (T, nq) of forces (T, nv) along `difference` from `start`.
+    """Compute the generalised forces (T, nv) of forces (T, nv) that act along `difference` from `start`.
 
-    Only on balls the two differ: a rotation vector is no coordinate of the angular velocity.
+    With D the derivative of the difference at q (T, nq) they are D' force. Only on balls D is not 1: a
+    rotation vector is no coordinate of the angular velocity.
     """
     model = mechanism.model
     if model.nq == model.nv or not force.any():
         return force
-    return matvec(_difference_slopes(mechanism, start, q).swapaxes(1, 2), force)
+    return matvec(_difference_jacobian(mechanism, start, q).swapaxes(1, 2), force)
 
 
 def forces_on_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
-    """Compute the derivative (T, nv, nv) of `forces_on_joints` of forces stiffness (nv,) times `difference`.
+    """Compute the derivative (T, nv, nv) of the `forces_on_joints` of springs of a stiffness (nv,).
 
     A ball has the same stiffness about all axes, so its torque is this stiffness times its rotation vector.
     """
     model = mechanism.model
     if model.nq == model.nv:
         return np.broadcast_to(np.diag(stiffness), (len(q), model.nv, model.nv))
-    return stiffness[:, None] * _difference_slopes(mechanism, start, q)
+    return stiffness[:, None] * _difference_jacobian(mechanism, start, q)
 
 
 def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:
-    """Compute rates (T, nv) of `difference` from `start` (nq,) to q (T, nq) for joint rates v (T, nv)."""
+    """Compute the rates (T, nv) of `difference` from start (nq,) to q (T, nq) at joint rates v (T, nv)."""
     model = mechanism.model
     if model.nq == model.nv:
         return v
-    return matvec(_difference_slopes(mechanism, start, q), v)
+    return matvec(_difference_jacobian(mechanism, start, q), v)

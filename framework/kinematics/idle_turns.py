@@ -21,7 +21,7 @@ import numpy as np
 
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at_reference
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tree_model import is_ball
+from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, IntArray, read_only
 
 
@@ -34,20 +34,23 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero where it rests
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to rates (..., T, nv) such that rows (rates + Z y) = right (T, k)."""
+        """Add turns Z y to joint rates (..., T, nv).
+
+        With the result rows (rates + Z y) = right (T, k).
+        """
         missing = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
-        """Compute the time derivative (T, k, nv) of the rows for that of dF/dq (T, n + m, nv)."""
+        """Compute the time derivative (T, k, nv) of `rows`, given that of dF/dq (T, n + m, nv)."""
         rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)
         return rates.transpose(0, 2, 1) * self.weights
 
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
-    """Return the idle turns if balls drive some; None if all rest."""
-    weights = _weights(robot)
+    """Return the motions of idle turns; None if all turns rest."""
+    weights = _driving_weights(robot)
     if not weights.any():
         return None
     motions = turn_motions(robot, linearised)
@@ -58,16 +61,22 @@ def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns |
 
 
 def driven_turns(robot: ParallelRobot) -> IntArray:
-    """Return the idle columns of the robot whose turns balls drive; the others rest."""
-    return robot.structure.idle[_weights(robot).any(axis=1)]
+    """Return the idle columns whose turns the balls drive.
+
+    Damping or armature of balls drives a turn; the other idle columns rest.
+    """
+    return robot.structure.idle[_driving_weights(robot).any(axis=1)]
 
 
 @lru_cache(maxsize=16)
-def _weights(robot: ParallelRobot) -> Array:
-    """Return the damping of balls that drives each idle turn (k, nv), else their armature, else zero."""
+def _driving_weights(robot: ParallelRobot) -> Array:
+    """Return G (k, nv): the damping of the balls that each idle turn moves.
+
+    Without damping it is their armature.
+    """
     weights = np.zeros((len(robot.structure.idle), robot.model.nv))
-    damping = _alike_on_balls(robot, robot.joint_damping)
-    armature = _alike_on_balls(robot, robot.model.armature)
+    damping = _isotropic_ball_values(robot, robot.joint_damping)
+    armature = _isotropic_ball_values(robot, robot.model.armature)
     if len(weights) and (damping.any() or armature.any()):
         motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
         for k, motion in enumerate(motions.T):
@@ -78,18 +87,17 @@ def _weights(robot: ParallelRobot) -> Array:
     return read_only(weights)
 
 
-def _alike_on_balls(robot: ParallelRobot, values: Array) -> Array:
-    """Return values (nv,) of coordinates, but zero outside balls that have the same about all axes."""
+def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
+    """Return values (nv,) on balls that have the same value about all axes, zero elsewhere."""
     isotropic = np.zeros(robot.model.nv)
-    for joint in robot.model.joints[1:]:
-        columns = slice(joint.idx_v, joint.idx_v + joint.nv)
-        if is_ball(joint) and np.ptp(values[columns]) == 0.0:
-            isotropic[columns] = values[columns]
+    for ball in ball_columns(robot.model):
+        if np.ptp(values[ball]) == 0.0:
+            isotropic[ball] = values[ball]
     return isotropic
 
 
 def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute Z (T, nv, k): motions of the joints that turn one idle joint alone."""
+    """Compute Z (T, nv, k): the joint motions of each idle joint's turn, all others at rest."""
     idle = robot.structure.idle
     motions = _closing_motions(robot, linearised, linearised.jacobian[:, :, idle])
     motions[:, idle] = np.eye(len(idle))
@@ -98,7 +106,7 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
     """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
-    motions = np.zeros((len(gaps), robot.model.nv, gaps.shape[2]))
     closing = -linearised.factors.solve(gaps.transpose(2, 0, 1))  # (k, T, moving)
+    motions = np.zeros((len(gaps), robot.model.nv, gaps.shape[2]))
     motions[:, robot.moving] = closing.transpose(1, 2, 0)
     return motions

@@ -30,7 +30,7 @@ from framework.kinematics.frames import (
 from framework.kinematics.idle_turns import turn_motions
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.tree_model import is_ball
+from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import NEWTON_STEP
 
@@ -53,7 +53,10 @@ def require_square(robot: ParallelRobot) -> None:
 
 
 def require_mobility(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless the robot has as many platform axes as freedoms, and no fewer motors."""
+    """Raise InvalidInput unless platform axes are as many as freedoms.
+
+    Motors must not be fewer.
+    """
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops
@@ -104,11 +107,11 @@ def close_each(
     farthest: float = np.inf,
     last_step: float = NEWTON_STEP,
 ) -> NewtonResult:
-    """Close the loops near guesses (T, nq), each instant for itself, at platform x (T, n) or at the motors.
+    """Close the loops near guesses (T, nq) by Newton's method, each instant for itself.
 
-    With x all joints move, without x the passive ones. Springs keep the deflections of the guess. Steps are
-    cut to `MAX_NEWTON_STEP`. Instants where the equations are singular, or a step is too large, are left out:
-    they are not `closed`, and the others go on.
+    At platform coordinates x (T, n) all joints move, without x the passive ones. Springs keep the deflections
+    of the guess. Steps are cut to `MAX_NEWTON_STEP`. Instants where the equations are singular, or a step is
+    too large, are left out: they are not `closed`, and the others go on.
 
     Args:
         farthest: largest step that is taken [rad, lengths of the robot].
@@ -124,9 +127,7 @@ def close_each(
         if iteration == iterations or size.max(initial=0.0) < last_step:
             break
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
-        if (
-            not regular.all()
-        ):  # all that are factored with a singular instant are spoilt: once more without it
+        if not regular.all():  # spoils all that are factored with it: once more without it
             live, size = live[regular], np.full(np.count_nonzero(regular), np.inf)
             continue
         steps = steps / lengths
@@ -147,7 +148,7 @@ def close_each(
 def _newton_steps(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
 ) -> tuple[Array, BoolArray]:
-    """Solve for Newton's steps (T, k) of the joints that move; return whether each instant is regular, (T,).
+    """Compute Newton's steps (T, k) of the joints that move, and whether each instant is regular (T,).
 
     Steps mean nothing unless all instants are regular.
     """
@@ -158,20 +159,20 @@ def _newton_steps(
     try:
         steps = -factors.solve(residual)
     except np.linalg.LinAlgError:
-        return residual, np.asarray(factors.slogdet[0] != 0)
+        return residual, factors.slogdet[0] != 0
     has_residual = np.asarray(np.isfinite(residual).all(axis=1))
-    if not has_residual.all():  # the steps of the others are spoilt
+    if not has_residual.all():  # they spoil the steps of all others
         return steps, has_residual
     return steps, np.asarray(np.isfinite(steps).all(axis=1))
 
 
-def idle_balls(robot: ParallelRobot) -> IntArray:
-    """Return entries of the velocity vector that are idle and belong to balls."""
-    if not len(robot.structure.idle):  # reading joints, each a copy, takes as long as closing the loops
-        return robot.structure.idle
-    first = np.array([joint.idx_v for joint in robot.model.joints[1:] if is_ball(joint)], dtype=np.intp)
-    columns = first[:, None] + np.arange(3)
-    return np.intersect1d(robot.structure.idle, columns).astype(np.intp)
+def idle_ball_columns(robot: ParallelRobot) -> IntArray:
+    """Return the idle entries of the velocity vector that belong to balls."""
+    is_of_ball = np.zeros(robot.model.nv, dtype=bool)
+    for ball in ball_columns(robot.model):
+        is_of_ball[ball] = True
+    idle = robot.structure.idle
+    return idle[is_of_ball[idle]]
 
 
 def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
@@ -180,7 +181,7 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.
     """
-    idle = idle_balls(robot)
+    idle = idle_ball_columns(robot)
     for _ in range(MAX_SPIN_STEPS if len(idle) and len(q) else 0):
         spin = difference(robot, origin, q)[:, idle]
         if np.abs(spin).max() <= SPIN_ROUNDING:

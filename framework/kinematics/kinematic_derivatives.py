@@ -56,7 +56,7 @@ class KinematicDerivatives(ReadOnlyArrays):
 
 
 def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) -> KinematicDerivatives:
-    """Compute the derivatives of the pose at q (nq,) along the motors and the deflections of springs.
+    """Compute the derivatives of a pose q (nq,) along motors and springs.
 
     Loop equations that springs alone can close stay open, such as those of planar robots across their plane.
 
@@ -79,14 +79,17 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     at_rest = np.zeros((1, n_e, robot.n + len(robot.loops.names)))
     joints = solve_rates(robot, linearised, at_rest, robot.elastic, np.eye(n_e)[None])[0]
     return KinematicDerivatives(
-        motors=_slopes(robot, closed, robot.actuated),
-        springs=_slopes(robot, closed, robot.elastic),
+        motors=_pose_derivatives(robot, closed, robot.actuated),
+        springs=_pose_derivatives(robot, closed, robot.elastic),
         q_a=joints[:, robot.actuated].T,
     )
 
 
-def _slopes(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
-    """Compute the slopes along k joints of the velocity vector, which the passive joints follow."""
+def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
+    """Compute the derivatives of the pose along k joints.
+
+    The passive joints close the loops.
+    """
     steps = np.eye(robot.model.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):
         gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest

@@ -14,11 +14,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.assembly import Configuration, configuration
 from framework.kinematics.closures import LoopWrenches, loop_wrenches
-from framework.kinematics.frames import (
-    FrameStack,
-    frames_at,
-    move_wrench,
-)
+from framework.kinematics.frames import FrameStack, frames_at, move_wrench
 from framework.kinematics.parallel_robot import Equations, ParallelRobot, SquarePart, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, IntArray, freeze, select
 from framework.numerics.banded_lu import Factors
@@ -36,7 +32,7 @@ class LinearisedLoops:
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at one instant, T = 1, or at some."""
+        """Return the equations at one of the configurations (T = 1), or at several."""
         which = slice(k, k + 1) if isinstance(k, int) else k
         return LinearisedLoops(
             equations=self.equations,
@@ -63,7 +59,7 @@ class LinearisedLoops:
 
     @cached_property
     def factors(self) -> Factors:
-        """dF/dq along the columns that follow, factored.
+        """LU factors of dF/dq (T, n + m, n + m) along the moving joints.
 
         Raises:
             numpy.linalg.LinAlgError: there are not as many equations as columns.
@@ -72,7 +68,7 @@ class LinearisedLoops:
 
     @cached_property
     def passive_factors(self) -> Factors:
-        """The loop equations' derivatives along the passive columns that follow (P), factored.
+        """LU factors of P (T, m, m): the loop equations along the passive joints.
 
         Raises:
             numpy.linalg.LinAlgError: there are not as many loop equations as columns.
@@ -96,7 +92,10 @@ class ClosedStack:
 
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
-    """Compute F and its derivatives at q (T, nq) and x (T, n); None: the platform's own x."""
+    """Compute F and dF/dq at q (T, nq) and platform x (T, n).
+
+    Without x the platform's own coordinates at q are taken.
+    """
     equations, n = robot.equations, robot.n
     frames = frames_at(robot, q)
     loops = loop_wrenches(robot.rows, frames)
@@ -125,7 +124,7 @@ def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
-    """Return a configuration q (nq,), or a `Configuration`, with its equations (T = 1), loops being closed.
+    """Return an assembled configuration q (nq,) with its linearised equations.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.

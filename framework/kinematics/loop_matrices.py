@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from framework.kinematics.closures import scale_jacobian
+from framework.kinematics.frames import full_motion
 from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.loop_structure import lost_directions
+from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.tolerances import RANK_LOST
@@ -18,40 +19,41 @@ CHOLESKY_CLEARANCE = 1e-4  # singular values of P whose squares are above what r
 
 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute all columns (T, m, nv) of the independent loop equations, in radians and robot lengths."""
+    """Compute the Jacobian (T, m, nv) of the independent loop equations [rad, robot lengths]."""
     return scale_jacobian(robot, linearised.closures, robot.loops.rotation)
 
 
 def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the platform's rows (T, n, nv), in radians and robot lengths."""
+    """Compute the Jacobian (T, n, nv) of the platform's velocity v [rad, robot lengths]."""
     return scale_jacobian(robot, linearised.platform, ~robot.translations)
 
 
 def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute all columns (T, m, nv) of the independent loop equations, without dimension."""
+    """Compute the Jacobian (T, m, nv) of the independent loops, their rows brought to unit size."""
     return scaled_loops(robot, linearised) / robot.structure.row_sizes[:, None]
 
 
 def passive_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute P (T, m, n_p), the passive columns of the independent loop equations, without dimension."""
+    """Compute P (T, m, n_p), the loops' derivatives along passive joints, without dimension."""
     return linearised.closures[:, :, robot.following] * robot.passive_scale
 
 
 def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the least singular values (T,) of P: 0 at Type 2, infinite without passive joints."""
+    """Compute the least singular value (T,) of P: 0 at Type 2, infinite without passive joints."""
     values = np.linalg.svd(passive_matrix(robot, linearised), compute_uv=False)
     return values.min(axis=1, initial=np.inf)
 
 
 def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
-    """Find the instants, ascending, whose `clearance` is below a level.
+    """Find the indices, ascending, of the configurations whose `clearance` is below a level.
 
-    Usually no instant is below. A Cholesky factor of P'P - c^2 proves it at a tenth of the cost of singular
-    values: all of them are above c.
+    Usually there are none. That a Cholesky factor of P'P - c^2 exists proves it, at a tenth of the cost of
+    singular values: all of them are above c.
     """
     P = passive_matrix(robot, linearised)
+    shifted = P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2])
     try:
-        np.linalg.cholesky(P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2]))
+        np.linalg.cholesky(shifted)
     except np.linalg.LinAlgError:
         return np.flatnonzero(clearance(robot, linearised) < level)
     return np.empty(0, dtype=np.intp)
@@ -74,9 +76,10 @@ def type2_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the matrix (T, n + m, n + m) of the inverse kinematics, without dimension.
+    """Compute the dimensionless Jacobian (T, n + m, n + m) that inverse kinematics inverts.
 
-    Columns: actuated, then passive. Singular in Type 1 singularities, and where the loop equations lose rank.
+    Rows: platform, loops; columns: actuated, passive joints. It is singular in Type 1 singularities, and
+    where the loop equations lose rank.
     """
     rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
     return np.concatenate(rows, axis=1)[:, :, robot.moving]
@@ -84,10 +87,8 @@ def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
     """Compute joint rates (..., nv) of dimensionless passive rates eta (..., n_p)."""
-    motion = np.zeros((*eta.shape[:-1], robot.model.nv))
     columns = robot.following
-    motion[..., columns] = eta * robot.column_scale[columns]
-    return motion
+    return full_motion(robot, columns, eta * robot.column_scale[columns])
 
 
 def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float = RANK_LOST) -> IntArray:
@@ -102,11 +103,11 @@ def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: f
 
 
 def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute joint rates (k, f) of the `moving` columns that the loops of one configuration allow.
+    """Compute the rates (k, f) of the `moving` joints that the loops of one configuration allow.
 
-    An orthonormal basis, in radians and robot lengths, turned back to joint rates. f is the number of
+    They are an orthonormal basis in radians and robot lengths, converted to joint rates. f is the number of
     degrees of freedom, and more where the loop equations lose rank.
     """
     columns = robot.moving
-    allowed = lost_directions(scaled_loops(robot, linearised)[0][:, columns])
+    allowed = null_directions(scaled_loops(robot, linearised)[0][:, columns])
     return allowed.T * robot.column_scale[columns][:, None]

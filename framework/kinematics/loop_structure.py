@@ -43,29 +43,29 @@ class LoopStructure(ReadOnlyArrays):
         """
         loops = matrices[0][-len(mechanism.rows.names) :]
         independent = independent_rows(loops[:, mechanism.joints])
-        idle = idle_columns(matrices[0][:, passive], passive)
+        idle = find_idle_joints(matrices[0][:, passive], passive)
         moving = np.setdiff1d(mechanism.joints, idle)
         return LoopStructure(
             independent=independent,
             dropped=np.setdiff1d(np.arange(len(loops)), independent),
-            springs_alone=rows_of_springs_alone(mechanism, independent, matrices),
+            springs_alone=spring_only_rows(mechanism, independent, matrices),
             idle=idle,
             row_sizes=_row_sizes(loops[independent][:, moving]),
         )
 
 
-def singular_reference(
+def singular_reference_error(
     mechanism: Mechanism, passive: IntArray, poses: Sequence[Array], matrices: Sequence[Array]
 ) -> SingularReference | None:
-    """Return the error for a reference on a singularity of the loops; None for a regular one.
+    """Return the error for a singular reference; None for a regular one.
 
-    The loops, or the loops and the platform along the passive joints, have a lower rank at the reference, the
-    first of the `poses` (nq,), than at another pose. `matrices` are those of `motion_matrix` at the poses.
+    There the loops, or the loops and the platform along the passive joints, have a lower rank than at another
+    pose. `matrices` are those of `motion_matrix` at the `poses` (nq,), of which the first is the reference.
     """
     at_reference, count = matrices[0], len(mechanism.rows.names)
     for nearby in matrices[1:]:  # the loops' rows are the last `count`
-        rows = _lost_rows(at_reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
-        joints = _lost_rows(at_reference[:, passive].T, nearby[:, passive].T)
+        rows = _rows_losing_rank(at_reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
+        joints = _rows_losing_rank(at_reference[:, passive].T, nearby[:, passive].T)
         if len(rows) or len(joints):
             return SingularReference(
                 mechanism.name,
@@ -77,16 +77,16 @@ def singular_reference(
 
 
 def independent_rows(matrix: Array) -> IntArray:
-    """Return ascending indices of rows that do not repeat others."""
-    return np.sort(row_pivots(matrix)[: numerical_rank(matrix)])
+    """Return the indices, ascending, of rows of a matrix that span all its rows."""
+    return np.sort(pivot_rows(matrix)[: numerical_rank(matrix)])
 
 
-def rows_of_springs_alone(
+def spring_only_rows(
     mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]
 ) -> tuple[str, ...]:
-    """Return names of loop equations that springs can move and joints cannot, by `matrices` of poses.
+    """Return the names of loop equations that springs can move and joints cannot.
 
-    No loop may rely on them.
+    No loop may rely on them. `matrices` are those of `motion_matrix` at several poses.
     """
     if not len(mechanism.elastic):
         return ()
@@ -98,18 +98,17 @@ def rows_of_springs_alone(
     return ()
 
 
-def idle_columns(matrix: Array, passive: IntArray) -> IntArray:
-    """Find passive joints to hold at rest because their motion moves nothing, such as a rod about its axis.
+def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
+    """Find a passive joint for each motion that moves neither platform nor loops.
 
-    Idle are passive motions in the null space of `motion_matrix` (n + rows, n_p) at the reference; pivoting
-    chooses one joint of each. They carry no load as long as the body that they turn is balanced about them;
-    `dynamics.residuals` measures the load.
+    An example is the turn of a rod about its own axis. These motions are the null space of `motion_matrix` (n
+    + rows, n_p) along the passive joints. They carry no load as long as the body that they turn is balanced
+    about them; `dynamics.residuals` measures the load.
     """
-    if not len(passive):
-        return passive
-    motions = lost_directions(matrix, RANK_ROUNDING)  # (c, n_p)
-    pivots = row_pivots(motions.T)[: len(motions)] if len(motions) else np.empty(0, dtype=np.intp)
-    return np.sort(passive[pivots])
+    motions = null_directions(matrix, RANK_ROUNDING) if len(passive) else np.empty((0, 0))  # (c, n_p)
+    if not len(motions):
+        return passive[:0]
+    return np.sort(passive[pivot_rows(motions.T)[: len(motions)]])
 
 
 def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array) -> Array:
@@ -119,19 +118,19 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
     return np.concatenate([rows, all_loops_matrix(mechanism, q)])
 
 
-def _lost_rows(at_reference: Array, nearby: Array) -> IntArray:
+def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
     """Find the rows by which the rank of `nearby` exceeds that of `at_reference`, (rows, columns) both.
 
     Rows that are independent at the reference span a space nearby. The rows sought are those that are
     farthest from this space, one after the other.
     """
-    rank, remaining = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
-    if remaining >= rank:
+    rank, rank_at_reference = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
+    if rank_at_reference >= rank:
         return np.empty(0, dtype=np.intp)
-    independent = row_pivots(at_reference)[:remaining]
-    span = np.linalg.qr(nearby[independent].T)[0]  # (columns, remaining) orthonormal
-    outside = nearby - nearby @ span @ span.T
-    return np.sort(row_pivots(outside)[: rank - remaining])
+    independent = pivot_rows(at_reference)[:rank_at_reference]
+    span = np.linalg.qr(nearby[independent].T)[0]  # (columns, rank_at_reference) orthonormal
+    outside = nearby - nearby @ span @ span.T  # the parts of all rows across the span
+    return np.sort(pivot_rows(outside)[: rank - rank_at_reference])
 
 
 def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
@@ -140,8 +139,8 @@ def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
     return int(np.sum(values > level * values.max(initial=0.0)))
 
 
-def lost_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 0) -> Array:
-    """Compute orthonormal vectors (c, k) along which a matrix (m, k) loses rank, `at_least` so many.
+def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 0) -> Array:
+    """Compute orthonormal vectors (c, k) that a matrix (m, k) maps to nearly zero, `at_least` so many.
 
     They are the right singular vectors of values below level times the largest, or times 1 if that is more.
     """
@@ -150,15 +149,18 @@ def lost_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 
     return right[min(rank, len(right) - at_least) :]
 
 
-def row_pivots(matrix: Array) -> IntArray:
-    """Order the rows of a matrix, each the farthest from the span of its predecessors."""
+def pivot_rows(matrix: Array) -> IntArray:
+    """Order the rows of a matrix by QR with pivots.
+
+    Each row is the farthest from the span of its predecessors.
+    """
     from scipy.linalg import qr
 
     return qr(matrix.T, mode="r", pivoting=True)[1]
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return divisors (m,) of equations (m, columns) whose largest entry is far from 1, else 1.
+    """Return the largest entry of each equation (m, columns) if far from 1, else 1, (m,).
 
     An equation may be written in any unit, or as any multiple of itself, without being singular.
     """

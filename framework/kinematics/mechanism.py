@@ -22,8 +22,8 @@ from framework.kinematics.tree_model import (
     Coordinates,
     JointLimit,
     coordinate_names,
+    file_axes,
     joint_limits,
-    named_axes,
     tree_model,
 )
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, RobotDescription, Spring
@@ -128,7 +128,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def mass(self) -> float:
-        """Mass of the bodies that move [kg]; with `length` and a duration, the scale of forces."""
+        """Mass of the bodies that move [kg]."""
         return float(sum(body.mass for body in list(self.model.inertias)[1:]))
 
     @cached_property
@@ -152,12 +152,15 @@ class Mechanism(ReadOnlyArrays):
 
     @property
     def spring_names(self) -> tuple[str, ...]:
-        """Names of all springs: of virtual joints, and of the joints of the URDF that springs act on."""
+        """Names of all springs: of virtual joints, then of joints of the URDF."""
         sprung = np.flatnonzero(self.joint_stiffness)
         return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
-        """Return the dry friction of coordinates as text; empty if none has friction."""
+        """Describe the dry friction of columns, such as `knee 0.1 N m`.
+
+        The text is empty if none has friction.
+        """
         sizes = []
         for column in columns[self.joint_friction[columns] > 0.0].tolist():
             unit = "N" if self.sliding[column] else "N m"
@@ -185,7 +188,7 @@ class Mechanism(ReadOnlyArrays):
     @cached_property
     def neutral(self) -> Array:
         """The configuration (nq,) from which pinocchio counts."""
-        return read_only(np.asarray(pin.neutral(self.model)))
+        return read_only(pin.neutral(self.model))
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -202,8 +205,8 @@ class Mechanism(ReadOnlyArrays):
         return f"{type(self).__name__}({self.name!r}, {self.flexibility}: loops {loops})"
 
 
-def columns_of(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return the entries of the velocity vector by name."""
+def velocity_columns(model: pin.Model, joints: Iterable[str]) -> IntArray:
+    """Return the columns of the velocity vector of joints, by name."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
@@ -212,7 +215,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     """Build the mechanism at a flexibility: model with springs, loop equations and joint parameters."""
     description = parsed.description
     springs = description.active_springs(flexibility)
-    model = _sprung_model(parsed, springs)
+    model = _build_tree_model(parsed, springs)
     model.gravity.linear = np.array(description.gravity)
 
     def joint_parameter(key: str) -> Array:
@@ -223,9 +226,9 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
     ends = chain.from_iterable(closure.frames for closure in description.closures)
     frame_names = list(dict.fromkeys([description.platform.frame, *ends]))  # without repetitions
-    frames = tuple(frame_of(model, name) for name in frame_names)
-    reference = named_axes(model).T @ _joint_vector(model, description.reference)
-    q_near = np.asarray(pin.integrate(model, pin.neutral(model), reference))
+    frames = tuple(frame_index(model, name) for name in frame_names)
+    reference = file_axes(model).T @ _joint_vector(model, description.reference)
+    q_near = pin.integrate(model, pin.neutral(model), reference)
     rows = loop_rows(
         description.closures,
         frame_names,
@@ -235,7 +238,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         description=description,
         flexibility=description.least_flexibility(flexibility),
         model=model,
-        elastic=columns_of(model, elastic_names),
+        elastic=velocity_columns(model, elastic_names),
         stiffness=np.array([*chain.from_iterable(spring.stiffness for spring in springs)]),
         joint_stiffness=joint_parameter("stiffness"),
         joint_rest=joint_parameter("rest"),
@@ -252,13 +255,13 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     )
 
 
-def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
+def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
     """Return pinocchio's model of a robot's tree with a joint for each spring."""
     file, moving = parsed.description.file, copy_without_shapes(parsed.urdf)
     make_continuous_joints_revolute(moving)
     insert_springs(moving, springs)
     try:
-        model = tree_model(moving, _balls_by_axes(parsed.urdf, parsed.description))
+        model = tree_model(moving, _anisotropic_balls(parsed.urdf, parsed.description))
     except (ValueError, RuntimeError) as error:
         raise RobotFileError(f"{file}: urdf: pinocchio refuses it: {' '.join(str(error).split())}") from None
     if model.nv > MAX_JOINTS:
@@ -269,8 +272,8 @@ def _sprung_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
     return model
 
 
-def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return names of balls with unlike springs or damping about their axes."""
+def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
+    """Return the names of balls whose springs or damping differ between their axes."""
     balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
@@ -282,7 +285,7 @@ def _balls_by_axes(urdf: ElementTree.Element, description: RobotDescription) -> 
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with the indices of its joints in the velocity vector and in q."""
+    """Return a coupling with the indices of its joints in v and in q."""
     first = model.joints[model.getJointId(coupling.joint)]
     second = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(
@@ -295,8 +298,11 @@ def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
     )
 
 
-def frame_of(model: pin.Model, name: str) -> int:
-    """Return the index of the frame of a link, else of a joint: URDF lets the two share a name."""
+def frame_index(model: pin.Model, name: str) -> int:
+    """Return the index of the frame of a link, else of a joint.
+
+    URDF lets the two share a name.
+    """
     link = pin.FrameType.BODY
     is_link = model.existFrame(name, link)
     return int(model.getFrameId(name, link) if is_link else model.getFrameId(name))
@@ -305,16 +311,16 @@ def frame_of(model: pin.Model, name: str) -> int:
 def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:
     """Return a vector (nv,) with values by joint name, zero elsewhere."""
     vector = np.zeros(model.nv)
-    vector[columns_of(model, values)] = list(values.values())
+    vector[velocity_columns(model, values)] = list(values.values())
     return vector
 
 
 def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
-    """Compute the size of the mechanism at q [m], to compare metres with radians; 1 if nothing has a size.
+    """Compute the size [m] of the mechanism at q (nq,), 1 without any.
 
-    It is the largest distance between joints, frames that move and frames of the loops, whatever the place of
-    the robot. If all of them meet in one point, as in a spherical robot, it is the largest radius of gyration
-    of a body about its joint.
+    With it metres are compared with radians. It is the largest distance between joints, frames that move and
+    frames of the loops, whatever the place of the robot. If all of them meet in one point, as in a spherical
+    robot, it is the largest radius of gyration of a body about its joint.
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)

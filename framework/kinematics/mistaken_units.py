@@ -7,24 +7,24 @@ from collections.abc import Mapping
 import numpy as np
 
 from framework.errors import point
-from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.numerics.arrays import Array
 
 
 def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
-    """Return the end of a sentence on hinges beyond a full turn; empty if none is beyond.
+    """Return a remark on hinges beyond a full turn; empty without any.
 
     `joints`: their angles [rad] by name.
     """
     turns = []
-    for column, (joint, angle) in zip(columns_of(mechanism.model, joints), joints.items(), strict=True):
+    for column, (joint, angle) in zip(velocity_columns(mechanism.model, joints), joints.items(), strict=True):
         if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi:
             turns.append(f"{joint} at {angle:g} rad is {abs(angle) / (2.0 * np.pi):.3g} turns")
     return f"; angles are in rad: {', '.join(turns)}" if turns else ""
 
 
 def longest_reach(robot: Mechanism) -> float:
-    """Return the length [m] of the links from the base to the platform's frame, one behind the other.
+    """Return the summed length [m] of the links from base to platform.
 
     Slides are at the end of their range, springs at rest; infinite if a joint moves without bound.
     """
@@ -43,7 +43,7 @@ def longest_reach(robot: Mechanism) -> float:
 
 
 def remark_on_reach(robot: Mechanism, position: Array) -> str:
-    """Return the end of a sentence on a platform that no link reaches; empty if one may.
+    """Return a remark on a platform that no link reaches; empty if one may.
 
     `position`: the prescribed coordinates of its frame's origin [m].
     """

@@ -23,7 +23,7 @@ from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
 
 def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute the signs (T,) of the working mode and of the assembly mode.
+    """Compute the signs (T,) that change with the working mode and with the assembly mode.
 
     The sign of det [dF/dq] changes at Type 1 singularities, the sign of the determinant of the
     passive columns of the loops at Type 2 (of a robot without redundant motors; else it is 1).
@@ -32,7 +32,7 @@ def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
 
 
 def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute signs and logarithms (T,) of the determinants of the passive columns of the loops.
+    """Compute the signs and logarithms (T,) of det P, the loops' matrix along passive joints.
 
     With redundant motors these are not square, and without passive joints there are none: it is 1 then.
     """
@@ -43,7 +43,7 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
 
 
 def keeps_sign(first: tuple[Array, Array], second: tuple[Array, Array]) -> BoolArray:
-    """Whether determinants (T,), given by signs and logarithms, have the same sign at two configurations.
+    """Whether two stacks of determinants, given by signs and logarithms (T,), have the same signs, (T,).
 
     A second determinant that is smaller than the first by `DETERMINANT_LOST` is rounding and has no sign.
     """
@@ -78,7 +78,7 @@ def _keeps_platform_map(robot: ParallelRobot, first: LinearisedLoops, second: Li
     """Whether det (platform N) keeps its sign between two near configurations (T = 1 each).
 
     N (moving, n) is an orthonormal basis of the motions that the loops allow. The sign of det (N_1' N_2)
-    tells whether the second basis is turned over against the first.
+    tells whether the two bases have the same orientation.
     """
     N_1, determinant = _platform_map(robot, first)
     N_2, second_determinant = _platform_map(robot, second)
@@ -87,7 +87,7 @@ def _keeps_platform_map(robot: ParallelRobot, first: LinearisedLoops, second: Li
 
 
 def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, float]:
-    """Return a basis N (moving, n) of the motions that the loops allow (T = 1), and det (platform N)."""
+    """Compute a basis N (moving, n) of the motions that the loops allow (T = 1), and det (platform N)."""
     loops = scaled_loops(robot, linearised)[0][:, robot.moving]  # (m, moving)
     basis = np.linalg.svd(loops)[2][len(loops) :].T
     platform = scaled_platform(robot, linearised)[0][:, robot.moving]
@@ -101,11 +101,13 @@ class Leg(ReadOnlyArrays):
     motors: tuple[str, ...]  # names of its actuators; none for joints that only follow
     rows: IntArray  # (k,) of the equations F
     columns: IntArray  # (k,) among the `moving` columns: actuated, then passive
-    before: IntArray  # (j,) of the legs that have to be solved earlier, likewise
+    needed: IntArray  # (j,) the columns, likewise, of the legs that have to be solved earlier
 
 
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
-    """Compute the legs in the order of their first motor; legs without a motor last.
+    """Compute the legs in the order of their first motor.
+
+    Legs without a motor come last.
 
     Raises:
         InvalidInput: the platform does not determine the joints.
@@ -119,7 +121,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     matched = pattern[row_of]  # rows permuted so that the diagonal is full
     # irreducible blocks: the strongly connected components of the columns' graph
     label = connected_components(matched, directed=True, connection="strong")[1]  # (columns,) the leg of each
-    needs = _needed_legs(label, *matched.nonzero())
+    needs = _leg_dependencies(label, *matched.nonzero())
     all_legs = []
     for k in range(len(needs)):
         columns = np.flatnonzero(label == k)
@@ -129,10 +131,11 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
 
 
-def _needed_legs(label: IntArray, first: IntArray, second: IntArray) -> BoolArray:
-    """Return whether a leg needs another one, directly or through others, or is the same, (legs, legs).
+def _leg_dependencies(label: IntArray, first: IntArray, second: IntArray) -> BoolArray:
+    """Compute whether leg i needs leg j, (legs, legs).
 
-    `label` are the legs of columns; the equation of each column `first` contains the column `second`.
+    A leg needs itself, and others directly or through others. `label` (columns,) is the leg of each column.
+    Each of the pairs (first, second) is a column and another one that its equation contains.
     """
     needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
     for _ in needs:  # a chain of needs has at most as many legs

@@ -16,7 +16,7 @@ import numpy as np
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, closure_rates
-from framework.kinematics.frame_variations import changes_of, step_frames, vary_motions
+from framework.kinematics.frame_variations import complex_step_derivative, step_frames, vary_motions
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, moving_rates
@@ -28,11 +28,11 @@ from framework.numerics.ordered_sums import cross
 
 
 class MotionSteps(NamedTuple):
-    """k small steps at T instants: displacements, changes of rates and of accelerations."""
+    """k small steps at T instants, each a displacement with changes of rates and accelerations."""
 
-    twist: CoordinateRates  # (T, k, n) along the platform's v, of v, of dv/dt
+    twist: CoordinateRates  # of the platform, (T, k, n) each: along v, of v, of dv/dt
     columns: IntArray  # (c,) of the joints that step by themselves: deflections, idle joints
-    joints: CoordinateRates  # (T, k, c) of these joints
+    joints: CoordinateRates  # of these joints, (T, k, c) each
 
 
 class MotionChanges(NamedTuple):
@@ -44,13 +44,13 @@ class MotionChanges(NamedTuple):
 
 
 def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) -> MotionSteps:
-    """Return unit steps of coordinates at T instants, at constant rates and accelerations.
+    """Return unit steps of k = n + c coordinates at T instants.
 
-    Coordinates are those of a platform at x, dx, ddx (T, n), then c `columns` of deflections or idle joints:
-    k = n + c steps.
+    Rates and accelerations stay. Coordinates are those of a platform at x, dx, ddx (T, n), then c `columns`
+    of deflections or idle joints.
     """
     count, n = x[0].shape
-    size = n + len(columns)
+    size = n + len(columns)  # k
     units = np.repeat(np.eye(size)[None], count, axis=0)  # (T, k, k)
     position, rate, acceleration = (np.repeat(part, size, axis=0) for part in x)  # (T k, n) each
     twists = robot.platform.twist_changes((position, rate, acceleration), units[..., :n].reshape(-1, n))
@@ -60,7 +60,9 @@ def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) 
 
 
 def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
-    """Compute the changes of a motion for small steps, by the equations above for dq, dv and da in turn.
+    """Compute the changes dq, dv and da of a motion by small steps.
+
+    The equations of the header are solved in turn.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
@@ -78,12 +80,14 @@ def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> 
     ahead = step_frames(robot, linearised.frames, dq)
 
     same_rates = vary_motions(robot, ahead, motion.v, motion.a, np.zeros_like(dq))
-    platform_change = changes_of(robot.platform.frame_velocity(same_rates))
-    dv = solve(dtwist - platform_change, -changes_of(closure_rates(robot.loops, same_rates)), joints[1])
+    platform_change = complex_step_derivative(robot.platform.frame_velocity(same_rates))
+    dv = solve(
+        dtwist - platform_change, -complex_step_derivative(closure_rates(robot.loops, same_rates)), joints[1]
+    )
 
     same_accelerations = vary_motions(robot, ahead, motion.v, motion.a, dv)
-    platform_change = changes_of(robot.platform.drift(same_accelerations))
-    drift_change = changes_of(closure_drift(robot.loops, same_accelerations))
+    platform_change = complex_step_derivative(robot.platform.drift(same_accelerations))
+    drift_change = complex_step_derivative(closure_drift(robot.loops, same_accelerations))
     da = solve(dtwist_rate - platform_change, -drift_change, joints[2])
     return MotionChanges(dq, dv, da)
 
@@ -115,7 +119,9 @@ def coordinate_changes(
 def solve_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, prescribed: Array
 ) -> Array:
-    """Solve (dF/dq) rates = right (T, k, n + m) for rates (T, k, nv), some prescribed (T, k, c).
+    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv).
+
+    The rates of some columns (c,) are `prescribed` (T, k, c); those of the moving joints follow.
 
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).

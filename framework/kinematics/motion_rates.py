@@ -17,11 +17,8 @@ import numpy as np
 from framework.errors import NotAssembled
 from framework.kinematics.closures import closure_drift, loop_wrenches
 from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frame_variations import changes_of, step_frames
-from framework.kinematics.frames import (
-    frame_motions,
-    frames_at,
-)
+from framework.kinematics.frame_variations import complex_step_derivative, step_frames
+from framework.kinematics.frames import frame_motions, frames_at
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import (
     ClosedStack,
@@ -50,14 +47,14 @@ class Motion:
 
 
 def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array) -> Array:
-    """Compute all joint rates (..., T, nv) for platform twists (..., T, n) and deflection rates (T, n_e)."""
+    """Compute the joint rates (..., T, nv) of platform velocities (..., T, n), deflection rates (T, n_e)."""
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : platform.shape[-1]] = platform
     return _solve_rates(robot, linearised, right, elastic)
 
 
 def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
-    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic."""
+    """Solve J_moving v_moving = right - J_elastic v_elastic for joint rates (..., T, nv), J = dF/dq."""
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
     if robot.n_e:
         rates[..., robot.elastic] = elastic
@@ -67,7 +64,7 @@ def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array
 
 
 def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array) -> Array:
-    """Solve dF/dq along the columns that follow for their rates (..., T, n + m).
+    """Solve J_moving v_moving = right (..., T, n + m) for the rates of the moving joints, J = dF/dq.
 
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).
@@ -91,16 +88,18 @@ def motion_at(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion for platform rates dx, ddx (T, n) and deflection rates (T, n_e)."""
-    nothing = np.zeros((len(dx), robot.n_e))
-    dq_e = nothing if dq_e is None else dq_e
-    ddq_e = nothing if ddq_e is None else ddq_e
-    twist, dtwist = robot.platform.twist(closed.x, dx, ddx)
-    return _motion_of_twist(robot, closed.q, closed.linearised, (twist, dtwist), (dq_e, ddq_e))
+    """Compute the motion of all joints for platform rates dx, ddx (T, n) and deflection rates (T, n_e)."""
+    still = np.zeros((len(dx), robot.n_e))
+    elastic = (still if dq_e is None else dq_e, still if ddq_e is None else ddq_e)
+    twists = robot.platform.twist(closed.x, dx, ddx)
+    return _motion_of_twist(robot, closed.q, closed.linearised, twists, elastic)
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion of the same platform with constant deflections, at q (T, nq), v and a (T, nv)."""
+    """Compute the motion of the same platform at constant deflections.
+
+    The motion given has q (T, nq), v and a (T, nv).
+    """
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     twists = platform_twists(robot, Motion(q, v, a, linearised))
@@ -109,7 +108,7 @@ def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Mo
 
 
 def platform_twists(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
-    """Compute the platform's twist v and its time derivative, each (T, n), of a motion."""
+    """Compute the platform's velocity v and its time derivative, each (T, n)."""
     frames, jacobian = motion.linearised.frames, motion.linearised.platform
     drift = robot.platform.drift(frame_motions(robot, frames, motion.q, motion.v))
     return matvec(jacobian, motion.v), matvec(jacobian, motion.a) + drift
@@ -122,7 +121,10 @@ def _motion_of_twist(
     twist: tuple[Array, Array],
     elastic: tuple[Array, Array],
 ) -> Motion:
-    """Compute the motion of all joints from rates and accelerations of platform and deflections."""
+    """Compute the motion of all joints for rates and accelerations of platform and deflections.
+
+    `twist` are v and dv/dt (T, n), `elastic` the deflections' rates and accelerations (T, n_e).
+    """
     v = joint_rates(robot, linearised, twist[0], elastic[0])
     turns = idle_turns(robot, linearised)
     if turns is not None:
@@ -139,10 +141,10 @@ def _motion_of_twist(
 
 
 def jacobian_change(robot: ParallelRobot, linearised: LinearisedLoops, motions: Array) -> Array:
-    """Compute the change (T, n + m, nv) of `LinearisedLoops.jacobian` for small motions (T, nv).
+    """Compute the derivative (T, n + m, nv) of dF/dq along joint motions (T, nv).
 
-    For joint rates it is the time derivative.
+    Along joint rates it is the time derivative.
     """
     ahead = step_frames(robot, linearised.frames, motions)
     wrenches = equation_wrenches(robot, ahead, loop_wrenches(robot.rows, ahead))
-    return changes_of(robot.equations.jacobian(wrenches, ahead.screws))
+    return complex_step_derivative(robot.equations.jacobian(wrenches, ahead.screws))

@@ -14,16 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from framework.errors import expect, point
-from framework.kinematics.assembly import (
-    Configuration,
-    nearby_configurations,
-)
+from framework.kinematics.assembly import Configuration, nearby_configurations
 from framework.kinematics.frames import frames_at
-from framework.kinematics.loop_structure import LoopStructure, motion_matrix, singular_reference
-from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.kinematics.loop_structure import LoopStructure, motion_matrix, singular_reference_error
+from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.kinematics.platform import PlatformCoordinates
-from framework.kinematics.rounded_loops import assembled_mechanism
+from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
+from framework.kinematics.rounded_loops import assemble_mechanism
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
 from framework.numerics.banded_lu import Band, Factors
@@ -55,22 +52,22 @@ class ParallelRobot(Mechanism):
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
-        """Return the robot that a mechanism is with the platform and the motors of its description.
+        """Assemble a mechanism with the platform and the motors of its description.
 
         Raises:
-            NotAssembled: the loops do not close near the reference, see `assembled_mechanism`.
-            SingularReference: the reference is on a singularity of the loops, see `singular_reference`.
+            NotAssembled: the loops do not close near the reference, see `assemble_mechanism`.
+            SingularReference: the reference is on a singularity of the loops, see `singular_reference_error`.
         """
-        mechanism, closed = assembled_mechanism(mechanism)
+        mechanism, closed = assemble_mechanism(mechanism)
         description = mechanism.description
         poses = (closed.q, *nearby_configurations(mechanism, closed.q))
         frames = frames_at(mechanism, np.stack(poses))
-        platform = PlatformCoordinates.of(description.platform, mechanism.model)
+        platform = platform_coordinates(description.platform, mechanism.model)
         platform = platform.choose_chart(frames.rotation[:, 0])
-        actuated = columns_of(mechanism.model, description.motor_joints)
+        actuated = velocity_columns(mechanism.model, description.motor_joints)
         passive = np.setdiff1d(mechanism.joints, actuated)
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
-        singular = singular_reference(mechanism, passive, poses, matrices)
+        singular = singular_reference_error(mechanism, passive, poses, matrices)
         if singular is not None:
             raise singular
         structure = LoopStructure.of(mechanism, passive, matrices)
@@ -114,12 +111,12 @@ class ParallelRobot(Mechanism):
 
     @property
     def moving(self) -> IntArray:
-        """The columns that follow when x and q_e are given: actuated, then passive but for the idle ones."""
+        """The columns that x and q_e determine: actuated, then passive but not idle."""
         return self.equations.columns
 
     @cached_property
     def following(self) -> IntArray:
-        """The passive joints that follow the platform and the motors: all but the idle ones."""
+        """The passive joints except the idle ones."""
         return read_only(self.equations.columns[self.n_a :])
 
     @property
@@ -147,7 +144,7 @@ class ParallelRobot(Mechanism):
         return length_units(self.sliding[self.actuated])
 
     def place(self, x: Array) -> str:
-        """Return platform coordinates x (n,) with their names, in words."""
+        """Return platform coordinates x (n,) as text, such as `x, y = (0.1, 0.2)`."""
         return f"{', '.join(self.axis_names)} = {point(x)}"
 
     @property
@@ -157,7 +154,7 @@ class ParallelRobot(Mechanism):
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """Unit of each motor's torque: N for a slide without a gear (gear ratio 1), N m for all others."""
+        """Unit of each motor's torque: N for slides without a gear, else N m."""
         slides = self.sliding[self.actuated]
         return tuple(
             "N" if slide and gear == 1.0 else "N m"
@@ -214,10 +211,9 @@ class Equations(ReadOnlyArrays):
     loops: LoopRows  # the m independent ones
     bodies: IntArray  # (n + m,) the frame that the wrench of each equation acts on
     n: int  # of the platform's equations, which come first
-    signs: (
-        Array  # (n + m, nv) 1 where the joint carries the second body of the equation, -1 the first, else 0
-    )
+    signs: Array  # (n + m, nv) 1 where the joint moves the second body against the first, -1 reversed, else 0
     couplings: Array  # (n + m, nv) derivatives of equations between joints themselves, else 0
+    pattern: BoolArray  # (n + m, nv) whether dF/dq has an entry that is not zero by construction
     columns: IntArray  # those that follow when x and q_e are given: actuated, then passive
     moving_part: SquarePart | None  # all rows, these columns; None if planning is not possible
     passive_part: SquarePart | None  # loops only, the passive columns; None with redundant motors
@@ -228,8 +224,8 @@ class Equations(ReadOnlyArrays):
     ) -> Equations:
         """Return the table of loop equations and `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
-        of_platform = platform.felt_by(carried[0])
-        signs = np.concatenate([of_platform, carried[loops.second] - carried[loops.first]])
+        loop_signs = carried[loops.second] - carried[loops.first]  # (m, nv)
+        signs = np.concatenate([platform.joint_incidence(carried[0]), loop_signs])
         couplings = np.zeros_like(signs)
         couplings[n:] = loops.coupling_jacobian(signs.shape[1])
         pattern = (signs != 0.0) | (couplings != 0.0)
@@ -240,15 +236,11 @@ class Equations(ReadOnlyArrays):
             n=n,
             signs=signs,
             couplings=couplings,
+            pattern=pattern,
             columns=columns,
             moving_part=SquarePart.of(pattern, rows, columns),
             passive_part=SquarePart.of(pattern, rows[n:], columns[n_a:]),
         )
-
-    @property
-    def pattern(self) -> BoolArray:
-        """Whether dF/dq (n + m, nv) has an entry that is not zero by construction."""
-        return (self.signs != 0.0) | (self.couplings != 0.0)
 
     def jacobian(self, wrenches: Array, screws: Array) -> Array:
         """Compute dF/dq (T, n + m, nv), the powers of wrenches on screws.
@@ -267,7 +259,10 @@ class SquarePart(ReadOnlyArrays):
 
     @staticmethod
     def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
-        """Return the entries of a pattern in some rows and columns; None unless square."""
+        """Return the entries of a pattern in some rows and columns.
+
+        None unless the columns are as many as the rows.
+        """
         if not len(rows) == len(columns) > 0:
             return None
         i, j = np.nonzero(pattern[rows][:, columns])
@@ -275,6 +270,7 @@ class SquarePart(ReadOnlyArrays):
         return SquarePart(entries, Band.of(i, j, len(rows)))
 
     def factor(self, matrices: Array) -> Factors:
-        """Compute the LU factors of the part of matrices (T, r, c)."""
+        """Factor this part (T, k, k) of matrices (T, r, c)."""
         count, rows, columns = matrices.shape
-        return self.band.factor(matrices.reshape(count, rows * columns).take(self.entries, axis=1))
+        values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)  # (T, E)
+        return self.band.factor(values)

@@ -62,7 +62,7 @@ class Scratch(NamedTuple):
         bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
         rows = np.array(frames, dtype=np.intp)
         refresher = refresh if arrays is copies else None
-        return Scratch._make((data, *arrays, rows, bodies, carriers(model, bodies), refresher))
+        return Scratch._make((data, *arrays, rows, bodies, carrying_joints(model, bodies), refresher))
 
 
 def scratch_of(mechanism: Mechanism) -> Scratch:
@@ -71,11 +71,15 @@ def scratch_of(mechanism: Mechanism) -> Scratch:
     Making a `pin.Data` costs more than a hundred of the calls that use it (7.7 ms for 81 joints). It belongs
     to the model, so a mechanism and the robot made of the mechanism share it.
     """
-    return _scratch(mechanism.model, mechanism.frames, threading.get_ident())
+    return _thread_scratch(mechanism.model, mechanism.frames, threading.get_ident())
 
 
 @lru_cache(maxsize=16)  # megabytes each
-def _scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
+def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
+    """Allocate the working memory of one thread, once.
+
+    The thread's number is a key of the cache.
+    """
     return Scratch.of(model, frames)
 
 
@@ -95,24 +99,27 @@ def _copy_arrays(data: pin.Data) -> tuple[Array, ...]:
 
 
 def _view_arrays(data: pin.Data) -> tuple[Array, ...] | None:
-    """Return the six arrays of `Scratch` as views of pinocchio's memory; None if its layout is another."""
+    """Return the six arrays of `Scratch` as views of pinocchio's memory.
+
+    None if its layout is not the expected one.
+    """
     blocks = (
-        _block([pose.rotation for pose in data.oMf], 12),
+        _view_vector([pose.rotation for pose in data.oMf], 12),
         None if data.J.flags.owndata else data.J.reshape(6, -1).T,
-        _block([motion.linear for motion in data.ov], 6),
-        _block([motion.linear for motion in data.oa], 6),
-        _block([pose.rotation for pose in data.oMi], 12),
-        _block([force.linear for force in data.f], 6),
+        _view_vector([motion.linear for motion in data.ov], 6),
+        _view_vector([motion.linear for motion in data.oa], 6),
+        _view_vector([pose.rotation for pose in data.oMi], 12),
+        _view_vector([force.linear for force in data.f], 6),
     )
     views = tuple(block for block in blocks if block is not None)
     return views if len(views) == len(blocks) else None
 
 
-def _block(first_numbers: list[Array], width: int) -> Array | None:
-    """View a C++ vector of pinocchio as an array (elements, width); None if that is not possible.
+def _view_vector(first_numbers: list[Array], width: int) -> Array | None:
+    """View a C++ vector of pinocchio as an array (elements, width).
 
-    The vector keeps its elements in one block at a constant stride [bytes]. `first_numbers` are views of the
-    first numbers of each element.
+    None if its memory is not one block. The vector keeps its elements in one block at a constant stride
+    [bytes]. `first_numbers` are views of the first numbers of each element.
     """
     if any(numbers.flags.owndata for numbers in first_numbers):
         return None  # they are copies
@@ -123,8 +130,8 @@ def _block(first_numbers: list[Array], width: int) -> Array | None:
     return as_strided(first_numbers[0], (len(addresses), width), (int(strides[0]), 8))
 
 
-def carriers(model: pin.Model, bodies: IntArray) -> Array:
-    """Return 1 where a joint (a column) carries a body, else 0; (F, nv)."""
+def carrying_joints(model: pin.Model, bodies: IntArray) -> Array:
+    """Return 1 where a column of the velocity vector moves one of the bodies (F,), else 0, (F, nv)."""
     carried = np.zeros((len(bodies), model.nv))
     for f, body in enumerate(bodies):
         for joint in model.supports[int(body)]:

@@ -7,17 +7,19 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.platform import frame_wrench
 from framework.numerics.arrays import Array
 from framework.tolerances import FILE_ROUNDING
 
 
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
-    """Compute poses (F, njoints, 7) of all joints, (x, y, z, qx, qy, qz, qw), at q (F, nq).
+    """Compute the poses (F, njoints, 7) of all joints at q (F, nq).
 
-    The signs of quaternions, which do not matter to one pose, are continuous from each configuration to the
-    next.
+    A pose is (x, y, z, qx, qy, qz, qw). The signs of quaternions, which do not matter to one pose, are
+    continuous from each configuration to the next.
     """
     model, data = robot.model, robot.model.createData()
     poses = np.empty((len(q), model.njoints, 7))
@@ -44,18 +46,21 @@ def platform_frame_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
 
 def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
     """Compute wrenches (F, 6) at the platform's origin in base axes with components W (F, n) at q (F, nq)."""
-    return robot.platform.frame_wrench(frames_at(robot, q), W)
+    return frame_wrench(robot.platform, frames_at(robot, q), W)
 
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
     """Compute the origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
     placed = robot.model.frames[frame]
     joint = poses[:, placed.parentJoint]
-    return joint[:, :3] + rotate_vector(joint[:, 3:], np.asarray(placed.placement.translation))
+    return joint[:, :3] + rotate_vector(joint[:, 3:], placed.placement.translation)
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute all positions (m, 3) of joints, platform and ends of loops, which a view has to show."""
+    """Compute all positions (m, 3) that a view has to show.
+
+    They are those of joints, platform and ends of loops.
+    """
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
@@ -71,51 +76,54 @@ def rotate_vector(quaternion: Array, vector: Array) -> Array:
 
 
 def carried_points(pose: Array, points: Array) -> Array:
-    """Return points (m, 3) of a joint's frame in the base, the joint at a pose (7,) of `joint_poses`."""
+    """Convert points (m, 3) of a joint's frame to the base.
+
+    The joint is at a pose (7,) of `joint_poses`.
+    """
     return pose[:3] + rotate_vector(pose[None, 3:], points)
 
 
 class JointAxis(NamedTuple):
-    """The axis of a coordinate, in the frame of one of pinocchio's joints (0 is the base)."""
+    """The axis of a coordinate, in the frame of one of pinocchio's joints."""
 
-    joint: int
-    place: Array  # (3,) [m]
-    axis: Array  # (3,) unit
+    joint: int  # 0 is the base
+    place: Array  # (3,) [m] a point of the axis
+    axis: Array  # (3,) unit direction
 
 
 def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of an entry of the velocity vector, fixed in the joint before."""
+    """Return the axis of a velocity column in the frame of the parent joint."""
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
         int(robot.model.parents[joint]),
-        np.asarray(placement.translation),
-        np.asarray(placement.rotation @ axis),
+        placement.translation,
+        placement.rotation @ axis,
     )
 
 
 def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of an entry of the velocity vector, fixed in its own joint."""
-    model = robot.model
-    owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])  # of each column
-    joint = int(owner[column])
+    """Return the axis of a velocity column in the frame of its own joint."""
+    model, joint = robot.model, int(tree_columns(robot).owner[column])
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
     linear, angular = jacobian[:3, column], jacobian[3:, column]
     axis = linear if robot.sliding[column] else angular
-    return JointAxis(joint, np.zeros(3), np.asarray(axis / np.linalg.norm(axis)))
+    return JointAxis(joint, np.zeros(3), axis / np.linalg.norm(axis))
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:
-    """Compute the normal (3,) of a planar robot, to which hinges are parallel and slides perpendicular."""
-    model, data = robot.model, robot.model.createData()
-    jacobian = np.array(pin.computeJointJacobians(model, data, robot.reference.q), dtype=float)
-    turning = np.linalg.norm(jacobian[3:], axis=0) > 0.5  # (nv,), axes in the base frame
+    """Compute the normal (3,) of a planar robot in the base frame.
+
+    None if the robot is not planar. All hinges are parallel to the normal and all slides perpendicular.
+    """
+    screws = frames_at(robot, robot.reference.q[None]).screws[0]  # (nv, 6)
+    turning = np.linalg.norm(screws[:, 3:], axis=1) > 0.5  # hinges; angular parts of slides are zero
     if not turning.any():
         return None
-    turns, slides = jacobian[3:, turning].T, jacobian[:3, ~turning].T
-    normal = np.asarray(turns[0])
-    hinge_tilt = np.linalg.norm(np.cross(turns, normal), axis=1).max()
+    hinges, slides = screws[turning, 3:], screws[~turning, :3]  # unit axes
+    normal = hinges[0]
+    hinge_tilt = np.linalg.norm(np.cross(hinges, normal), axis=1).max()
     slide_slope = np.abs(slides @ normal).max(initial=0.0)
     return normal if max(hinge_tilt, slide_slope) < FILE_ROUNDING else None

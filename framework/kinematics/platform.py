@@ -14,14 +14,13 @@ With translations and none or three turns, v is (linear, angular) of the frame a
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
-from framework.kinematics.frame_variations import STEP, changes_of
+from framework.kinematics.frame_variations import STEP, complex_step_derivative
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.laws.path import Path
 from framework.model.description import AXES, Platform
@@ -33,23 +32,12 @@ CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or d
 
 
 @dataclass(frozen=True, eq=False)
-class PlatformCoordinates(ReadOnlyArrays, ABC):
-    """The coordinates x (n,) of a platform; its frame is the first of the mechanism's."""
+class _Coordinates(ReadOnlyArrays):
+    """The part of a platform's n coordinates x that does not depend on their kind."""
 
     translations: BoolArray  # (n,) [m]; the others are turns [rad]
     sliding: IntArray  # indices in x of translations of the frame's origin along base axes
     along: IntArray  # those axes, 0..2
-
-    @staticmethod
-    def of(platform: Platform, model: pin.Model) -> PlatformCoordinates:
-        """Return the coordinates that a robot file asks for."""
-        if platform.joints:
-            return JointPlatform.from_joints(platform.joints, model)
-        return FramePlatform.from_axes(platform.axes)
-
-    def choose_chart(self, rotations: Array) -> PlatformCoordinates:
-        """Return the same coordinates for a frame with attitudes (T, 3, 3), among others."""
-        return self
 
     @property
     def n(self) -> int:
@@ -61,67 +49,23 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
         """Whether all coordinates are translations of the frame's origin."""
         return len(self.sliding) == self.n
 
-    @abstractmethod
-    def coordinates(self, frames: FrameStack) -> Array:
-        """Compute coordinates x (T, n) [m, rad]."""
-
-    @abstractmethod
-    def residual(self, frames: FrameStack, x: Array) -> Array:
-        """Compute the offset of the platform from x, (T, n), turns the short way; its rate is v."""
-
-    @abstractmethod
-    def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute coordinates x (T, n) with turns counted on from `near`, (n,) or (T, n)."""
-
-    @abstractmethod
-    def wrenches(self, frames: FrameStack) -> Array:
-        """Compute the wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin, whose power is v."""
-
-    @abstractmethod
-    def felt_by(self, carried: Array) -> Array:
-        """Return 1 where a joint moves a coordinate, else 0, (n, nv); `carried` (nv,) is 1 for the frame."""
-
-    @abstractmethod
-    def jacobian(self, frames: FrameStack) -> Array:
-        """Compute the derivative (T, n, nv) of v along pinocchio's velocity vector."""
-
-    def frame_velocity(self, motions: FrameMotions) -> Array:
-        """Compute v (..., n) for motions of the frame; zero of joints, which have their own rates."""
-        return np.zeros((*motions.twist.shape[:-2], self.n))
-
-    def drift(self, motions: FrameMotions) -> Array:
-        """Compute dv/dt (..., n) for motions of the frame, which state dJ/dt v without joint accelerations.
-
-        Zero of joints: their rates are v itself.
-        """
-        return np.zeros((*motions.twist.shape[:-2], self.n))
-
-    @abstractmethod
-    def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute a twist (T, 6) of the frame with this v (T, n), for drawings; zero along free turns."""
-
-    def frame_wrench(self, frames: FrameStack, W: Array) -> Array:
-        """Compute the wrench (T, 6) at the frame's origin of components W (T, n); its power is W . v."""
-        wrenches = np.broadcast_to(self.wrenches(frames), (len(W), self.n, 6))
-        return matvec(wrenches.swapaxes(1, 2), W)
-
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Compute v and its time derivative (T, n) for coordinates x and their rates, each (T, n)."""
+        """Compute v and dv/dt, each (T, n), for coordinates x and their rates, each (T, n)."""
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def twist_changes(self, motion: CoordinateRates, step: Array) -> CoordinateRates:
-        """Compute the displacement along v and the changes of v and dv/dt, (T, n) each, by a step of x.
+        """Compute the displacement along v, and the changes of v and dv/dt, (T, n) each.
 
-        `motion` are x, dx and ddx, each (T, n) as the step is.
+        They are those by a step (T, n) of x. `motion` are x, dx and ddx, each (T, n).
         """
         x, dx, ddx = motion
         v, dv = self.twist(x + STEP * step, dx + 0.0 * STEP, ddx + 0.0 * STEP)
-        return self.twist(x, step)[0], changes_of(v), changes_of(dv)
+        return self.twist(x, step)[0], complex_step_derivative(v), complex_step_derivative(dv)
 
     def rate_matrix(self, x: Array) -> Array:
-        """Compute E (T, n, n) of v = E(x) dx, column by column, at x (T, n)."""
-        unit_rates = np.tile(np.eye(self.n), (len(x), 1))
-        columns = self.twist(np.repeat(x, self.n, axis=0), unit_rates)[0]
+        """Compute the matrix E (T, n, n) of v = E(x) dx at x (T, n)."""
+        unit_rates = np.tile(np.eye(self.n), (len(x), 1))  # (T n, n)
+        columns = self.twist(np.repeat(x, self.n, axis=0), unit_rates)[0]  # E times each
         return columns.reshape(len(x), self.n, self.n).swapaxes(1, 2)
 
     def path_twist(self, path: Path, s: float) -> Array:
@@ -131,8 +75,8 @@ class PlatformCoordinates(ReadOnlyArrays, ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class FramePlatform(PlatformCoordinates):
-    """Translations of a frame's origin along base axes, and its attitude."""
+class FramePlatform(_Coordinates):
+    """Translations of the origin of the mechanism's first frame along base axes, and its attitude."""
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
     units: Array  # (n, 6) unit forces and couples along them
@@ -145,11 +89,18 @@ class FramePlatform(PlatformCoordinates):
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
-        attitude = attitude_about(axes[turning] - 3)
-        return FramePlatform(translations, sliding, axes[sliding], axes, np.eye(6)[axes], turning, attitude)
+        return FramePlatform(
+            translations=translations,
+            sliding=sliding,
+            along=axes[sliding],
+            axes=axes,
+            units=np.eye(6)[axes],
+            turning=turning,
+            attitude=attitude_about(axes[turning] - 3),
+        )
 
     def choose_chart(self, rotations: Array) -> FramePlatform:
-        """Return the same coordinates, by swing and twist if R (T, 3, 3) turns about other axes too."""
+        """Return the same coordinates with the chart that attitudes R (T, 3, 3) of the frame need."""
         if not isinstance(self.attitude, TwistAngle):
             return self
         return replace(self, attitude=twist_angle_for(self.attitude, rotations))
@@ -160,14 +111,17 @@ class FramePlatform(PlatformCoordinates):
         return self.attitude.constant
 
     def coordinates(self, frames: FrameStack) -> Array:
-        """Compute x (T, n) [m, rad] from frame 0, the platform's: its origin's positions and its angles."""
+        """Compute x (T, n) [m, rad]: positions of the frame's origin, angles of its attitude."""
         x = np.empty((len(frames.position), self.n))
         x[:, self.sliding] = frames.position[:, 0, self.along]
         x[:, self.turning] = self.attitude.coordinates(frames.rotation[:, 0])
         return x
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
-        """Compute the offset (T, n) of the frame from x [m, rad], turns the short way."""
+        """Compute the offset (T, n) of the frame from x [m, rad].
+
+        Turns count the short way. Its rate is v.
+        """
         if self.is_point:
             return frames.position[:, 0, self.along] - x
         offset = np.empty((len(x), self.n))
@@ -176,13 +130,16 @@ class FramePlatform(PlatformCoordinates):
         return offset
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute coordinates (T, n) with the turns counted on from `near`; translations stay."""
+        """Compute coordinates x (T, n) with turns counted on from `near`, (n,) or (T, n)."""
         x = x.copy()
         x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
 
     def wrenches(self, frames: FrameStack) -> Array:
-        """Compute unit forces and the attitude's couples as wrenches (T, n, 6), or (n, 6) if constant."""
+        """Compute the wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin, whose power is v.
+
+        They are unit forces and the couples of the attitude.
+        """
         if self.constant:
             return self.units
         couples = self.attitude.couples(frames.rotation[:, 0])
@@ -190,36 +147,43 @@ class FramePlatform(PlatformCoordinates):
         wrenches[:, self.turning, 3:] = couples
         return wrenches
 
-    def felt_by(self, carried: Array) -> Array:
-        """Return 1 where a joint carries the frame, alike for all coordinates, (n, nv)."""
+    def joint_incidence(self, carried: Array) -> Array:
+        """Return 1 where a joint moves a coordinate, else 0, (n, nv).
+
+        `carried` (nv,) is 1 where the joint carries the frame: it then moves all coordinates.
+        """
         return np.repeat(carried[None], self.n, axis=0)
 
     def jacobian(self, frames: FrameStack) -> Array:
-        """Compute dv/dq' (T, n, nv): the power of the wrenches on the frame's twist for each joint's rate."""
+        """Compute the derivative (T, n, nv) of v along joint rates: powers of the wrenches on twists."""
         twists = frames.frame_jacobian(0)  # (T, 6, nv)
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
     def frame_velocity(self, motions: FrameMotions) -> Array:
-        """Compute v (..., n): velocities of the origin, and the couples times the angular velocity."""
+        """Compute v (..., n) for motions of the frame: of turns, couples times the angular velocity."""
         v = np.empty((*motions.twist.shape[:-2], self.n), dtype=motions.twist.dtype)
-        v[..., self.sliding] = motions.rates[1][..., 0, 3, self.along]
-        rotation, w, _ = self._turning(motions)
+        v[..., self.sliding] = motions.rates[1][..., 0, 3, self.along]  # velocity of frame 0's origin
+        rotation, w, _ = self._attitude_motion(motions)
         v[..., self.turning] = matvec(self.attitude.couples(rotation), w).reshape(*v.shape[:-1], -1)
         return v
 
     def drift(self, motions: FrameMotions) -> Array:
-        """Compute dv/dt (..., n): of turns C dw/dt + dC/dt w, with the chart's couples C."""
+        """Compute dv/dt (..., n) for motions of the frame.
+
+        Of turns it is C dw/dt + dC/dt w, with the couples C. For motions without joint accelerations it is
+        the drift dJ/dt v.
+        """
         rate = np.empty((*motions.twist.shape[:-2], self.n), dtype=motions.twist.dtype)
-        rate[..., self.sliding] = motions.rates[2][..., 0, 3, self.along]
+        rate[..., self.sliding] = motions.rates[2][..., 0, 3, self.along]  # acceleration of its origin
         if len(self.turning):
-            rotation, w, dw = self._turning(motions)
+            rotation, w, dw = self._attitude_motion(motions)
             turns = matvec(self.attitude.couples(rotation), dw)
             turns = turns + matvec(self.attitude.couple_rates(rotation, w), w)
             rate[..., self.turning] = turns.reshape(*rate.shape[:-1], -1)
         return rate
 
     @staticmethod
-    def _turning(motions: FrameMotions) -> tuple[Array, Array, Array]:
+    def _attitude_motion(motions: FrameMotions) -> tuple[Array, Array, Array]:
         """Return attitude (S, 3, 3), angular velocity and acceleration (S, 3) of the platform's frame."""
         axes = motions.rates[0][..., 0, :3, :]
         rotation = axes.swapaxes(-1, -2).reshape(-1, 3, 3)
@@ -230,16 +194,22 @@ class FramePlatform(PlatformCoordinates):
         )
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute a twist (T, 6) of the frame with this v (T, n), zero along free axes and turns."""
+        """Compute the twist (T, 6) of the frame with velocities v (T, n).
+
+        It is zero along free axes and turns.
+        """
         twist = np.zeros((len(v), 6))
         twist[:, self.along] = v[:, self.sliding]
-        twist[:, 3:] = self.attitude.turning(frames.rotation[:, 0], v[:, self.turning])
+        twist[:, 3:] = self.attitude.angular_velocity(frames.rotation[:, 0], v[:, self.turning])
         return twist
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Compute v = E(x) dx and dv/dt, each (T, n); only a rotation vector has E other than 1."""
+        """Compute v = E(x) dx and dv/dt, each (T, n).
+
+        Only a rotation vector has E other than 1.
+        """
         ddx = np.zeros_like(dx) if ddx is None else ddx
-        if self.attitude.by_rates:
+        if self.attitude.rates_are_velocities:
             return dx, ddx
         turns = self.turning
         v, dv = dx.copy(), ddx.copy()
@@ -248,8 +218,8 @@ class FramePlatform(PlatformCoordinates):
 
 
 @dataclass(frozen=True, eq=False)
-class JointPlatform(PlatformCoordinates):
-    """Positions of joints of the tree."""
+class JointPlatform(_Coordinates):
+    """Positions of joints of the tree, with the methods of `FramePlatform`."""
 
     columns: IntArray  # (n,) entries of pinocchio's velocity vector
     places: IntArray  # (n,) entries of q
@@ -263,6 +233,10 @@ class JointPlatform(PlatformCoordinates):
         columns = np.array([joint.idx_v for joint in joints])
         q_indices = np.array([joint.idx_q for joint in joints])
         return JointPlatform(slides, nothing, nothing, columns, q_indices)
+
+    def choose_chart(self, rotations: Array) -> JointPlatform:
+        """Return the coordinates themselves: joints need no chart of attitudes."""
+        return self
 
     def coordinates(self, frames: FrameStack) -> Array:
         """Return the positions x (T, n) of the joints [rad, m]."""
@@ -283,7 +257,7 @@ class JointPlatform(PlatformCoordinates):
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches
 
-    def felt_by(self, carried: Array) -> Array:
+    def joint_incidence(self, carried: Array) -> Array:
         """Return 1 where a coordinate is the joint's own position, (n, nv)."""
         return np.eye(len(carried))[self.columns]
 
@@ -298,3 +272,33 @@ class JointPlatform(PlatformCoordinates):
         twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
+
+    def frame_velocity(self, motions: FrameMotions) -> Array:
+        """Return zeros (..., n), the part of v that depends on the frame.
+
+        v is that of the joints' own rates.
+        """
+        return np.zeros((*motions.twist.shape[:-2], self.n))
+
+    def drift(self, motions: FrameMotions) -> Array:
+        """Return zeros (..., n): dJ/dt is zero, since the joints' rates are v itself."""
+        return self.frame_velocity(motions)
+
+
+PlatformCoordinates = FramePlatform | JointPlatform
+
+
+def platform_coordinates(platform: Platform, model: pin.Model) -> PlatformCoordinates:
+    """Return the coordinates that a robot file asks for."""
+    if platform.joints:
+        return JointPlatform.from_joints(platform.joints, model)
+    return FramePlatform.from_axes(platform.axes)
+
+
+def frame_wrench(platform: PlatformCoordinates, frames: FrameStack, W: Array) -> Array:
+    """Compute the wrench (T, 6) at the frame's origin of components W (T, n).
+
+    Its power is W . v.
+    """
+    wrenches = np.broadcast_to(platform.wrenches(frames), (len(W), platform.n, 6))
+    return matvec(wrenches.swapaxes(1, 2), W)

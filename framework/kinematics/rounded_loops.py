@@ -15,14 +15,14 @@ import numpy as np
 from framework.errors import NotAssembled
 from framework.kinematics.assembly import (
     Closing,
-    all_loops_matrix,
     close_reference,
+    joint_loops_matrix,
     largest_gap,
     nearby_configurations,
 )
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at
-from framework.kinematics.loop_structure import numerical_rank, row_pivots
+from framework.kinematics.loop_structure import numerical_rank, pivot_rows
 from framework.kinematics.mechanism import Mechanism, reference_length
 from framework.numerics.arrays import Array
 from framework.tolerances import EXPORT_ROUNDING
@@ -37,8 +37,8 @@ class AssembledMechanism(NamedTuple):
     closing: Closing
 
 
-def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
-    """Close the loops at the reference; set rows aside that repeat others but for rounding.
+def assemble_mechanism(mechanism: Mechanism) -> AssembledMechanism:
+    """Close the loops at the reference, without rows that repeat others but for rounding.
 
     A mechanism may close to the last digit in the pose of its drawing, and its rounding locks it there. So
     rows that repeat others at poses nearby, too, are set aside.
@@ -55,10 +55,10 @@ def assembled_mechanism(mechanism: Mechanism) -> AssembledMechanism:
         return AssembledMechanism(reduced, close_reference(reduced))
     # with its size at the closed pose for the length, which scales the rows
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
-    matrix = all_loops_matrix(sized, closing.q)[:, mechanism.joints]
+    matrix = joint_loops_matrix(sized, closing.q)
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
         reduced = _set_rounded_rows_aside(sized, closing.q)
-        if reduced is not None and _is_rounded_nearby(sized, reduced, closing.q):
+        if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
             return AssembledMechanism(replace(reduced, length=mechanism.length), closing)
     return AssembledMechanism(mechanism, closing)
 
@@ -71,22 +71,26 @@ def rounded_gap(mechanism: Mechanism, q: Array) -> float:
 
 
 def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Set rows aside that repeat others but for rounding at q (nq,); None without any."""
+    """Move rows that repeat others but for rounding at q to `rounded`.
+
+    None if there are no such rows at q (nq,).
+    """
     rows = mechanism.rows
-    matrix = all_loops_matrix(mechanism, q)[:, mechanism.joints]
+    matrix = joint_loops_matrix(mechanism, q)
     rank = numerical_rank(matrix, ROUNDED_ROW)
     if largest_gap(mechanism, q) > EXPORT_ROUNDING or rank == len(rows.names):
         return None
-    order = row_pivots(matrix)
+    order = pivot_rows(matrix)
     independent, others = np.sort(order[:rank]), np.sort(order[rank:])
     return replace(mechanism, rows=rows.take(independent), rounded=rows.take(others))
 
 
-def _is_rounded_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
-    """Whether at poses that `reduced` reaches nearby its rows repeat all others of the mechanism."""
+def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
+    """Whether the rows of `reduced` imply all others at poses near q (nq,).
+
+    They do so but for rounding.
+    """
     poses = nearby_configurations(reduced, q)
-    ranks = {
-        numerical_rank(all_loops_matrix(mechanism, pose)[:, mechanism.joints], ROUNDED_ROW) for pose in poses
-    }
+    ranks = {numerical_rank(joint_loops_matrix(mechanism, pose), ROUNDED_ROW) for pose in poses}
     gaps = [largest_gap(mechanism, pose) for pose in poses]
     return ranks == {len(reduced.rows.names)} and max(gaps) <= EXPORT_ROUNDING

@@ -65,7 +65,7 @@ class SinglePose:
         return closure_drift(self.robot.rows, FrameMotions.of(self._placed, *twists))
 
     def frame_stack(self, q: Array) -> FrameStack:
-        """Return the frames of the last `place` or `move` at q (nq,), as a stack of one."""
+        """Return the frames of the last `place` or `move`, as a stack of one."""
         return FrameStack(self._placed[None], self.scratch.columns[None], self.scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:

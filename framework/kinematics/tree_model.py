@@ -46,11 +46,14 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> 
             several[joint.get("name", "")] = kind
             joint.set("type", "floating")  # the only one that the parser knows
     model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
-    return _with_balls(model, several, as_declared) if several else model
+    return _replace_balls(model, several, as_declared) if several else model
 
 
-def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
-    """Return the model with balls for the joints in `several`, floating ones as three slides and a ball."""
+def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
+    """Return the model with balls in place of the floating joints `several`.
+
+    `several` has the kinds of joints by name; a floating one has slides too.
+    """
     model = pin.Model()
     model.name = parsed.name
     new = {0: 0}  # the new joint of each parsed one
@@ -80,7 +83,7 @@ def _with_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Coll
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add three slides along x, y, z at a placement on a parent; return the last one."""
+    """Add slides along x, y and z to a parent joint; return the last."""
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
         placement = pin.SE3.Identity()
@@ -88,7 +91,10 @@ def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) ->
 
 
 def _centre_direction(model: pin.Model, j: int) -> Array:
-    """Return the direction (3,) of the centre of mass behind joint j, or else of its farthest frame."""
+    """Return a vector (3,) from joint j to its centre of mass.
+
+    Without one, to its farthest frame, else z.
+    """
     inertia = model.inertias[j]
     if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
         return inertia.lever
@@ -113,17 +119,17 @@ class Coordinates:
         return self.names[column]
 
     def positions(self, q: Array) -> Array:
-        """Return the coordinates (T, nv) of q (T, nq) [rad, m]: of balls, rotation vectors."""
+        """Compute joint positions (T, nv) [rad, m] at q (T, nq): of balls, rotation vectors."""
         model = self.model
         if model.nq == model.nv:
             return q
         neutral = pin.neutral(model)
         from_neutral = [pin.difference(model, neutral, np.ascontiguousarray(row)) for row in q]
-        return self.to_named_axes(np.asarray(from_neutral))
+        return self.to_file_axes(np.asarray(from_neutral))
 
-    def to_named_axes(self, v: Array) -> Array:
-        """Return velocities (T, nv), or other tangent vectors, on the axes of files."""
-        return v if self.model.nq == self.model.nv else np.asarray(v @ named_axes(self.model).T)
+    def to_file_axes(self, v: Array) -> Array:
+        """Convert tangent vectors v (T, nv) to the axes of files, see `file_axes`."""
+        return v if self.model.nq == self.model.nv else v @ file_axes(self.model).T
 
 
 def single_columns(model: pin.Model) -> frozenset[int]:
@@ -151,21 +157,24 @@ def ball_columns(model: pin.Model) -> tuple[slice, ...]:
     return tuple(slice(ball.idx_v, ball.idx_v + 3) for ball in model.joints if is_ball(ball))
 
 
-def named_axes(model: pin.Model) -> Array:
-    """Return the matrix (nv, nv) from tangent vectors at the neutral configuration to coordinates of files.
+def file_axes(model: pin.Model) -> Array:
+    """Return the matrix (nv, nv) from tangent vectors to coordinates on the axes of files.
 
     It is the identity except for balls, whose axes the model turns.
     """
     axes = np.eye(model.nv)
-    for j in range(1, model.njoints):
-        if is_ball(model.joints[j]):
-            columns = slice(model.joints[j].idx_v, model.joints[j].idx_v + 3)
+    for j, joint in enumerate(model.joints):
+        if is_ball(joint):
+            columns = slice(joint.idx_v, joint.idx_v + 3)
             axes[columns, columns] = link_axes(model, j).rotation.T
     return axes
 
 
 def link_axes(model: pin.Model, j: int) -> pin.SE3:
-    """Return the placement of the link's axes on joint j: the identity except for balls."""
+    """Return the placement of the link's axes on joint j.
+
+    It is the identity except for balls.
+    """
     name = str(model.names[j])
     if model.existFrame(name, pin.FrameType.JOINT):
         return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement
@@ -183,7 +192,7 @@ class JointLimit(NamedTuple):
 
 
 def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimit, ...]:
-    """Return the limited joints, in the order of the URDF."""
+    """Return the limits of all limited joints, in the order of the URDF."""
     limits = []
     for joint in urdf.findall("joint"):
         limit, kind = joint.find("limit"), joint.get("type")
@@ -199,7 +208,7 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
 
 
 def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
-    """Compute the excess of q (..., nq) over each limit, as a share of its range, (..., limits)."""
+    """Compute by how much q (..., nq) exceeds each limit, over the joint's range, (..., limits)."""
     positions = q[..., [limit.coordinate for limit in limits]]
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])
@@ -209,21 +218,15 @@ def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
 
 
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:
-    """Return joints of q (T, nq) beyond their limits, with text such as `position -4.27 rad of -3.2`."""
+    """Describe the joints of q (T, nq) beyond their limits: `position -4.27 rad of -3.2` by joint."""
     exceeded = {}
     for joint, coordinate, lower, upper, unit in limits:
         least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
         excesses, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
-        if least < lower - slack:
-            excesses.append(_excess_in_words(least, lower, unit))
-        if largest > upper + slack:
-            excesses.append(_excess_in_words(largest, upper, unit))
+        for position, limit, excess in ((least, lower, lower - least), (largest, upper, largest - upper)):
+            if excess > slack:
+                value, bound = format_distinct(position, limit, 6)
+                excesses.append(f"{value} {unit} of {bound}")
         if excesses:
             exceeded[joint] = "position " + " and ".join(excesses)
     return exceeded
-
-
-def _excess_in_words(position: float, limit: float, unit: str) -> str:
-    """Return text such as `-4.27 rad of -3.2`."""
-    value, bound = format_distinct(position, limit, 6)
-    return f"{value} {unit} of {bound}"

@@ -53,7 +53,10 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
 def matrices_and_changes(
     robot: ParallelRobot, linearised: LinearisedLoops, changes: Array
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
-    """Compute A, B, C, and their changes for changes (T, n + m, nv) of dF/dq, see `matrices_and_rates`."""
+    """Compute A, B, C and their derivatives for derivatives (T, n + m, nv) of dF/dq.
+
+    The equations are those of `matrices_and_rates`.
+    """
     M = _dimensionless_jacobian(robot, linearised.jacobian)
     dM = _dimensionless_jacobian(robot, changes)
     N, passive = _left_null_space(robot, M), robot.following
@@ -75,28 +78,28 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Return A, B, C of a basis N (T, m, n + m) and a Jacobian M.
+    """Return A, B and C of N [v; 0] = N M dq.
 
-    M (T, n + m, nv) is that of platform and loops. N [v; 0] = N M dq: A are the columns of N that meet v, B
-    and C the products with the columns of motors and springs.
+    N is (T, m, n + m), M = dF/dq (T, n + m, nv). A are the columns of N that meet v, B and C the columns of N
+    M of motors and springs.
     """
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 
 
 def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
-    """Compute d[platform ; closures]/dq (T, n + m, nv) without dimension."""
+    """Return dF/dq (T, n + m, nv) in radians and lengths of the robot."""
     return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
 def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:
-    """Compute orthonormal rows (T, m, n + m) to which the passive columns are orthogonal."""
+    """Compute an orthonormal basis (T, m, n + m) of the left null space of the passive columns."""
     passive = robot.following
     Q = np.linalg.qr(balanced[:, :, passive], mode="complete")[0]  # (T, n + m, n + m)
     return Q[:, :, len(passive) :].swapaxes(1, 2)  # the columns behind span what the passive ones do not
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:
-    """Convert matrices for twists and rates in lengths of the robot to metres."""
+    """Convert A, B, C from lengths of the robot to metres."""
     return VelocityMatrices(
         A=matrices.A / robot.platform_scale,
         B=matrices.B / robot.column_scale[robot.actuated],

@@ -32,12 +32,12 @@ class SpeedSpace(NamedTuple):
     stretch: Stretch
 
     def duration(self, y: Array) -> float:
-        """Compute the integral of z^(-1/2) over [0, 1] [s] for coefficients (size,) of a positive z."""
+        """Compute the integral of z^(-1/2) over [0, 1] [s] for coefficients y (size,) of a positive z."""
         values, weights = self._quadrature(y)
         return float(weights @ (values @ y) ** -0.5)
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
-        """Compute the combination of coefficients `quick` and `slow` (size,) that takes a duration [s].
+        """Combine coefficients `quick` and `slow` (size,) to a law of a duration [s].
 
         It is slow + share (quick - slow), with a duration between those of both. Duration is convex along the
         blend, so Newton's method from the slow end never leaves the interval.
@@ -53,12 +53,12 @@ class SpeedSpace(NamedTuple):
                 break
             share += excess / float(0.5 * weights @ (z**-1.5 * (values @ direction)))
             y = slow + share * direction
-        return np.asarray(y)
+        return y
 
     def adjust(
         self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
     ) -> Array:
-        """Compute the nearest coefficients (size,) that meet the equalities and take exactly `duration` [s].
+        """Compute the nearest coefficients (size,) of an exact `duration` [s] that meet the equalities.
 
         Newton's method: with the linearised equations A step = -values, the step of least step' W step is
         -W^-1 A' (A W^-1 A')^-1 values, see `_inverse_weights`.
@@ -85,9 +85,10 @@ class SpeedSpace(NamedTuple):
         return y
 
     def _linearise(self, y: Array, equalities: Affine, duration: float | None) -> tuple[Array, Array]:
-        """Return slopes (c, size) and values (c,) at y of the equalities, and of T(y) - duration if given.
+        """Return slopes (c, size) and values (c,) of the equations at y.
 
-        T = integral of z^(-1/2), so that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
+        They are the equalities and, if a duration is given, T(y) - duration. T = integral of z^(-1/2), so
+        that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
         """
         slopes = np.asarray(equalities.matrix @ np.eye(len(y)))
         values = equalities(y)
@@ -99,10 +100,11 @@ class SpeedSpace(NamedTuple):
         return slopes, np.append(values, weights @ z**-0.5 - duration)
 
     def _inverse_weights(self, y: Array, relative: bool) -> Array:
-        """Return W^-1 (size, size), where step' W step is the cost of changing coefficients y by a step.
+        """Return W^-1 (size, size) of the cost step' W step.
 
-        Splines: W = 1 / y^2, so that they change in proportion. One polynomial: W grows with the degree, or,
-        relative to z, W = mean of (change of z)^2 / z^2 and a resistance that grows with the degree.
+        It is the cost of changing coefficients y by a step. Splines: W = 1 / y^2, so that they change in
+        proportion. One polynomial: W grows with the degree, or, relative to z, W = mean of (change of z)^2 /
+        z^2 and a resistance that grows with the degree.
         """
         size = len(y)
         if self.basis.is_spline:
@@ -113,7 +115,7 @@ class SpeedSpace(NamedTuple):
         z = values @ y
         mean_square = values.T * (z.mean() / z) ** 2 @ values / len(z)
         resistance = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
-        return np.asarray(np.linalg.inv(mean_square + resistance))
+        return np.linalg.inv(mean_square + resistance)
 
     def _quadrature(self, y: Array) -> tuple[Any, Array]:
         """Return values (P, size) of the basis and weights (P,) in sigma that integrate z^(-1/2).

@@ -86,11 +86,17 @@ class PlannedLaw(ExactLaw):
 
     @abstractmethod
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
-        """Return the derivatives of s of orders 0 to `count` - 1 [1/s^order], each with the shape of t."""
+        """Return s and its time derivatives up to order `count` - 1.
+
+        Each has the shape of t [1/s^order].
+        """
 
     @abstractmethod
     def advance(self, smoothness: int) -> float:
-        """Return the least s' over its mean, both without the zeros at the ends; positive if monotone."""
+        """Return the least s' over its mean; positive if monotone.
+
+        The zeros of s' at both ends are divided out.
+        """
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
@@ -98,12 +104,15 @@ class PlannedLaw(ExactLaw):
 
 
 def edges_of(law: MotionLaw) -> Array:
-    """Return the edges (k,) [s] of an exact law; none of a law of the user's own."""
+    """Return the edges (k,) [s] of an exact law; none of other laws."""
     return law.edges if isinstance(law, ExactLaw) else np.empty(0)
 
 
 def law_derivatives(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]:
-    """Return the derivatives of s of any law of orders 0 to `count` - 1 [1/s^order], each like t."""
+    """Compute s and its derivatives up to order `count` - 1 of any law.
+
+    Each has the shape of t [1/s^order].
+    """
     if isinstance(law, PlannedLaw):
         return law.derivatives(t, count)
     return [np.asarray(law(t, order)) for order in range(count)]
@@ -163,13 +172,14 @@ class Law(ReadOnlyArrays, PlannedLaw):
         if not order:
             return self.coefficients
         scale = (2.0 / self.duration) ** order
-        return np.asarray(scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients))
+        return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """Solve for the law of least degree that meets the conditions: one less than their number.
+        """Solve for the law of least degree that meets the conditions.
 
-        The unknown Chebyshev coefficients solve one linear equation a condition, in normalised time.
+        The degree is one less than their number. The unknown Chebyshev coefficients solve one linear equation
+        a condition, in normalised time.
 
         Raises:
             InvalidInput: the duration is not positive, a condition is not finite or lies outside
@@ -286,10 +296,10 @@ def _least_over_mean(series: Array) -> float:
 
 @lru_cache(maxsize=64)
 def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
-    """Return the rows (k, k) of k conditions on k Chebyshev coefficients, their inverse and their sizes (k,).
+    """Return the rows (k, k) of k conditions on k coefficients.
 
-    A condition (x, order) has the derivatives of all T_j at x as its row. Each row is divided by its size,
-    the largest absolute entry.
+    Their inverse and their sizes (k,) come with them. A condition (x, order) has the derivatives of all T_j
+    at x as its row. Each row is divided by its size, the largest absolute entry.
 
     Raises:
         InvalidInput: rows are linearly dependent.
@@ -316,7 +326,10 @@ def _interior_values(size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _search_samples(smoothness: int, size: int) -> Array:
-    """Return the matrix (size, 2 m) that maps coefficients of p to m samples of p, then m of d2s/dx2."""
+    """Return the matrix (size, 2 m) from coefficients of p to samples.
+
+    The first m are samples of p, the last m of d2s/dx2.
+    """
     second_derivatives = _rest_integrals(smoothness, size)[2]  # (n, size)
     polynomials = chebyshev.chebvander(nodes(SEARCH_SAMPLES * size), len(second_derivatives) - 1)
     return np.vstack([polynomials[:, :size], polynomials @ second_derivatives]).T
@@ -324,22 +337,23 @@ def _search_samples(smoothness: int, size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _divide_out_ends(degree: int, smoothness: int) -> Array:
-    """Return the matrix from the coefficients of s to the series of p = s'(x) / (1 - x^2)^smoothness.
+    """Return the matrix from coefficients of s to the series of p.
 
-    The series is fitted to values of p at nodes inside (-1, 1), where the division is possible.
+    p is s'(x) / (1 - x^2)^smoothness. The series is fitted to values of p at nodes inside (-1, 1), where the
+    division is possible.
     """
     size = max(degree - 2 * smoothness, 1)
     x = nodes(2 * size + 4)[1:-1]
     slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)
     quotients = slopes / ((1 - x**2)[:, None]) ** smoothness
-    return np.asarray(np.linalg.pinv(_interior_values(size)) @ quotients)
+    return np.linalg.pinv(_interior_values(size)) @ quotients
 
 
 @lru_cache(maxsize=64)
 def _rest_integrals(smoothness: int, size: int) -> Array:
-    """Return Chebyshev series (3, n, size) of s, ds/dx and d2s/dx2 where p = T_k, k < size.
+    """Return the series (3, n, size) of s, ds/dx and d2s/dx2 for p = T_k.
 
-    s is the integral of (1 - x^2)^smoothness p(x) from -1.
+    k runs from 0 to size - 1. s is the integral of (1 - x^2)^smoothness p(x) from -1.
     """
     bump = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
     integrals = np.zeros((2 * smoothness + size + 1, size))

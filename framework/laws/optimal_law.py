@@ -85,17 +85,17 @@ class Stretch:
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
         sigma = np.asarray(sigma, dtype=float)
-        start, end = self._ends
-        scaled = 2.0 * (self._raw(sigma, order) - (0.0 if order else start)) / (end - start)
+        start, end = self._unscaled_ends
+        scaled = 2.0 * (self._evaluate_unscaled(sigma, order) - (0.0 if order else start)) / (end - start)
         return np.asarray(scaled if order else scaled - 1.0)
 
     @cached_property
-    def _ends(self) -> tuple[float, float]:
+    def _unscaled_ends(self) -> tuple[float, float]:
         """The map at sigma = 0 and 1 before scaling."""
-        start, end = self._raw(np.array([0.0, 1.0]), 0)
+        start, end = self._evaluate_unscaled(np.array([0.0, 1.0]), 0)
         return float(start), float(end)
 
-    def _raw(self, sigma: Array, order: int) -> Array:
+    def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
         """Evaluate the map before scaling, or its derivative up to order 3.
 
         With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
@@ -129,9 +129,10 @@ class Stretch:
 
 @lru_cache(maxsize=64)
 def _slope_powers(smoothness: int, order: int) -> Array:
-    """Return the coefficients, by powers of sigma, of the derivative of phi of this order >= 1.
+    """Return the coefficients of a derivative of phi, by powers of sigma.
 
-    phi' is b(sigma) over the integral of b, where b = (sigma (1 - sigma))^smoothness.
+    Its order is at least 1. phi' is b(sigma) over the integral of b, where b = (sigma (1 -
+    sigma))^smoothness.
     """
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
@@ -199,13 +200,14 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
-        """Time since the start of its panel as a function of sigma, and instants (panels + 1,) of edges [s].
+        """Time as a function of sigma on panels, and the instants of their edges [s].
 
-        t(sigma) is their sum: the integral of dt/d sigma. It is scaled to end at `duration` to the last bit.
+        The function counts from the start of its panel; instants are (panels + 1,). t(sigma) is their sum:
+        the integral of dt/d sigma. It is scaled to end at `duration` to the last bit.
         """
         slowness = slowness_on_panels(np.array(self.cells), self.series, self.stretch)
         half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
-        series = np.asarray(chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1)) * half_widths
+        series = chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1) * half_widths
         instants = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
         if abs(instants[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
             correction = self.duration / instants[-1]
@@ -232,7 +234,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return np.asarray(z[3] * dxi[1] ** 3 + 3 * z[2] * dxi[1] * dxi[2] + z[1] * dxi[3])
 
     def time(self, sigma: ArrayLike) -> Array:
-        """Compute the instant t [s] at which the parameter is sigma, with the shape of sigma.
+        """Compute the instant t [s] of parameters sigma, with the shape of sigma.
 
         It is the instant of the panel's start plus the time since then; at sigma = 1 the duration itself.
         """
@@ -244,7 +246,9 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return np.asarray(t.reshape(np.shape(sigma)))
 
     def parameter(self, t: ArrayLike) -> Array:
-        """Compute sigma at the instants t [s]: invert t(sigma) to rounding by Newton's method in its panel.
+        """Compute sigma at the instants t [s].
+
+        Newton's method inverts t(sigma) to rounding in its panel.
 
         Raises:
             InvalidInput: t lies outside [0, duration], or is not finite.
@@ -300,16 +304,22 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return np.concatenate(([0.0], inner, [self.duration]))
 
     def advance(self, smoothness: int) -> float:
-        """Return the least z over its mean in xi: positive, so that s' > 0 between the ends."""
+        """Return the least z over its mean in xi.
+
+        It is positive, so that s' > 0 between the ends.
+        """
         # the integral of a cell over xi is that over its local coordinate in [-1, 1] times half its width
-        local_integrals = np.asarray(chebyshev.chebint(self.series, lbnd=-1, axis=1)).sum(axis=1)
+        local_integrals = chebyshev.chebint(self.series, lbnd=-1, axis=1).sum(axis=1)
         integral = 0.5 * np.diff(self.cells) @ local_integrals
         mean = float(0.5 * integral)  # [-1, 1] has the length 2
         return least_value(self.series) / mean
 
     @cached_property
     def turns(self) -> int:
-        """Number of changes of s' between rising and falling, without swings below 1e-3 of its largest."""
+        """Number of changes of s' between rising and falling.
+
+        Swings below 1e-3 of the largest s' do not count.
+        """
         sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))
         return count_reversals(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
@@ -329,9 +339,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
 @lru_cache(maxsize=16)  # s and its derivatives are evaluated one after the other at the same instants
 def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
-    """Solve t(sigma) = t for sigma (T,) at the instants t (T,) [s], given as bytes for the cache.
+    """Solve t(sigma) = t for sigma (T,) at instants t (T,) [s].
 
-    Newton's method for x in [-1, 1], the place in the panel: sigma = start + width (x + 1) / 2.
+    The instants are given as bytes, for the cache. Newton's method for x in [-1, 1], the place in the panel:
+    sigma = start + width (x + 1) / 2.
     """
     t = np.frombuffer(instants)
     time_in_panel, panel_starts = law._time
@@ -348,7 +359,7 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
         x = np.clip(x + step, -1.0, 1.0)
         if np.abs(step).max(initial=0.0) < NEWTON_STEP:
             break
-    return read_only(np.asarray(start + 0.5 * width * (x + 1.0)))
+    return read_only(start + 0.5 * width * (x + 1.0))
 
 
 def _check_cells(law: OptimalLaw) -> None:
@@ -382,14 +393,15 @@ def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0
 def _evaluate_each(x: Array, series: Array) -> Array:
     """Evaluate T Chebyshev series (T, size), each at its own x (T,): T_k(x) = cos(k arccos x)."""
     polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))
-    return np.asarray(np.einsum("tk,tk->t", polynomials, series))
+    return np.einsum("tk,tk->t", polynomials, series)
 
 
 def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:
-    """Resolve dt/d sigma = z^(-1/2) on panels; z by Chebyshev series (k, size) on cells of xi.
+    """Resolve dt/d sigma = z^(-1/2) by Chebyshev series on panels.
 
-    Panels are halved until the truncation error of each panel's time is below a share of the duration, or
-    below the error that rounding eps of z makes: eps z^(-3/2) / 2, which grows where z is near zero.
+    z is given by Chebyshev series (k, size) on cells of xi. Panels are halved until the truncation error of
+    each panel's time is below a share of the duration, or below the error that rounding eps of z makes: eps
+    z^(-3/2) / 2, which grows where z is near zero.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that time cannot be resolved.
@@ -428,16 +440,15 @@ def least_value(series: Array) -> float:
     ends = np.minimum(series.sum(axis=1), series @ (-1.0) ** np.arange(series.shape[1]))
     lower_bounds = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)
     candidates = np.flatnonzero(lower_bounds < ends.min())
-    return float(min([ends.min(), *(_least_extremum(series[k]) for k in candidates)]))
-
-
-def _least_extremum(series: Array) -> float:
-    """Compute the least value of one Chebyshev series (size,) at its extrema; infinite without any."""
-    return float(evaluate(extrema(series), series).min(initial=np.inf))
+    inner = [evaluate(extrema(series[k]), series[k]).min(initial=np.inf) for k in candidates]
+    return float(min([ends.min(), *inner]))
 
 
 def count_reversals(speed: Array) -> int:
-    """Count changes between rising and falling of samples (T,), without swings below 1e-3 of the largest."""
+    """Count the changes of samples (T,) between rising and falling.
+
+    Swings below 1e-3 of the largest sample do not count.
+    """
     reversals = 0
     sign = 1.0  # of the current swing: 1 if rising
     extreme = speed[0]  # largest value of a rising swing, least of a falling one

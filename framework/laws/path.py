@@ -11,7 +11,7 @@ chords count 1 m like 1 rad. Through the same points in other units it is anothe
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from math import comb
 from typing import Any, ClassVar, Protocol
 
@@ -46,12 +46,15 @@ class Path(Protocol):
 
 
 def expect_path(path: object) -> None:
-    """Raise InvalidInput unless an object can be called like a path and has its attributes."""
+    """Raise InvalidInput unless an object has the call and attributes of a path."""
     expect_call("path", path, ("n", "knots"), "a Line, an Arc, a Spline or a Polyline")
 
 
-def _points(points: Any, least: int, kind: str) -> Array:
-    """Return points (m, n) as an array; raise InvalidInput unless a path can pass through the points."""
+def _check_points(points: Any, least: int, kind: str) -> Array:
+    """Return points (m, n) as an array.
+
+    Raises InvalidInput unless a path can pass through them.
+    """
     try:
         array = np.array(points, dtype=float)
     except (TypeError, ValueError):
@@ -85,7 +88,10 @@ class PointPath(ReadOnlyArrays):
         return int(self.points.shape[1])
 
     def __call__(self, s: ArrayLike, order: int = 0) -> Array:
-        """Compute x(s) or its derivative by s of this order: s of any shape (...) gives (..., n)."""
+        """Compute x(s), or its derivative by s of an order.
+
+        s of any shape (...) gives (..., n).
+        """
         check_order(order)
         s_values = np.asarray(s, dtype=float)
         values = self._evaluate(s_values.reshape(-1), order)
@@ -123,13 +129,13 @@ class Line(PointPath):
     knots: ClassVar[Array] = NO_KNOTS
 
     def __post_init__(self) -> None:
-        points = _points([self.start, self.end], 2, "line")
+        points = _check_points([self.start, self.end], 2, "line")
         _set_fields(self, start=points[0], end=points[1], points=points)
 
     def _evaluate(self, s: Array, order: int) -> Array:
         direction = self.end - self.start
         if order == 0:
-            return np.asarray(self.start + s[:, None] * direction)
+            return self.start + s[:, None] * direction
         return 0.0 * s[:, None] + (direction if order == 1 else 0.0 * direction)
 
 
@@ -158,7 +164,7 @@ class Arc(PointPath):
 
         The plane has the unit vectors u, towards the start, and the part of the chord to `via` across u.
         """
-        points = _points([self.start, self.via, self.end], 3, "arc")
+        points = _check_points([self.start, self.via, self.end], 3, "arc")
         start, via, end = points
         center = _circle_center(points)
         radius = float(np.linalg.norm(start - center))
@@ -178,7 +184,7 @@ class Arc(PointPath):
         u, w = self._spokes
         phase = s[:, None] * self.angle + order * np.pi / 2  # each derivative turns by a quarter
         values = self.radius * self.angle**order * (np.cos(phase) * u + np.sin(phase) * w)
-        return np.asarray(values + self.center if order == 0 else values)
+        return values + self.center if order == 0 else values
 
 
 def _circle_center(points: Array) -> Array:
@@ -193,7 +199,7 @@ def _circle_center(points: Array) -> Array:
     along = (longer @ shorter) / (shorter @ shorter) * shorter
     if np.linalg.norm(longer - along) <= DEGENERATE_PATH * np.linalg.norm(longer):
         raise InvalidInput(f"arc: its three points lie on a line: {points.tolist()}")
-    return np.asarray(start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0])
+    return start + np.linalg.lstsq(chords, 0.5 * np.sum(chords**2, axis=1))[0]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -212,7 +218,7 @@ class Spline(PointPath):
 
     def __post_init__(self) -> None:
         """Check the distances between points; keep the inner knots of the spline."""
-        points = _points(self.points, 2, "spline")
+        points = _check_points(self.points, 2, "spline")
         _set_fields(self, points=points)
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
@@ -273,8 +279,11 @@ class Polyline(PointPath):
         return f"Polyline({self.points.tolist()}, blend={self.blend!r})"
 
     def __post_init__(self) -> None:
-        """Check points and blend; compute arc lengths, directions, and knots where blends begin and end."""
-        points = _points(self.points, 3, "polyline")
+        """Check points and blend; compute lengths, directions and knots.
+
+        Knots are where blends begin and end.
+        """
+        points = _check_points(self.points, 3, "polyline")
         chords = np.diff(points, axis=0)
         lengths = np.linalg.norm(chords, axis=1)
         directions = chords / lengths[:, None]
@@ -313,11 +322,14 @@ class Polyline(PointPath):
         second = _blend_value(w, order)
         value = first[:, None] * self._directions[corner] + second[:, None] * self._directions[corner + 1]
         value = value * self.blend * (total / self.blend) ** order
-        return np.asarray(value + self.points[corner + 1] if order == 0 else value)
+        return value + self.points[corner + 1] if order == 0 else value
 
 
 def _blend_value(w: Array, order: int) -> Array:
-    """Compute f(w), 0 for w <= -1 and w for w >= 1 with the blend between, or a derivative."""
+    """Compute the blend f(w), or a derivative.
+
+    f is 0 for w <= -1 and w for w >= 1.
+    """
     blend = _BLEND.deriv(order)
     line = Polynomial([0.0, 1.0]).deriv(order)
     return np.where(w <= -1.0, 0.0, np.where(w >= 1.0, line(w), blend(w)))
@@ -347,10 +359,11 @@ def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
 
 
 def check_path(path: Path) -> None:
-    """Test x' and x'' of a user's own path against x on a few short intervals.
+    """Test x' and x'' of a user's own path against x.
 
-    Torques are made of x(s), x'(s) and x''(s) as the path gives them: with an x' that is not the derivative
-    of x they belong to no motion, however well they converge. Tested are the integrals
+    The test is made on a few short intervals. Torques are made of x(s), x'(s) and x''(s) as the path gives
+    them: with an x' that is not the derivative of x they belong to no motion, however well they converge.
+    Tested are the integrals
 
         x(b) - x(a) = int_a^b x'(s) ds,    x'(b) - x'(a) = int_a^b x''(s) ds,
 
@@ -363,7 +376,7 @@ def check_path(path: Path) -> None:
     expect_path(path)
     if isinstance(path, PointPath):
         return  # one of our own
-    starts, lengths = _intervals(path)
+    starts, lengths = _test_intervals(path)
     for order in (1, 2):
         _check_derivative(path, order, starts, lengths)
         _check_continuous(path, order)
@@ -375,10 +388,10 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     The mean of path(s, order) over [a, b] must be (path(b, order - 1) - path(a, order - 1)) / (b - a).
     """
     ends = np.concatenate([starts, starts + lengths])
-    at_start, at_end = np.split(_values(path, ends, order - 1), 2)
-    nodes, weights = _gauss()
+    at_start, at_end = np.split(_evaluate_path(path, ends, order - 1), 2)
+    nodes, weights = np.polynomial.legendre.leggauss(5)
     s = starts[:, None] + 0.5 * lengths[:, None] * (nodes + 1.0)  # (intervals, nodes)
-    derivatives = _values(path, s.ravel(), order).reshape(*s.shape, path.n)
+    derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
     quotients = (at_end - at_start) / lengths[:, None]
     # of the largest derivative, and what rounding of the values makes of the quotient
@@ -396,11 +409,14 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 
 def _check_continuous(path: Path, order: int) -> None:
-    """Refuse a derivative whose largest change is not halved where the grid is refined about the change."""
+    """Refuse a derivative that jumps.
+
+    It does where its largest change is not halved on a grid refined about the change.
+    """
     s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
     changes = []
     for _ in range(JUMP_GRIDS):
-        values = _values(path, s, order)
+        values = _evaluate_path(path, s, order)
         change = np.abs(np.diff(values, axis=0)).max(axis=1)
         k = int(change.argmax())
         changes.append(change[k])
@@ -412,13 +428,7 @@ def _check_continuous(path: Path, order: int) -> None:
         )
 
 
-@cache
-def _gauss() -> tuple[Array, Array]:
-    """Return nodes and weights (5,) on [-1, 1]."""
-    return np.polynomial.legendre.leggauss(5)
-
-
-def _intervals(path: Path) -> tuple[Array, Array]:
+def _test_intervals(path: Path) -> tuple[Array, Array]:
     """Return starts and lengths of intervals (DIFFERENCE_INTERVALS,) in [0, 1] that contain no knot.
 
     Starts are multiples of the golden ratio modulo 1, moved down where the interval would reach over a knot.
@@ -433,7 +443,7 @@ def _intervals(path: Path) -> tuple[Array, Array]:
     return np.minimum(starts, edges[panel + 1] - lengths), lengths
 
 
-def _values(path: Path, s: Array, order: int) -> Array:
+def _evaluate_path(path: Path, s: Array, order: int) -> Array:
     """Evaluate path(s, order) as an array (T, n) of finite numbers."""
     values = np.asarray(path(s, order), dtype=float)
     if values.shape != (len(s), path.n) or not np.all(np.isfinite(values)):

@@ -58,16 +58,17 @@ class SpeedBasis(ReadOnlyArrays):
         return read_only(inner_knots.mean(axis=1))
 
     def matrix(self, xi: Array, order: int = 0) -> Any:
-        """Return the derivatives of this order of all functions at xi (T,), as a sparse matrix (T, size).
+        """Return the values or derivatives of all functions at xi (T,).
 
-        The derivative of a spline of degree p with coefficients y is a spline of degree p - 1 on the knots t
-        without the first and the last, with coefficients p (y_(i+1) - y_i) / (t_(i+p+1) - t_(i+1)).
+        They are a sparse matrix (T, size). The derivative of a spline of degree p with coefficients y is a
+        spline of degree p - 1 on the knots t without the first and the last, with coefficients p (y_(i+1) -
+        y_i) / (t_(i+p+1) - t_(i+1)).
         """
         from scipy import sparse
         from scipy.interpolate import BSpline
 
         if not self.is_spline:
-            values = np.asarray(chebyshev.chebvander(xi, self.size - 1), dtype=float)
+            values = chebyshev.chebvander(xi, self.size - 1)
             return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
 
         if not len(xi):  # `design_matrix` refuses an empty array

@@ -7,7 +7,8 @@ from dataclasses import is_dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike as ArrayLike
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -73,17 +74,3 @@ class ReadOnlyArrays:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 self.__dict__[name] = read_only(value)
-
-
-__all__ = [
-    "Array",
-    "ArrayLike",
-    "BoolArray",
-    "IntArray",
-    "ReadOnlyArrays",
-    "Stack",
-    "freeze",
-    "join",
-    "read_only",
-    "select",
-]

@@ -57,7 +57,7 @@ def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     last_two = np.abs(series[:, -2:]).sum(axis=1)
     error = cut_off + last_two + VALUE_ROUNDING * largest
     coefficients = _from_chebyshev() @ series[:, : DEGREE + 1]
-    is_resolved = np.asarray((last_two <= MAX_TAIL * largest).all(axis=1))
+    is_resolved = (last_two <= MAX_TAIL * largest).all(axis=1)
     function = Bernstein(coefficients.reshape(count, DEGREE + 1, *shape), error.reshape(count, *shape))
     return function, is_resolved
 
@@ -96,7 +96,7 @@ def multiply(first: Array, second: Array) -> Array:
     They are c_j = sum over a, b of w_jab first_a second_b, see `product_weights`.
     """
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
-    return np.asarray(np.einsum("jab,ka...,kb...->kj...", weights, first, second))
+    return np.einsum("jab,ka...,kb...->kj...", weights, first, second)
 
 
 def elevation_matrix(degree: int, to: int) -> Array:
@@ -104,7 +104,7 @@ def elevation_matrix(degree: int, to: int) -> Array:
 
     It multiplies by the constant 1, whose coefficients are all 1.
     """
-    return np.asarray(product_weights(to - degree, degree).sum(axis=1))
+    return product_weights(to - degree, degree).sum(axis=1)
 
 
 def bound_mean_size(coefficients: Array, halvings: int) -> Array:
@@ -116,7 +116,7 @@ def bound_mean_size(coefficients: Array, halvings: int) -> Array:
     shape = coefficients.shape[2:]
     for _ in range(halvings):
         coefficients = _halve_cells(coefficients)
-    return np.asarray(np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1))
+    return np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1)
 
 
 def _halve_cells(coefficients: Array) -> Array:

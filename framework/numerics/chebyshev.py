@@ -35,7 +35,7 @@ def nodes(size: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _transform(size: int) -> Array:
+def _transform_matrix(size: int) -> Array:
     """Return the matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients.
 
     It is the discrete cosine transform of type I: a_k = 2 w_k / (size - 1) sum_j w_j cos(pi k j / (size - 1))
@@ -50,7 +50,7 @@ def _transform(size: int) -> Array:
 
 def coefficients(values: Array) -> Array:
     """Compute the Chebyshev coefficients of values (..., size, k) sampled at `nodes(size)`, same shape."""
-    return _transform(values.shape[-2]) @ values
+    return _transform_matrix(values.shape[-2]) @ values
 
 
 def tail(series: Array) -> float:
@@ -73,7 +73,7 @@ def evaluate(x: Array, series: Array) -> Array:
     """
     if x.size > MIN_CLENSHAW_POINTS:
         return np.asarray(chebyshev.chebval(x, series).T)
-    return np.asarray(np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series)
+    return np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series
 
 
 def extrema(series: Array) -> Array:
@@ -89,17 +89,18 @@ def real_roots(series: Array) -> Array:
     """
     size = np.abs(series)
     degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
-    if degree == 0 or _is_dominated(size[: degree + 1]):
+    if degree == 0 or _constant_dominates(size[: degree + 1]):
         return np.empty(0)
     roots = _quadratic_roots(series) if degree == 2 else _colleague_eigenvalues(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
 
-def _is_dominated(size: Array) -> bool:
-    """Whether the constant |c_0| is above the sum of all other terms where roots are accepted: no root.
+def _constant_dominates(size: Array) -> bool:
+    """Whether |c_0| is above the sum of all other terms, so no root exists.
 
-    There |T_k| is at most base^k, with |c_k| as `size` (degree + 1,).
+    The terms are those where roots are accepted. There |T_k| is at most base^k, with |c_k| as `size` (degree
+    + 1,).
     """
     base = 1.0 + 2.0 * SAME_PLACE**0.25
     return bool(size[0] > size[1:] @ base ** np.arange(1, len(size)))
@@ -120,19 +121,19 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
 def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
     """Return all roots of one Chebyshev series (degree + 1,), complex or real."""
     degree = len(series) - 1
-    matrix, weights = _colleague(degree)
+    matrix, weights = _colleague_matrix(degree)
     matrix = matrix.copy()
     matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
     return np.linalg.eigvals(matrix)
 
 
 @lru_cache(maxsize=64)
-def _colleague(degree: int) -> tuple[Array, Array]:
-    """Return the colleague matrix of T_degree and weights (degree,) of the lower coefficients in its column.
+def _colleague_matrix(degree: int) -> tuple[Array, Array]:
+    """Return the colleague matrix of T_degree and weights (degree,).
 
-    Its eigenvalues are the roots of a series once the lower coefficients over the last, times the weights,
-    are subtracted from the column. Rows and columns are in reverse order, which reduces rounding errors, as
-    in numpy's `chebroots`.
+    The weights are those of the lower coefficients of a series in the first column. Its eigenvalues are the
+    roots of a series once the lower coefficients over the last, times the weights, are subtracted from the
+    column. Rows and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
     """
     weights = np.full(degree, 0.5)
     weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
@@ -248,7 +249,7 @@ class TimeGrid(ReadOnlyArrays):
 
     def differentiate(self, values: Array) -> tuple[Array, Array]:
         """Compute first and second time derivatives, each (panels * size, k), of values at the nodes."""
-        first, second = _differentiation(self.size)
+        first, second = _differentiation_matrices(self.size)
         half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         stacked = self._stack_panels(values)
         slopes = first @ stacked / half_widths
@@ -257,9 +258,10 @@ class TimeGrid(ReadOnlyArrays):
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
-        """Return the grid of `size` to `size` + 5 nodes a panel whose nodes are farthest from `instants` [s].
+        """Return the grid whose nodes are farthest from `instants` [s].
 
-        Distances count in mean distances of nodes. A node at the instant of a crossing would divide 0 by 0.
+        Candidates have `size` to `size` + 5 nodes a panel. Distances count in mean distances of nodes. A node
+        at the instant of a crossing would divide 0 by 0.
         """
         best_size = size
         best_distance = -1.0
@@ -277,7 +279,7 @@ def _nodes_between(edges: Array, size: int) -> Array:
     half_widths = 0.5 * (edges[1:] - edges[:-1])[:, None]
     times = edges[:-1, None] + half_widths * (nodes(size) + 1.0)
     times[:, -1] = edges[1:]  # to the last bit
-    return np.asarray(times.ravel())
+    return times.ravel()
 
 
 @lru_cache(maxsize=64)
@@ -291,10 +293,10 @@ def derivative_matrix(size: int, order: int = 1) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _differentiation(size: int) -> tuple[Array, Array]:
+def _differentiation_matrices(size: int) -> tuple[Array, Array]:
     """Return matrices (size, size) that differentiate values at `nodes(size)` once and twice."""
     _, first, second = basis_values(size)
-    return first @ _transform(size), second @ _transform(size)
+    return first @ _transform_matrix(size), second @ _transform_matrix(size)
 
 
 @lru_cache(maxsize=32)

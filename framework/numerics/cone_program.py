@@ -96,7 +96,7 @@ class Unsolved(NamedTuple):
 
 
 def solve_cone_program(program: ConeProgram) -> Mapping[str, Array] | Unsolved:
-    """Compute the unknowns of least cost by name, or the status with which the solver ends.
+    """Compute the unknowns of least cost by name, else the solver's status.
 
     Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b, with the slack in cones.
     """
@@ -154,7 +154,7 @@ def _constraints(program: ConeProgram) -> tuple[Any, Array, list[Any]]:
 
 
 def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) -> Affine:
-    """Return all groups of rows as one matrix (m, n) on the vector x of all unknowns.
+    """Return groups of rows as one matrix (m, n) on all unknowns.
 
     Row i of member k stands in row m i + k of a group with m members: first the first row of every member,
     then the second row of every member. So the rows of one second-order cone are neighbours.

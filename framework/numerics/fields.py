@@ -36,7 +36,10 @@ Table = Mapping[str, Field]
 
 
 def below(where: str, key: object) -> str:
-    """Return the place of a key in the mapping at `where`; that of the file is empty."""
+    """Return the place of a key in the mapping at `where`.
+
+    The place of the file itself is empty.
+    """
     return f"{where}.{key}" if where else str(key)
 
 
@@ -51,7 +54,9 @@ def mapping(where: str, raw: Any) -> dict[Any, Any]:
 
 
 def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | None = ()) -> dict[str, Any]:
-    """Read the value of each key of the table; `others` may be given too, None for any.
+    """Read the value of each key of the table.
+
+    The keys `others` may be given too, None for any.
 
     Raises:
         InvalidInput: a key is missing or unknown, or its reader refuses the value.
@@ -78,12 +83,15 @@ def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | 
 def record(
     table: Table, make: Callable[[str, dict[str, Any]], Any] = lambda _, values: values
 ) -> Reader[Any]:
-    """Return a reader of a mapping by a table; `make` converts place and values into the object read."""
+    """Return a reader of a mapping by a table.
+
+    `make` converts place and values into the object read.
+    """
     return lambda where, raw: make(where, read_table(where, raw, table))
 
 
 def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
-    """Return the table of a dataclass: a reader for each field, by its annotated type."""
+    """Return the table of a dataclass: a reader for each field, by type."""
     table = {}
     for field in fields(kind):
         read = readers[str(field.type)]
@@ -118,7 +126,7 @@ def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
 
 
 def one_or_list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
-    """Return a reader of a list of values of one kind, or of one such value."""
+    """Return a reader of one value of a kind, or of a list of such values."""
     return lambda where, raw: list_of(read)(where, raw if isinstance(raw, list) else [raw])
 
 
@@ -206,16 +214,23 @@ def integer(where: str, raw: Any) -> int:
     return raw
 
 
-def whole(where: str, raw: Any) -> int:
-    """Read a whole number of at least zero."""
-    value = integer(where, raw)
-    if value < 0:
-        raise InvalidInput(f"{where}: must not be negative, got {value}")
-    return value
+def _restrict(read: Reader[T], is_valid: Callable[[T], bool], complaint: str) -> Reader[T]:
+    """Return a reader that refuses values that are not valid, with a complaint."""
+
+    def read_valid(where: str, raw: Any) -> T:
+        value = read(where, raw)
+        if not is_valid(value):
+            raise InvalidInput(f"{where}: {complaint}, got {raw!r}")
+        return value
+
+    return read_valid
 
 
 def number(where: str, raw: Any) -> float:
-    """Read a finite number of at most LARGEST_NUMBER; a text, too: YAML 1.1 reads 1e5 as one."""
+    """Read a finite number of at most LARGEST_NUMBER.
+
+    A text is read, too: YAML 1.1 reads 1e5 as one.
+    """
     try:
         if isinstance(raw, bool) or not isinstance(raw, Real | str):
             raise ValueError
@@ -231,20 +246,9 @@ def number(where: str, raw: Any) -> float:
     return value
 
 
-def positive(where: str, raw: Any) -> float:
-    """Read a finite number greater than zero."""
-    value = number(where, raw)
-    if value <= 0:
-        raise InvalidInput(f"{where}: must be greater than zero, got {raw!r}")
-    return value
-
-
-def not_negative(where: str, raw: Any) -> float:
-    """Read a finite number of at least zero."""
-    value = number(where, raw)
-    if value < 0:
-        raise InvalidInput(f"{where}: must not be negative, got {raw!r}")
-    return value
+whole = _restrict(integer, lambda value: value >= 0, "must not be negative")
+positive = _restrict(number, lambda value: value > 0, "must be greater than zero")
+not_negative = _restrict(number, lambda value: value >= 0, "must not be negative")
 
 
 def vector3(where: str, raw: Any) -> tuple[float, float, float]:

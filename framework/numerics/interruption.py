@@ -43,9 +43,10 @@ class Heard:
 
 @contextmanager
 def interruptible() -> Iterator[Heard]:
-    """Let the first SIGINT or SIGTERM in the block raise KeyboardInterrupt in the main thread; drop others.
+    """Let the first SIGINT or SIGTERM in the block raise KeyboardInterrupt.
 
-    Signals that the caller ignores stay ignored. In other threads than the main one nothing changes.
+    It is raised in the main thread; further signals are dropped. Signals that the caller ignores stay
+    ignored. In other threads than the main one nothing changes.
     """
     heard = Heard()
     if threading.current_thread() is not threading.main_thread():
@@ -63,7 +64,10 @@ def interruptible() -> Iterator[Heard]:
         raise heard.stop
 
     def lost(unraisable: sys.UnraisableHookArgs) -> None:
-        """Raise an interruption once more that came up, and ended, in a callback of weakref or __del__."""
+        """Raise an interruption once more that ended in a callback.
+
+        Callbacks of weakref and __del__ lose their errors.
+        """
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return

@@ -51,7 +51,10 @@ class KeptChunks:
 
     @staticmethod
     def of(out: Path, document: Mapping[str, Any], *parts: str) -> KeptChunks:
-        """Return the store in the folder `out` for chunks of a computation, described by a document."""
+        """Return the store of a computation in the folder `out`.
+
+        A document describes the computation.
+        """
         text = json.dumps(document, sort_keys=True)
         name = f"{PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:16]}"
         return KeptChunks(out.joinpath(name, *parts))
@@ -86,7 +89,9 @@ def complete_chunks(
     keeper: KeptChunks | None,
     progress: Callable[[Collection[str]], None],
 ) -> dict[str, NDArray[Any]]:
-    """Compute the chunks of all tasks that are not stored; return all arrays joined in order of the tasks.
+    """Compute the chunks of all tasks that are not stored.
+
+    All arrays are returned, joined in order of the tasks.
 
     Args:
         compute: the arrays of a task, whose kinds and shapes are its `fields`.
@@ -113,7 +118,10 @@ def compute_rows(
     refusals: tuple[type[Exception], ...],
     tasks: Iterable[K],
 ) -> dict[str, NDArray[Any]]:
-    """Compute a chunk of tasks: numbers by column, NaN where a task is refused, and the reasons as `why`."""
+    """Compute a chunk of tasks: numbers by column, a row for each task.
+
+    Numbers are NaN where a task is refused; the reasons are the column `why`.
+    """
     rows = []
     for task in tasks:
         row: dict[str, Any] = {**dict.fromkeys(columns, np.nan), WHY: ""}
@@ -126,7 +134,10 @@ def compute_rows(
 
 
 def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:
-    """Compute the arrays of an item (name, task); a function of the module, which executors can pickle."""
+    """Compute the arrays of an item (name, task).
+
+    It is a function of the module, so that executors can pickle it.
+    """
     return compute(item[1])
 
 

@@ -18,8 +18,12 @@ from framework.numerics.arrays import Array
 STAGNATION_PRODUCTS, STAGNATION_RATIO = 12, 0.9  # after so many products, more than this share is left
 
 
-def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most: int, weak: float) -> Array:
-    """Find x (n,) of least |right - A x| among combinations of right, A right, A A right, ...
+def gmres(
+    product: Callable[[Array], Array], right: Array, *, tolerance: float, max_products: int, cutoff: float
+) -> Array:
+    """Find x (n,) of least |right - A x| in the Krylov space of A and `right`.
+
+    This is the space of right, A right, A A right, ...
 
     Arnoldi's method makes orthonormal basis vectors v_k of these with A V = V_next H, H of Hessenberg form.
     Then x = V w with w of least | |right| e_1 - H w |.
@@ -27,29 +31,29 @@ def gmres(product: Callable[[Array], Array], right: Array, *, left: float, most:
     Args:
         product: A times a vector (n,) of length 1.
         right: (n,).
-        left: share of |right| that may be left as residual.
-        most: largest number of products.
-        weak: singular values of H below this share of the largest one count as zero.
+        tolerance: residual over |right| at which the search ends.
+        max_products: largest number of products.
+        cutoff: singular values of H below this share of the largest one count as zero.
     """
     size = float(np.linalg.norm(right))
     if size == 0.0:
         return np.zeros_like(right)
     basis = [right / size]  # v_k
-    H = np.zeros((most + 1, most))  # A v_k = sum of H[i, k] v_i
-    target = np.zeros(most + 1)
+    H = np.zeros((max_products + 1, max_products))  # A v_k = sum of H[i, k] v_i
+    target = np.zeros(max_products + 1)
     target[0] = size
     residuals: list[float] = []
-    for k in range(min(most, len(right))):
+    for k in range(min(max_products, len(right))):
         components, remainder = _orthogonalise(product(basis[k]), np.array(basis))
         length = float(np.linalg.norm(remainder))
         H[: k + 1, k] = components
         H[k + 1, k] = length
         H_k = H[: k + 2, : k + 1]
         target_k = target[: k + 2]
-        weights = np.linalg.lstsq(H_k, target_k, rcond=weak)[0]
+        weights = np.linalg.lstsq(H_k, target_k, rcond=cutoff)[0]
         residuals.append(float(np.linalg.norm(target_k - H_k @ weights)))
         is_exhausted = length <= np.finfo(float).eps * np.abs(H_k).max()  # A maps the space into itself
-        if residuals[-1] <= left * size or is_exhausted or _stagnates(residuals):
+        if residuals[-1] <= tolerance * size or is_exhausted or _stagnates(residuals):
             break
         basis.append(remainder / length)
     return np.asarray(weights @ np.array(basis[: len(weights)]))

@@ -80,7 +80,10 @@ def _solve_one(matrix: Array, right: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Compute the cross product over the last axis, several times faster than np.cross on stacks."""
+    """Compute the cross product over the last axis.
+
+    It is several times faster than np.cross on stacks.
+    """
     if a.size + b.size < SMALL_STACK:
         both = a.take(_NEXT_AXIS, -1) * b.take(_AXIS_BEFORE, -1)
         return both[..., :3] - both[..., 3:]

@@ -35,9 +35,10 @@ def written_together(
     file: Path | None = None,
     beside: Collection[str] = (),
 ) -> Iterator[Path]:
-    """Yield a temporary folder whose files move into `folder` once the block has ended without an error.
+    """Yield a temporary folder whose files move into `folder` at the end.
 
-    Before the block runs it is checked that `folder` can be written, and holds no `document` of others.
+    They move only if the block ends without an error. Before the block runs it is checked that `folder` can
+    be written, and holds no `document` of others.
 
     Args:
         document: the JSON file about a robot that is among the files written, and marks them as files of this
@@ -72,19 +73,19 @@ def written_together(
                 os.replace(written, folder / written.name)
             for name in set(beside) - set(names) if replaces else ():
                 (folder / name).unlink(missing_ok=True)
-            _remove(locked)
+            _remove_locked_folder(locked)
             locked = None
     except OSError as error:
-        raise OutputError(f"{complaint}: {_reason(error)}") from None
+        raise OutputError(f"{complaint}: {_error_words(error)}") from None
     finally:
         with defer_signals():
             if locked is not None:
-                _remove(locked)
+                _remove_locked_folder(locked)
             _remove_empty(new_folders)
 
 
 def _check_overwritten(folder: Path, names: list[str], document: str | None, complaint: str) -> None:
-    """Refuse to overwrite folders, or files that are not of this program, by their names."""
+    """Refuse to overwrite folders, and files that are not of this program."""
     present = [name for name in names if os.path.lexists(folder / name)]
     for name in present:
         if (folder / name).is_dir():
@@ -97,7 +98,7 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
         )
 
 
-def _remove(locked: tuple[Path, int]) -> None:
+def _remove_locked_folder(locked: tuple[Path, int]) -> None:
     """Remove a temporary folder, and close the descriptor of its lock."""
     temporary, lock = locked
     shutil.rmtree(temporary, ignore_errors=True)
@@ -105,7 +106,10 @@ def _remove(locked: tuple[Path, int]) -> None:
 
 
 def _make_locked_folder(folder: Path) -> tuple[Path, int]:
-    """Make a temporary folder; return also the descriptor that locks the folder while this process lives."""
+    """Make a temporary folder; return also the descriptor of its lock.
+
+    The folder is locked while this process lives.
+    """
     while True:
         temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
         with suppress(FileNotFoundError):  # taken for abandoned by another process before it was locked
@@ -130,7 +134,10 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Convert a value for JSON: arrays to lists, numbers that are not finite to null."""
+    """Convert a value for JSON.
+
+    Arrays become lists, numbers that are not finite null.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -146,13 +153,16 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 
 def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray) -> None:
-    """Write rows over time with their head: `time`, and GROUP_NAME of each name in a group."""
+    """Write rows over time, with a head of names.
+
+    The head is `time`, and GROUP_NAME of each name in a group.
+    """
     names = ["time", *(f"{group}_{name}" for group, members in groups.items() for name in members)]
     np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
 
 def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
-    """Write one file whole: an existing file is replaced by the content, or left unchanged.
+    """Write one file whole: replace an existing file, or leave it.
 
     Letters that UTF-8 does not have, as in paths that are not UTF-8 themselves, become question marks.
 
@@ -179,7 +189,7 @@ def _is_ours(document: Path) -> bool:
     return isinstance(content, dict) and "robot" in content
 
 
-def _reason(error: Exception) -> str:
+def _error_words(error: Exception) -> str:
     """Return the system's words for an error."""
     return getattr(error, "strerror", None) or str(error)
 

@@ -36,10 +36,11 @@ class Polytope(ReadOnlyArrays):
         return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
-        """Compute the least and the largest t for which t direction (n,) is inside; (nan, nan) if none is.
+        """Compute the least and the largest t with t direction (n,) inside.
 
-        Each half-space says slope t <= offset, slope = normal . direction: an upper end where the slope is
-        positive, a lower end where it is negative. Without a slope it holds for all t, or for none.
+        Both are NaN if no t is. Each half-space says slope t <= offset, slope = normal . direction: an upper
+        end where the slope is positive, a lower end where it is negative. Without a slope it holds for all t,
+        or for none.
         """
         slope = self.normals @ direction
         is_steep = np.abs(slope) > RANK_ROUNDING * np.linalg.norm(direction)
@@ -76,15 +77,15 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     the generators make a flat zonotope flat.
     """
     span, across, _ = _row_space(generators)
-    facet_normals = [normal[None] @ span for normal in _normals(generators @ span.T)]
+    facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
     normals = np.concatenate([across, *facet_normals])
     normals = _remove_repeated(np.concatenate([normals, -normals]))
     width = np.abs(normals @ generators.T).sum(axis=1)
     is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
     width[is_across] = 0.0  # but for rounding
     offsets = normals @ centre + width
-    points = _remove_repeated(centre + _signs(len(generators)) @ generators)
-    return Polytope(normals, offsets, _vertices(points, normals, offsets), np.empty((0, len(centre))))
+    points = _remove_repeated(centre + _sign_combinations(len(generators)) @ generators)
+    return Polytope(normals, offsets, _select_vertices(points, normals, offsets), np.empty((0, len(centre))))
 
 
 def slabs(rows: Array, limits: Array) -> Polytope:
@@ -99,7 +100,7 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     span, free, largest = _row_space(rows)
     rank = len(span)
     in_span = rows @ span.T  # (m, r)
-    signs = _signs(rank)  # (2^r, r)
+    signs = _sign_combinations(rank)  # (2^r, r)
     subsets = combinations(range(len(rows)), rank) if rank else ()
     points = [np.zeros((0, rows.shape[1]))]
     for subset in map(list, subsets):
@@ -124,12 +125,12 @@ def _row_space(rows: Array) -> tuple[Array, Array, float]:
     return right[:rank], right[rank:], largest
 
 
-def _signs(count: int) -> Array:
+def _sign_combinations(count: int) -> Array:
     """Return all combinations (2^count, count) of the signs -1 and 1."""
     return np.array(list(product((-1.0, 1.0), repeat=count)))
 
 
-def _normals(generators: Array) -> list[Array]:
+def _facet_normals(generators: Array) -> list[Array]:
     """Return the unit normals (n,) of every n - 1 independent generators (m, n)."""
     n = generators.shape[1]
     normals = []
@@ -151,7 +152,7 @@ def _remove_repeated(points: Array) -> Array:
     return points[np.sort(first)]
 
 
-def _vertices(points: Array, normals: Array, offsets: Array) -> Array:
+def _select_vertices(points: Array, normals: Array, offsets: Array) -> Array:
     """Return the vertices among points (k, n), at which the touching half-spaces leave no freedom."""
     size = np.abs(offsets).max(initial=0.0)
     touches = points @ normals.T >= offsets - SAME_PLACE * size  # (k, h)

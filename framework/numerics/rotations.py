@@ -49,7 +49,7 @@ def rotation_vector(rotation: Array) -> Array:
     trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
     doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) axis
     angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
-    vectors = np.asarray(0.5 * doubled / np.sinc(angle / np.pi)[:, None])
+    vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]
     wide = np.flatnonzero((trace <= 0.0) & np.isfinite(angle))
     if len(wide):
         from scipy.spatial.transform import Rotation

@@ -19,9 +19,10 @@ R = TypeVar("R")
 def iterate_results(
     task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
 ) -> Iterator[tuple[K, R]]:
-    """Yield chunks with results in the order of their end; in this process without executor.
+    """Yield chunks with results in the order of their end.
 
-    Waiting chunks are cancelled when the iteration ends early. An executor must be able to pickle the task.
+    Without an executor they are computed in this process. Waiting chunks are cancelled when the iteration
+    ends early. An executor must be able to pickle the task.
     """
     if executor is None:
         for chunk in chunks:
@@ -40,7 +41,9 @@ def iterate_results(
 
 @contextmanager
 def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Executor | None]:
-    """Yield None for this process, or an executor of `workers` processes or of a dask scheduler.
+    """Yield an executor of processes or of a dask scheduler.
+
+    With one worker it is None, for this process.
 
     Args:
         dask: the scheduler's address, instead of `workers`.
@@ -61,7 +64,7 @@ def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Execut
 
 @contextmanager
 def _dask_client(address: str) -> Iterator[Any]:
-    """Yield a client of the dask scheduler at an address, once a worker is connected to the scheduler."""
+    """Yield a client of the dask scheduler at an address, with a worker."""
     try:
         from distributed import Client
     except ImportError:

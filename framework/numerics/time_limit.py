@@ -41,7 +41,10 @@ _clock: ContextVar[SearchTime] = ContextVar("clock", default=_UNLIMITED)
 
 @contextmanager
 def limit_time(seconds: float | None) -> Iterator[SearchTime]:
-    """Limit the searches of a block to seconds from its start; None lifts the limit."""
+    """Limit the searches of a block to seconds from its start.
+
+    None lifts the limit.
+    """
     limit = math.inf if seconds is None else seconds
     clock = SearchTime(limit, time.monotonic() + limit, _clock.get().on_result)
     token = _clock.set(clock)
@@ -60,7 +63,10 @@ def check_time() -> None:
 
 
 def report_result() -> None:
-    """Report the first result of the current search, which may end early from now on."""
+    """Report the first result of the current search.
+
+    From now on the search may end early.
+    """
     clock = _clock.get()
     if not clock.has_result:
         clock.has_result = True
@@ -69,7 +75,9 @@ def report_result() -> None:
 
 @contextmanager
 def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
-    """End the searches of a block by the first Ctrl-C after a result; without a result, raise as before.
+    """End the searches of a block by the first Ctrl-C after a result.
+
+    Without a result it raises as before.
 
     Args:
         on_result: called when a search has its first result, that is from when on Ctrl-C ends it.
@@ -83,7 +91,7 @@ def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
         return
 
     def end_search(number: int, frame: FrameType | None) -> None:
-        """Let the time of a search with a result be up; else raise, as from now on."""
+        """End a search with a result by its time limit; else raise."""
         signal.signal(number, raise_interrupt)
         clock = _clock.get()
         if not clock.has_result:

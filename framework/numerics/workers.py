@@ -52,10 +52,10 @@ class Workers(Executor):
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Submit a call; its future fails with `LostWorkers` if each process tried is killed."""
-        return self._threads.submit(self._call, fn, args, kwargs)
+        return self._threads.submit(self._call_in_worker, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; wait for the tasks taken, or drop the ones not begun."""
+        """Take no more tasks; wait for those taken, or drop those not begun."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while self._idle:
             self._end_process(self._idle.pop())
@@ -80,8 +80,8 @@ class Workers(Executor):
             self.stop()
             raise
 
-    def _call(self, *call: Any) -> Any:
-        """Return the result of a call in an idle process or a new one; raise its error."""
+    def _call_in_worker(self, *call: Any) -> Any:
+        """Return the result of a call in a worker process, or raise its error."""
         message = pickle.dumps(call)
         for _ in range(MAX_TRIES):
             with self._lock:
@@ -109,7 +109,7 @@ class Workers(Executor):
     def _start_process(self) -> _Worker:
         """Start a process; raise LostWorkers after `stop`."""
         ours, theirs = get_context("spawn").Pipe()
-        process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
+        process = get_context("spawn").Process(target=_serve_calls, args=(theirs,), daemon=True)
         with self._lock:
             if self._stopped:
                 raise LostWorkers("the worker processes were stopped")
@@ -128,7 +128,7 @@ class Workers(Executor):
             self._alive.discard(worker.process)
 
 
-def _work(pipe: Connection) -> None:
+def _serve_calls(pipe: Connection) -> None:
     """Answer calls in a worker process until the pipe breaks."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
@@ -136,20 +136,20 @@ def _work(pipe: Connection) -> None:
             call = pipe.recv_bytes()
         except EOFError:
             return
-        pipe.send_bytes(_answer(call))
+        pipe.send_bytes(_answer_call(call))
 
 
-def _answer(call: bytes) -> bytes:
-    """Return, pickled, the result or the error of a pickled call, also of an unreadable one."""
+def _answer_call(call: bytes) -> bytes:
+    """Return, pickled, the result or the error of a pickled call."""
     try:
         fn, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, fn(*args, **kwargs)))
     except Exception as error:  # noqa: BLE001 - an executor passes on all errors of tasks
         error.add_note(f"in a worker process:\n{traceback.format_exc()}")
-        return pickle.dumps((False, _portable(error)))
+        return pickle.dumps((False, _picklable_error(error)))
 
 
-def _portable(error: Exception) -> Exception:
+def _picklable_error(error: Exception) -> Exception:
     """Return an error that can be pickled."""
     try:
         pickle.loads(pickle.dumps(error))

@@ -30,7 +30,7 @@ from framework.numerics.arrays import Array
 from framework.planning.motion_scales import coordinate_sizes
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
-from framework.singularity.type2 import least_held, sign_along, uncontrolled_motion
+from framework.singularity.type2 import least_controlled_motion, sign_along, uncontrolled_motion
 from framework.tolerances import CONDITION_ROUNDING, NO_HOLD
 
 Speed = TypeVar("Speed", float, Array)
@@ -118,7 +118,7 @@ def crossing_point(
             f"deflections are too large for the path to cross the locus there"
         )
     closed = poses.predicted_pose(root.place)
-    twist, motion = least_held(robot, closed.linearised)
+    twist, motion = least_controlled_motion(robot, closed.linearised)
     return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
 
 

@@ -108,7 +108,7 @@ def motion_table(
         dynamics.deflection(times),
         *(quantity(times, order) for quantity in with_rates for order in (1, 2)),
         coordinates.positions(dynamics.configuration(times))[:, passive],
-        *(coordinates.to_named_axes(dynamics.velocity(times, order))[:, passive] for order in (1, 2)),
+        *(coordinates.to_file_axes(dynamics.velocity(times, order))[:, passive] for order in (1, 2)),
     ]
     every, rows = motion_columns(robot), np.concatenate(values, axis=1)
     chosen = select_columns(every, columns)

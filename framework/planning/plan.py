@@ -38,7 +38,7 @@ from framework.planning.refusals.refusal_proofs import SearchEvidence, UnmetCond
 from framework.planning.request import Request
 from framework.planning.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
 from framework.planning.specification import limit_excess, specification_of
-from framework.singularity.points_on_path import SearchedPath, check_of, search_path
+from framework.singularity.points_on_path import SearchedPath, check_branch, search_path
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
 
@@ -93,7 +93,7 @@ def plan_request(
     started = time.perf_counter()
     if searched is None:
         searched = search_path(robot, request.path)
-    check_of(robot, request.path, searched.branch)
+    check_branch(robot, request.path, searched.branch)
     to_cross = path_to_cross(searched, request)
     searched = to_cross.searched  # under the wrenches of the request
     try:

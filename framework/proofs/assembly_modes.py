@@ -28,7 +28,7 @@ from functools import partial
 import numpy as np
 
 from framework.errors import InvalidInput
-from framework.kinematics.closures import find_turned_over
+from framework.kinematics.closures import find_flipped_closure
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
 from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
@@ -151,7 +151,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
         x = robot.platform.unwrap(robot.platform.coordinates(frames), robot.reference.x)[0]
         offsets = [robot.platform.residual(frames, mode.x[None])[0] / scale for mode in modes]
         is_new = all(np.abs(offset).max() > DISTINCT_SOLUTIONS for offset in offsets)
-        if is_new and find_turned_over(robot, frames) is None:
+        if is_new and find_flipped_closure(robot, frames) is None:
             modes.append(AssemblyMode(pose, x, has_one_solution_near(robot, pose)))
     complete = all(mode.proved for mode in modes) and _has_no_other_poses(robot, q[0], candidates)
     status: Status = "proved" if complete else "at least"

@@ -94,7 +94,7 @@ class EquationTerms:
         if isinstance(platform, FramePlatform):
             kind = "point" if robot.translations[coordinate] else "turn"
             return Term(coordinate, chain, kind, int(platform.axes[coordinate]) % 3, 0, 1.0)
-        column = platform.columns[coordinate]  # type: ignore[attr-defined]
+        column = platform.columns[coordinate]
         joint = int(np.flatnonzero(robot.moving == column)[0])
         return Term(coordinate, chain, "joint", 0, joint, 1.0)
 

@@ -155,7 +155,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
     unless the leg stands alone.
     """
     columns = robot.moving[leg.columns]
-    previous = robot.moving[leg.before]
+    previous = robot.moving[leg.needed]
     fixed = np.ones(robot.model.nv, dtype=bool)
     fixed[robot.moving] = False
     fixed[previous] = True

@@ -22,11 +22,11 @@ from framework.singularity.jogging import (
     CLASSES,
     JoggedPose,
     LooseMotion,
+    describe_jogged_pose,
     drag_platform,
     loose_motion,
     move_motor,
     move_platform,
-    pose_at,
 )
 
 HELD_WRENCH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
@@ -50,8 +50,8 @@ def hand_document(robot: ParallelRobot) -> Document:
             "poses": encode_floats(poses),
             "locus": encode_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
             "free_motors": motors_are_free(robot),
-            "sliders": _sliders(robot, pose_at(robot, reference.q)),
-            "start": _pose_document(robot, pose_at(robot, reference.q)),
+            "sliders": _sliders(robot, describe_jogged_pose(robot, reference.q)),
+            "start": _pose_document(robot, describe_jogged_pose(robot, reference.q)),
         }
     )
     return document

@@ -73,7 +73,7 @@ class Collocation(ReadOnlyArrays):
 
 
 @lru_cache(maxsize=32)
-def radau(stages: int) -> Collocation:
+def radau_table(stages: int) -> Collocation:
     """Compute the table of Radau IIA with s stages.
 
     The inner nodes are the zeros of the Jacobi polynomial P_(s-1)^(1,0), which times (1 - x) is
@@ -202,9 +202,10 @@ class _StepEquations:
         return integrate(self.equations.robot, self.q0, integral @ slope), v, slope
 
     def _slope(self, v: Array, guess: Array) -> Array:
-        """Compute the rate (s, nv) of the tangent offset from q0 for velocities v at the nodes.
+        """Compute the rate (s, nv) of the offset from q0 for velocities v.
 
-        Only balls need iterations: there the rate depends on the offset, its own integral.
+        The offset is a tangent vector at q0. Only balls need iterations: there the rate depends on the
+        offset, its own integral.
         """
         model = self.equations.robot.model
         if model.nq == model.nv:

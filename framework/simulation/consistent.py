@@ -35,10 +35,11 @@ class AllowedMotions(NamedTuple):
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
-    """Compute the motions that the loops allow, the same to the last bit in every stack.
+    """Compute the motions that the loops allow.
 
-    They are the null space Z of the loops' Jacobian J, turned to the eigenvectors of Z' M Z. Redundant rows
-    are left out of J; what else loses rank is a singularity of the closures and no free motion.
+    They are the same to the last bit in every stack. They are the null space Z of the loops' Jacobian J,
+    turned to the eigenvectors of Z' M Z. Redundant rows are left out of J; what else loses rank is a
+    singularity of the closures and no free motion.
     """
     robot, rows = equations.robot, tangent.jacobian.shape[1]
     scale = robot.column_scale[:, None]  # (nv, 1)
@@ -76,9 +77,10 @@ def consistent_state(
     torque: Array,
     world: WorldForces = NO_FORCES,
 ) -> tuple[Array, Array]:
-    """Find the state next to (q, v) in which the loops close and massless parts are in balance.
+    """Find the consistent state next to (q, v).
 
-    Newton's method under motor torques (n_a,) [N m] and the forces of the world at t = 0.
+    In it the loops close and massless parts are in balance. Newton's method under motor torques (n_a,) [N m]
+    and the forces of the world at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; names its joints.
@@ -142,14 +144,14 @@ def balancing_step(
     stiffest = (equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)
     rounding = EIGENVALUE_ROUNDING * max(float(stiffest), LEAST_DIVISOR)
     if np.linalg.eigvalsh(springs + dampers)[0] <= rounding:
-        raise _undetermined_motion(equations, light @ np.linalg.eigh(springs)[1][:, 0])
+        raise _undetermined_motion_error(equations, light @ np.linalg.eigh(springs)[1][:, 0])
     if np.linalg.eigvalsh(springs)[0] <= rounding:
         return np.zeros(light.shape[1])
     slope = springs - light.T @ curvature @ light
     return -np.linalg.lstsq(slope, light.T @ unbalanced, rcond=None)[0]
 
 
-def _undetermined_motion(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
+def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
     """Return the error for joint rates (nv,) of a motion without mass, stiffness and damping."""
     robot = equations.robot
     motion = np.abs(rates) / robot.column_scale
@@ -177,4 +179,4 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
     change = np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0][: len(v)]
-    return np.asarray(v + scale * change, dtype=float)
+    return v + scale * change

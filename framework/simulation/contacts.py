@@ -59,7 +59,7 @@ class ContactDynamics:
                 several degrees of freedom.
         """
         robot = equations.robot
-        _check(equations)
+        _check_contact_robot(equations)
         model = robot.model.copy()
         model.armature[:] += equations.rotors
         contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
@@ -97,7 +97,7 @@ class ContactDynamics:
         )
 
 
-def _check(equations: EquationsOfMotion) -> None:
+def _check_contact_robot(equations: EquationsOfMotion) -> None:
     """Raise InvalidInput for a robot beyond pinocchio's solver."""
     robot = equations.robot
     others = [c.name for c in robot.description.closures if c.axes not in CONTACT_TYPES]

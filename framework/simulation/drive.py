@@ -44,7 +44,10 @@ class PlannedMotion(Protocol):
 
 
 def planned_motion(source: Any) -> PlannedMotion | None:
-    """Return the planned motion in `source`: the inverse dynamics of a plan, or itself, or none."""
+    """Return the planned motion in `source`; None without one.
+
+    It is the inverse dynamics of a plan, or the source itself.
+    """
     for candidate in (getattr(source, "dynamics", None), source):
         if all(hasattr(candidate, name) for name in MOTION):
             return cast(PlannedMotion, candidate)
@@ -70,7 +73,10 @@ class Drive:
         return torque
 
     def edges(self, duration: float) -> list[float]:
-        """Return the ends [s] of the stretches of a motion on which the torque is smooth, from 0 on."""
+        """Return the edges [s] of stretches on which the torque is smooth.
+
+        The first is 0, the last the duration.
+        """
         return [0.0, *(t for t in self.breaks if 0 < t < duration), duration]
 
     def torques_without_feedback(self, t: Array) -> Array | None:
@@ -79,27 +85,32 @@ class Drive:
         return None if self.feedback else self(t, nothing, nothing)
 
     def shift_breaks(self, t: Array) -> Array:
-        """Move times (T,) on a break back by rounding, to the end of the step that began earlier."""
+        """Move times (T,) on a break to just before the break.
+
+        They belong to the end of the step that began earlier.
+        """
         for instant in self.breaks:
             is_break = np.abs(t - instant) <= 4 * np.spacing(instant)
             t = np.where(is_break, instant - 8 * np.spacing(instant), t)
         return t
 
     def gains(self, t: float, q: Array, v: Array) -> Array | None:
-        """Compute the torque's derivatives (2, n_a, nv) by q and by v at one state; None without feedback.
+        """Compute the torque's derivatives (2, n_a, nv) by q and by v.
 
-        They are central differences, those by q along its tangent.
+        They are those at one state; None without feedback. They are central differences, those by q along its
+        tangent.
         """
         if not self.feedback:
             return None
         nv = self.robot.model.nv
         steps = FEEDBACK_DIFFERENCE * np.vstack([np.eye(nv), -np.eye(nv)])  # forwards, then backwards
-        q_rest, v_rest = np.tile(q, (2 * nv, 1)), np.tile(v, (2 * nv, 1))
-        qs = np.vstack([integrate(self.robot, q, steps), q_rest])
-        vs = np.vstack([v_rest, v + steps])
-        torques = self(np.full(4 * nv, t), qs, vs).reshape(2, 2, nv, -1)  # by q or v; forwards, backwards
-        slopes = (torques[:, 0] - torques[:, 1]) / (2 * FEEDBACK_DIFFERENCE)
-        return np.asarray(slopes.swapaxes(1, 2))
+        same_q, same_v = np.tile(q, (2 * nv, 1)), np.tile(v, (2 * nv, 1))
+        all_q = np.vstack([integrate(self.robot, q, steps), same_q])  # (4 nv, nq) steps of q, then of v
+        all_v = np.vstack([same_v, v + steps])
+        torques = self(np.full(4 * nv, t), all_q, all_v)
+        ahead, back = torques.reshape(2, 2, nv, -1).swapaxes(0, 1)  # (2, nv, n_a) each, by q and by v
+        slopes = (ahead - back) / (2 * FEEDBACK_DIFFERENCE)
+        return slopes.swapaxes(1, 2)
 
     @staticmethod
     def of(
@@ -108,7 +119,9 @@ class Drive:
         breaks: Sequence[float] = (),
         wrenches: Mapping[str, Any] | None = None,
     ) -> Drive:
-        """Return the drive in a planned motion, a callable torque(t) or torque(t, q, v), or a drive.
+        """Return the drive by a planned motion or a callable.
+
+        A callable is torque(t) or torque(t, q, v). A drive is returned as it is.
 
         Args:
             wrenches: of the world; None: those of the planned motion, if it has any.
@@ -126,13 +139,7 @@ class Drive:
         applied = planned_wrenches if wrenches is None else ExternalWrenches.of(wrenches)
         world = WorldForces.of(robot, applied, getattr(motion, "law", None))
         if motion is not None:
-            motors = np.shape(motion.torque(0.0))[-1]
-            if motors != robot.n_a:
-                raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
-            edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
-            inner = sorted([*map(float, edges[1:-1]), *breaks])
-            smooth = getattr(motion, "torque_without_friction", motion.torque)  # no robot has the friction
-            return Drive(robot, lambda t, q, v: smooth(t), False, tuple(inner), world)
+            return _drive_by_plan(robot, motion, breaks, world)
         if not callable(source):
             raise InvalidInput(
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
@@ -142,7 +149,7 @@ class Drive:
         if count not in (1, 3):
             raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {count} arguments")
 
-        def stack(t: Array, q: Array, v: Array) -> Array:
+        def torques_at(t: Array, q: Array, v: Array) -> Array:
             """Compute torques (T, n_a), calling the function at each instant with (t) or (t, q, v)."""
             torques = np.empty((len(t), robot.n_a))
             for k, instant in enumerate(map(float, t)):
@@ -150,7 +157,20 @@ class Drive:
                 torques[k] = finite_numbers(f"torque: at t = {instant:.9g} s", torque, robot.n_a)
             return torques
 
-        return Drive(robot, stack, count == 3, tuple(sorted(map(float, breaks))), world)
+        return Drive(robot, torques_at, count == 3, tuple(sorted(map(float, breaks))), world)
+
+
+def _drive_by_plan(
+    robot: ParallelRobot, motion: PlannedMotion, breaks: Sequence[float], world: WorldForces
+) -> Drive:
+    """Return the drive by planned torques, without the friction, which no simulated robot has."""
+    motors = np.shape(motion.torque(0.0))[-1]
+    if motors != robot.n_a:
+        raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
+    edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
+    inner = sorted([*map(float, edges[1:-1]), *breaks])
+    smooth = getattr(motion, "torque_without_friction", motion.torque)
+    return Drive(robot, lambda t, q, v: smooth(t), False, tuple(inner), world)
 
 
 def _count_arguments(function: Callable[..., Any]) -> int:

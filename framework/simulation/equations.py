@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, difference, forces_on_joints, stacked_frames
+from framework.kinematics.frames import FrameStack, difference, forces_on_joints, select_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
@@ -87,7 +87,10 @@ class EquationsOfMotion:
         return plain._load_idle_joints()
 
     def _load_idle_joints(self) -> EquationsOfMotion:
-        """Give a unit inertia to idle joints without mass, which nothing drives: all stay still."""
+        """Give a unit inertia to idle joints without mass.
+
+        Nothing drives them, so all stay still.
+        """
         idle = self.robot.structure.idle
         if not len(idle):
             return self
@@ -99,11 +102,7 @@ class EquationsOfMotion:
 
     def spring_force(self, q: Array) -> Array:
         """Compute K (q - rest), (T, nv)."""
-        if not self.stiffness.any():
-            return np.zeros((len(q), self.robot.model.nv))
-        offset = difference(self.robot, self.robot.neutral, q)
-        springs = np.asarray(self.stiffness * (offset - self.robot.joint_rest), dtype=float)
-        return forces_on_joints(self.robot, self.robot.neutral, q, springs)
+        return spring_forces(self.robot, self.stiffness, self.robot.joint_rest, q)
 
     def motor_forces(self, torque: Array) -> Array:
         """Compute S' n tau (T, nv), the generalised forces of motor torques (T, n_a), joint side."""
@@ -131,7 +130,7 @@ class EquationsOfMotion:
         by_q[:, range(nv), range(nv)] += self.stiffness
         by_v[:, range(nv), range(nv)] += self.damping
         force += self.rotors * a + self.damping * v + self.spring_force(q)
-        frames = stacked_frames(scratch, placements, screws, q)
+        frames = select_frames(scratch, placements, screws, q)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 
@@ -152,11 +151,24 @@ class EquationsOfMotion:
         ]
         offset = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
         stored = 0.5 * (v**2 @ self.robot.rotors) + 0.5 * (offset**2 @ self.stiffness)
-        return np.asarray(np.array(tree) + stored, dtype=float)
+        return np.array(tree) + stored
+
+
+def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array) -> Array:
+    """Compute the forces K (q - rest) (T, nv) of springs at q (T, nq).
+
+    Stiffness and rest are (nv,) or (T, nv); rest is an offset from the neutral configuration, too.
+    """
+    if not stiffness.any():
+        return np.zeros((len(q), robot.model.nv))
+    springs = stiffness * (difference(robot, robot.neutral, q) - rest)
+    return forces_on_joints(robot, robot.neutral, q, springs)
 
 
 def check_damping(damping: ArrayLike | None, shape: tuple[int, ...]) -> Array:
-    """Return the damping of joint rates, one number, (nv,) or of the `shape`, whose last is nv; 0 by default.
+    """Return a checked damping of joint rates; 0 by default.
+
+    It is one number, (nv,) or of the `shape`, whose last is nv.
 
     Raises:
         InvalidInput: it has another shape, or is negative somewhere.

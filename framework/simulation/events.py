@@ -45,11 +45,11 @@ def occurrences(
     samples: int,
     last_values: dict[Event, float],
 ) -> list[Occurrence]:
-    """Find the events of a step in order of time, up to the first terminal one.
+    """Find the events of a step in order of time.
 
-    Each function is evaluated at `samples` instants after the first of the `edges` [s]; two zeros between
-    neighbouring instants go unseen. `last_values` are the values at the end of the last step, stored for the
-    next call: rounding must not lose a zero between two steps.
+    The first terminal event is the last one. Each function is evaluated at `samples` instants after the first
+    of the `edges` [s]; two zeros between neighbouring instants go unseen. `last_values` are the values at the
+    end of the last step, stored for the next call: rounding must not lose a zero between two steps.
     """
     occurred: list[Occurrence] = []
     times = np.linspace(*edges, samples + 1)
@@ -74,7 +74,10 @@ def occurrences(
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
-    """Find the instant [s] between two others of different sign at which an event's function is zero."""
+    """Find the instant [s] at which an event's function is zero.
+
+    It lies between two others of different sign.
+    """
     from scipy.optimize import brentq
 
     def value(t: float) -> float:

@@ -82,7 +82,10 @@ class _Record:
     last_values: dict[Event, float] = field(default_factory=dict)
 
     def add_step(self, step: Trajectory, work: float, exchange: float) -> bool:
-        """Add a step with its work and exchanged energy [J]; return whether an event ends the run."""
+        """Add a step with its work and exchanged energy [J].
+
+        Returns whether an event ends the run.
+        """
         task, (start, end) = self.task, map(float, step.edges)
         self.supplied.append(self.supplied[-1] + work)
         self.exchanged += exchange
@@ -136,7 +139,7 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
             f"needs {MIN_FIXED_STEPS} steps"
         )
     edges, record = np.linspace(0.0, task.duration, count + 1), _Record(task, 1)
-    trajectory, _ = _collect(record, _fixed_steps(task, edges), edges)
+    trajectory, _ = _collect_steps(record, _fixed_steps(task, edges), edges)
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
     if error > FIXED_STEP_ERROR:
@@ -173,17 +176,19 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
 
 
 def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by steps of one length, of order 8. Breaks of the torque end a step."""
+    """Integrate by explicit steps of order 8 and one length."""
     edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     steps = explicit_steps(task.equations, dynamics, task.drive, task.start, edges)
     record = _Record(task, settings.event_samples)
-    trajectory, error = _collect(record, steps, edges)
+    trajectory, error = _collect_steps(record, steps, edges)
     return record.integration(trajectory, error, len(trajectory.q) - 1)
 
 
-def _collect(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
-    """Collect steps up to the end or a terminal event; return the motion and the largest error.
+def _collect_steps(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
+    """Collect steps up to the end or a terminal event.
+
+    Returned are the motion and the largest error.
 
     Raises:
         NotConverged: the motion diverges.
@@ -279,20 +284,21 @@ def explicit_steps(
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
     torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
+
+    def force_at(k: int, i: int, q: Array, v: Array) -> Array:
+        """Compute the generalised forces (nv,) of motors and world at stage i of step k."""
+        t = times[k, i : i + 1]
+        force = equations.motor_forces(drive(t, q[None], v[None]))[0] if motors is None else motors[k, i]
+        return force + drive.world(equations.robot, t, q[None])[0] if drive.world.acts else force
+
     y, slopes = np.concatenate(start), np.empty((DOP853.n_stages, 2 * nv))
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(len(slopes)):
             q, v = np.split(y + h * (DOP853.A[i, :i] @ slopes[:i]) if i else y, 2)
-            t = times[k, i : i + 1]
-            if motors is None:
-                force = equations.motor_forces(drive(t, q[None], v[None]))[0]
-            else:
-                force = motors[k, i]
-            if drive.world.acts:
-                force = force + drive.world(equations.robot, t, q[None])[0]
+            force = force_at(k, i, q, v)
             slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
-        error = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])  # embedded method of order 5
+        error = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])  # of the embedded method of order 5
         yield FixedStep(State(y[:nv], y[nv:]), power, float(np.abs(error).max()))

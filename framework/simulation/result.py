@@ -115,7 +115,7 @@ def simulation_result(
     samples: int,
     seconds: float,
 ) -> Simulation:
-    """Return the result of a run: its states at the sampled instants, and its errors."""
+    """Return the result of a run: sampled states and errors."""
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
     end = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
@@ -132,7 +132,7 @@ def simulation_result(
         v=v,
         tracking_error=tracking,
         turning_error=turning,
-        closure_error=max(_gap(robot, times, q), _gap(robot, edges, edge_states[0])),
+        closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_states[0])),
         energy_error=_energy_error(equations, run, *edge_states),
         unresolved=run.unresolved,
         steps=len(edges) - 1,
@@ -144,9 +144,10 @@ def simulation_result(
 
 
 def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
-    """Compute the `energy_error` of a `Simulation` from states q (K + 1, nq), v at the ends of all steps.
+    """Compute the `energy_error` of a `Simulation`.
 
-    The scale is at least the rounding of the work that lifts or moves the robot by its length.
+    States q (K + 1, nq) and v are those at the ends of all steps. The scale is at least the rounding of the
+    work that lifts or moves the robot by its length.
     """
     robot, edges = equations.robot, run.trajectory.edges
     energy = equations.energy(q, v)
@@ -159,7 +160,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     return float(error / scale) if scale > 0 else 0.0
 
 
-def _gap(robot: ParallelRobot, times: Array, q: Array) -> float:
+def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     """Compute the largest loop equation at q (T, nq), redundant ones too.
 
     Raises:

@@ -26,6 +26,7 @@ import numpy as np
 from framework.kinematics.frames import difference, integrate
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec, solve
+from framework.simulation.equations import spring_forces
 from framework.simulation.terms import RobotStack
 
 # Share of an open loop that one step closes: the largest without overshoot, 6 - sqrt(32).
@@ -39,10 +40,10 @@ class State(NamedTuple):
     v: Array
 
 
-def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
-    """Solve mass a + jacobian' (-lambda) = forces, jacobian a = rates for accelerations a (R, nv).
+def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
+    """Solve M a - J' lambda = forces, J a = rates for accelerations a (R, nv).
 
-    They are infinite where the equations are singular.
+    M is (R, nv, nv), J (R, m, nv). Accelerations are infinite where the equations are singular.
     """
     runs, m, nv = jacobian.shape
     matrix = np.zeros((runs, nv + m, nv + m))
@@ -52,16 +53,11 @@ def _solve(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
     return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
 
 
-def _springs(stack: RobotStack, q: Array) -> Array:
-    """Compute K (q - rest), (R, nv)."""
-    if not stack.stiffness.any():
-        return np.zeros_like(stack.rest)
-    robot = stack.robots[0]
-    return stack.stiffness * (difference(robot, robot.neutral, q) - stack.rest)
+def _implicit_mass(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
+    """Return M + by_spring K + by_damping D, (R, nv, nv).
 
-
-def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
-    """Return mass matrices (R, nv, nv) plus springs and damping, each times a factor."""
+    Springs K and dampers D stand on the diagonal.
+    """
     matrix = mass.copy()
     diagonal = range(mass.shape[1])
     matrix[:, diagonal, diagonal] += by_spring * stack.stiffness + by_damping * stack.damping
@@ -69,7 +65,7 @@ def _implicit(mass: Array, stack: RobotStack, by_spring: float, by_damping: floa
 
 
 def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the linear implicit midpoint rule; `driven` (R, nv) are the motors' generalised forces.
+    """Step by the linear implicit midpoint rule, h [s], under generalised forces `driven` (R, nv).
 
     All terms are taken in the predicted middle of the step. A first guess of the acceleration gives the
     velocity there, on which bias forces and the drift of the loops depend.
@@ -77,17 +73,18 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
     robot = stack.robots[0]
     middle = integrate(robot, q, 0.5 * h * v)
     terms = stack.terms(middle, v)
-    implicit_mass = _implicit(terms.mass, stack, 0.25 * h**2, 0.5 * h)
+    implicit_mass = _implicit_mass(terms.mass, stack, 0.25 * h**2, 0.5 * h)
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
     drift = stack.drift(terms, v)
     gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift  # loop equations at q
-    steady = driven - _springs(stack, middle) - stack.damping * v
+    springs = spring_forces(robot, stack.stiffness, stack.rest, middle)
+    steady = driven - springs - stack.damping * v
     closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
-    guess = _solve(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
+    guess = _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
     v_middle = v + 0.5 * h * guess
     terms = stack.with_velocities(terms, middle, v_middle)
     rates = closing - 0.5 * stack.drift(terms, v_middle)
-    v_end = v + h * _solve(implicit_mass, terms.jacobian, steady - terms.bias, rates)
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, rates)
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
 
@@ -98,7 +95,7 @@ class _EulerStep(NamedTuple):
     closing_rate: Array  # (R, m)
 
 
-def _euler(
+def _step_by_euler(
     stack: RobotStack, start: State, driven: Array, h: float, closing_rate: Array | None = None
 ) -> _EulerStep:
     """Step by the linear implicit Euler method, h [s].
@@ -112,30 +109,33 @@ def _euler(
     terms = stack.terms(predicted, v)
     if closing_rate is None:
         closing_rate = -CLOSING_SHARE * terms.residual / h
-    implicit_mass = _implicit(terms.mass, stack, h**2, h)
-    forces = driven - terms.bias - _springs(stack, predicted) - stack.damping * v
+    implicit_mass = _implicit_mass(terms.mass, stack, h**2, h)
+    springs = spring_forces(robot, stack.stiffness, stack.rest, predicted)
+    forces = driven - terms.bias - springs - stack.damping * v
     loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
-    v_end = v + h * _solve(implicit_mass, terms.jacobian, forces, loop_acceleration)
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
     return _EulerStep(State(integrate(robot, q, h * v_end), v_end), closing_rate)
 
 
 def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the linear implicit Euler method, extrapolated once: twice two half steps less the whole.
+    """Step by the linear implicit Euler method, extrapolated once.
 
-    Extrapolation needs steps of different length toward one solution: all close the loops at one rate.
+    The result is twice that of two half steps less that of the whole. Extrapolation needs steps of different
+    length toward one solution: all close the loops at one rate.
     """
-    whole, closing_rate = _euler(stack, State(q, v), driven, h)
-    half, _ = _euler(stack, State(q, v), driven, 0.5 * h, closing_rate)
-    halves, _ = _euler(stack, half, driven, 0.5 * h, closing_rate)
+    whole, closing_rate = _step_by_euler(stack, State(q, v), driven, h)
+    half, _ = _step_by_euler(stack, State(q, v), driven, 0.5 * h, closing_rate)
+    halves, _ = _step_by_euler(stack, half, driven, 0.5 * h, closing_rate)
     robot = stack.robots[0]
     error = difference(robot, whole.q, halves.q)
     return State(integrate(robot, halves.q, error), 2 * halves.v - whole.v)
 
 
 def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the classical Runge-Kutta method of order 4 on pinocchio's contact dynamics, run by run.
+    """Step by the classical Runge-Kutta method of order 4, run by run.
 
-    With y = (q, v) and dy/dt = (v, a(q, v)): stages at 0, h/2, h/2 and h, with weights 1/6, 1/3, 1/3, 1/6.
+    Accelerations are those of pinocchio's contact dynamics. With y = (q, v) and dy/dt = (v, a(q, v)): stages
+    at 0, h/2, h/2 and h, with weights 1/6, 1/3, 1/3, 1/6.
     """
     new = State(np.empty_like(q), np.empty_like(v))
     several = len(stack.contacts) > 1

@@ -26,7 +26,7 @@ import numpy as np
 from framework.errors import InvalidInput, choose_from, finite_numbers, whole_number
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.laws.law import MAX_DURATION, MIN_DURATION
+from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
@@ -97,13 +97,13 @@ def simulate(
     if method not in METHODS:
         raise InvalidInput(choose_from("method", method, METHODS))
     integrator = METHODS[method]
-    settings = _settings(integrator, method, tolerance, step, stages)
+    settings = _method_settings(integrator, method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, damping)
     source = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
-    span = _duration(duration, planned)
-    state = _start(equations, source, planned, start, start_velocity)
+    span = _simulated_duration(duration, planned)
+    state = _consistent_start(equations, source, planned, start, start_velocity)
     run = integrator.run(IntegrationTask(equations, source, state, span, tuple(events), progress), settings)
     return simulation_result(
         equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
@@ -118,7 +118,7 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
     return robot, drive
 
 
-def _settings(
+def _method_settings(
     method: Method, name: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
     """Return the method's settings with the caller's numbers in place of defaults."""
@@ -141,21 +141,20 @@ def _settings(
     return settings
 
 
-def _duration(duration: float | None, planned: PlannedMotion | None) -> float:
+def _simulated_duration(duration: float | None, planned: PlannedMotion | None) -> float:
     """Return the duration [s], by default of the planned motion."""
     if duration is None:
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
         return planned.duration
-    if not MIN_DURATION <= finite_numbers("duration", [duration], 1)[0] <= MAX_DURATION:
-        raise InvalidInput(f"duration: must lie in [{MIN_DURATION:g}, {MAX_DURATION:g}] s, got {duration!r}")
+    check_duration(duration)
     duration = float(duration)
     if planned is not None and duration > planned.duration * (1 + SAME_PLACE):
         raise InvalidInput(f"duration: the planned motion ends at {planned.duration:g} s, got {duration!r}")
     return duration
 
 
-def _start(
+def _consistent_start(
     equations: EquationsOfMotion,
     drive: Drive,
     planned: PlannedMotion | None,

@@ -15,7 +15,7 @@ import numpy as np
 
 from framework.errors import NotConverged
 from framework.numerics.arrays import LEAST_DIVISOR, Array
-from framework.simulation.collocation import Collocation, CollocationStep, radau, solve_step
+from framework.simulation.collocation import Collocation, CollocationStep, radau_table, solve_step
 from framework.simulation.consistent import allowed_velocity
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
@@ -47,13 +47,11 @@ class StepSizeControl:
     tried: int = 0  # number of `BRIDGING_RATIOS` tried over the present singularity
     accepted: int = 0  # number of steps
 
-    @property
-    def leniency(self) -> float:
-        """Factor on the tolerance for the next step."""
-        return BRIDGING_LENIENCY if self.short else 1.0
-
     def next_length(self, remaining: float) -> float:
-        """Return the next length; two equal steps end a stretch, instead of a long one and a tiny one."""
+        """Return the length [s] of the next step.
+
+        Two equal steps end a stretch, instead of a long one and a tiny one.
+        """
         count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
         return remaining / count if count <= 2 else self.length
 
@@ -65,10 +63,11 @@ class StepSizeControl:
         self.accepted += 1
 
     def reject(self, length: float, factor: float, remaining: float) -> None:
-        """Reject a step; the next is shorter by this factor, or steps over a singularity.
+        """Reject a step of this length and choose the next.
 
-        Where steps become far shorter than usual, long ones are tried first, one of `BRIDGING_RATIOS` after
-        the other. If none succeeds, `short` is the length to go on with.
+        It is shorter by this factor, or steps over a singularity. Where steps become far shorter than usual,
+        long ones are tried first, one of `BRIDGING_RATIOS` after the other. If none succeeds, `short` is the
+        length to go on with.
         """
         shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
         meets_singularity = bool(self.short) or shorter < self.usual / BRIDGED_SHORTENING
@@ -97,7 +96,7 @@ def collocate(
     Raises:
         NotConverged: no step, however short, can be solved or resolved.
     """
-    table = radau(stages)
+    table = radau_table(stages)
     control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
     for time, end in pairwise(drive.edges(duration)):
         previous = None
@@ -111,7 +110,7 @@ def collocate(
                 length=length,
                 q0=q,
                 v0=v,
-                guess=_guess(equations, table, previous, length),
+                guess=_extrapolate_guess(equations, table, previous, length),
                 accuracy=NEWTON_SHARE * tolerance,
             )
             if isinstance(step, str):
@@ -122,7 +121,8 @@ def collocate(
                 admissible = tolerance + MOVE_ROUNDING * float(joint_motions.max(initial=0.0))
                 factor = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
                 factor = float(np.clip(STEP_SAFETY * factor, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
-                if step.unresolved <= control.leniency * admissible:
+                leniency = BRIDGING_LENIENCY if control.short else 1.0  # over a singularity
+                if step.unresolved <= leniency * admissible:
                     yield step
                     q, v = end_state(equations, step)
                     time = end if length == end - time else time + length
@@ -130,16 +130,19 @@ def collocate(
                     control.accept(length, factor)
                     many = control.accepted >= PROJECTED_AFTER
                     if many and control.accepted * duration > MAX_STEPS * time:
-                        raise _refusal(equations, time, length, "they are too many")
+                        raise _stalled_error(equations, time, length, "they are too many")
                     continue
                 reason = "the motion is not resolved"
                 control.reject(length, factor, end - time)
             if control.length < MIN_STEP_RATIO * duration:
-                raise _refusal(equations, time, control.length, f"and even they fail: {reason}")
+                raise _stalled_error(equations, time, control.length, f"and even they fail: {reason}")
 
 
-def _refusal(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
-    """Return the error of a simulation that needs steps of a length [s] at a time [s]."""
+def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
+    """Return the error of a simulation that needs too short steps.
+
+    At this time [s] it needs steps of this length [s].
+    """
     return NotConverged(
         f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
         f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
@@ -149,12 +152,15 @@ def _refusal(equations: EquationsOfMotion, time: float, length: float, why: str)
 
 
 def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Array, Array]:
-    """Return the state at the end of a step, with a velocity that the loops allow."""
+    """Return the state at the end of a step.
+
+    Its velocity is one that the loops allow.
+    """
     tangent = equations.tangent_at_rest(step.q[-1])
     return step.q[-1], allowed_velocity(equations, tangent, step.v[-1])
 
 
-def _guess(
+def _extrapolate_guess(
     equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
     """Extrapolate accelerations and multipliers at the nodes from the previous step; zero without one."""

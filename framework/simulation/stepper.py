@@ -16,7 +16,6 @@ from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matvec
 from framework.simulation.consistent import consistent_state, free_motions
 from framework.simulation.contacts import ContactDynamics
-from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.schemes import SCHEMES, State
 from framework.simulation.terms import RobotStack
 from framework.simulation.world_forces import NO_FORCES, WorldForces
@@ -39,7 +38,9 @@ class Stepper:
         scheme: str | None = None,
         like: ParallelRobot | None = None,
     ) -> Stepper:
-        """Make a stepper of one robot (any number of runs) or of a sequence of R robots of one structure.
+        """Make a stepper of one robot or of R robots of one structure.
+
+        One robot serves any number of runs.
 
         Args:
             damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
@@ -52,7 +53,9 @@ class Stepper:
             InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
         """
         stack = RobotStack.of(robots, damping, like)
-        massless = _has_massless_motions(stack.first)
+        first = stack.first
+        light = free_motions(first, first.tangent_at_rest(first.robot.reference.q))[1]  # (nv, k)
+        massless = light.shape[1] > 0  # whether the loops allow a motion without mass
         if scheme is None:
             scheme = "extrapolated" if massless else "midpoint"
         if scheme not in SCHEMES:
@@ -74,9 +77,10 @@ class Stepper:
         *,
         world: WorldForces = NO_FORCES,
     ) -> State:
-        """Find the nearest state on which the loops close and massless parts are in balance.
+        """Find the nearest consistent state.
 
-        q (nq,) or (R, nq); v of zeros and torque (n_a,) of zeros by default; the world as it is at t = 0.
+        Its loops close and massless parts are in balance. q (nq,) or (R, nq); v of zeros and torque (n_a,) of
+        zeros by default; the world as it is at t = 0.
 
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
@@ -114,9 +118,3 @@ class Stepper:
         x, twist = platform.coordinates(frames), matvec(platform.jacobian(frames), rates)
         shape = (*q.shape[:-1], platform.n)
         return x.reshape(shape), twist.reshape(shape)
-
-
-def _has_massless_motions(equations: EquationsOfMotion) -> bool:
-    """Whether the loops allow a motion without mass at the reference."""
-    tangent = equations.tangent_at_rest(equations.robot.reference.q)
-    return bool(free_motions(equations, tangent)[1].shape[1])

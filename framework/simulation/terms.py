@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, stacked_frames
+from framework.kinematics.frames import FrameMotions, FrameStack, select_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike, IntArray
@@ -55,7 +55,9 @@ class RobotStack:
         damping: ArrayLike | None = None,
         like: ParallelRobot | None = None,
     ) -> RobotStack:
-        """Stack one robot or several; `like` decides which loop equations count and which joints idle.
+        """Stack one robot or several of the same structure.
+
+        `like` decides which loop equations count and which joints idle.
 
         Raises:
             InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.
@@ -115,7 +117,7 @@ class RobotStack:
         rows, columns = _lower_half(nv)
         mass[:, rows, columns] = mass[:, columns, rows]
         mass[:, range(nv), range(nv)] += self.rotors
-        frames = stacked_frames(scratch, placements, screws, q)
+        frames = select_frames(scratch, placements, screws, q)
         loops = loop_equations(self.first.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from framework.errors import InvalidInput
 from framework.kinematics.external_wrenches import ExternalWrenches, wrench_slope
 from framework.kinematics.frames import frames_at
-from framework.kinematics.mechanism import frame_of
+from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
@@ -65,7 +65,7 @@ class WorldForces:
         models = [robot.model] * len(q) if models is None else models
         force = np.zeros((len(q), robot.model.nv))
         for entry in self.wrenches.entries:
-            frame, wrench = frame_of(robot.model, entry.frame), np.array(entry(s))
+            frame, wrench = frame_index(robot.model, entry.frame), np.array(entry(s))
             for k, configuration in enumerate(q):
                 jacobian = pin.computeFrameJacobian(models[k], data, configuration, frame, AXES)
                 if entry.turns:

@@ -39,10 +39,11 @@ class Border(NamedTuple):
 
     @staticmethod
     def of(matrix: Array, size: int = 1) -> Border:
-        """Return the border for matrices near M (..., n, n); det G then has the sign of det M.
+        """Return the border for matrices near M (..., n, n).
 
-        With singular vectors G of the matrix itself is -diag(sigma), sigma its least singular values. So b is
-        turned over where (-1)^size and the sign of det M, det U det V of M = U S V', differ.
+        With it det G has the sign of det M. With singular vectors G of the matrix itself is -diag(sigma),
+        sigma its least singular values. So b is turned over where (-1)^size and the sign of det M, det U det
+        V of M = U S V', differ.
         """
         U, _, V_rows = np.linalg.svd(matrix)
         b, c = U[..., -size:].copy(), V_rows[..., -size:, :].swapaxes(-1, -2)
@@ -59,15 +60,20 @@ class BorderedSolution(NamedTuple):
 
     @property
     def g(self) -> Array:
-        """Return det G (T,): the measure of singularity, zero where and only where the matrix is singular."""
+        """The measure of singularity det G (T,).
+
+        It is zero where and only where the matrix is singular.
+        """
         return determinant(self.G)
 
 
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n), with one border or T."""
+    """Solve [M b; c' 0] [eta; G] = [0; 1] for T matrices M.
+
+    M is (T, n, n), with one border for all or T borders.
+    """
     count, n = matrices.shape[:2]
     size = border.b.shape[-1]
-    # [M b; c' 0] [eta; G] = [0; 1]
     bordered = np.zeros((count, n + size, n + size))
     bordered[:, :n, :n] = matrices
     bordered[:, :n, n:] = border.b
@@ -80,7 +86,7 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
 
 
 def bordered_solution(matrices: Array, k: int, size: int = 1) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n) with the border of the k-th."""
+    """Solve the bordered systems of matrices (T, n, n), all with the border of the k-th."""
     return solve_bordered(matrices, Border.of(matrices[k], size))
 
 
@@ -93,7 +99,7 @@ def determinant(G: Array) -> Array:
 
 
 class Slope(NamedTuple):
-    """g and its derivatives by p, with the border of the matrix at p."""
+    """The measure g and its derivatives by p, with the border of the matrix at p."""
 
     g: float
     slope: float
@@ -102,23 +108,26 @@ class Slope(NamedTuple):
 
 
 class Root(NamedTuple):
-    """The result of Newton's method."""
+    """The result of Newton's method for a root of g."""
 
-    place: float
-    depth: float  # g at the last iterate; 0 if the last step was so small that the next one is rounding
+    place: float  # p at the last iterate
+    depth: float  # g there; 0 if the last step was so small that the next one is rounding
     converged: bool
     slope: float  # dg/dp, by the last stencil
     bend: float  # d2g/dp2, likewise; 0 at an end of the interval
 
 
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
-    """Return p and its neighbours (3,) for the slope; on one side at an end of [low, high]."""
+    """Return p between its neighbours (3,) for a central difference, cut to [low, high]."""
     half = STENCIL_HALF_WIDTH * (high - low)
     return np.clip([p - half, p, p + half], low, high)
 
 
-def slope_of_g(matrices: Array, p: Array, size: int = 1) -> Slope:
-    """Compute g and dg/dp from matrices (3, n, n) at p (3,) of a `stencil`, the border `size` wide."""
+def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
+    """Compute g, dg/dp and d2g/dp2 from matrices (3, n, n) on a `stencil`.
+
+    The border of the middle matrix is `size` wide. p is (3,).
+    """
     g = bordered_solution(matrices, 1, size).g
     lower, middle, upper = map(float, g)
     width = float(p[2] - p[0])
@@ -146,7 +155,7 @@ def root_of_g(
     p, g, slope, bend = start, np.inf, 0.0, 0.0
     for _ in range(MAX_ITERATIONS):
         points = stencil(p, low, high)
-        g, slope, _, bend = slope_of_g(matrices(points), points, size)
+        g, slope, _, bend = differentiate_g(matrices(points), points, size)
         step = -g / slope if slope else np.inf
         if not abs(step) < longest:
             break

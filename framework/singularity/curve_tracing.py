@@ -44,11 +44,14 @@ class Points(NamedTuple):
     border: Border  # (S, m, 1) of P
 
     def reverse(self) -> Points:
-        """Return the same points, in the same order, of curves that are followed the other way."""
+        """Return the same points of curves that are followed the other way.
+
+        Their order stays.
+        """
         return self._replace(tangent=-self.tangent, orientation=-self.orientation)
 
     def backwards(self) -> Points:
-        """Return the points of one curve that is followed the other way, the last point first."""
+        """Return the points of one curve in reverse order, followed the other way."""
         return select(self.reverse(), slice(None, None, -1))
 
     def single(self, k: int) -> Points:
@@ -63,8 +66,8 @@ class Curve(NamedTuple):
     ends: tuple[str, str]  # closed, left (the region), stalled (where the equations lose rank) or long
 
 
-def solutions_near(equations: LocusEquations, q: Array) -> Array:
-    """Search solutions (s, nq), maybe none, by least-norm Newton steps of bounded size from q (S, nq)."""
+def find_solutions(equations: LocusEquations, q: Array) -> Array:
+    """Find solutions (s, nq), maybe none, by least-norm Newton steps of bounded size from q (S, nq)."""
     size = np.full(len(q), np.inf)
     for _ in range(MAX_SEARCH_STEPS):
         evaluated = equations.evaluate(q)
@@ -79,12 +82,12 @@ def solutions_near(equations: LocusEquations, q: Array) -> Array:
     return q[size < NEWTON_STEP]
 
 
-def points_at(equations: LocusEquations, q: Array) -> Points:
+def curve_points_at(equations: LocusEquations, q: Array) -> Points:
     """Return the points of curves at solutions q (S, nq)."""
-    return _points(equations, q, equations.evaluate(q), None)
+    return _points_of(equations, q, equations.evaluate(q), None)
 
 
-def whole_curves(
+def trace_curves(
     equations: LocusEquations,
     starts: Points,
     inside: Callable[[Array], BoolArray],
@@ -122,7 +125,7 @@ class _Piece(NamedTuple):
 
 
 class _Fronts(NamedTuple):
-    """The last points of F pieces that are being traced."""
+    """The last points of the F pieces that are being traced, all at once."""
 
     points: Points
     bend: Array  # (F, k) rates of the tangents
@@ -130,7 +133,7 @@ class _Fronts(NamedTuple):
     piece: IntArray  # (F,) the start's number, plus their count against its tangent
 
     def advance(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts after steps (F,): the points ahead where accepted, else the same points.
+        """Return the fronts after steps (F,), moved where accepted to the points ahead.
 
         The next step aims at a share of the largest turn of the tangent.
         """
@@ -148,9 +151,10 @@ class _Fronts(NamedTuple):
 def _trace_pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[int, _Piece]:
-    """Trace 2 S pieces from S starts: piece k along the tangent of start k, piece S + k against.
+    """Trace two pieces from each of S starts, one either way.
 
-    All pieces take a step together; a piece that has ended is left out of the `fronts`.
+    Piece k goes along the tangent of start k, piece S + k against. All pieces take a step together; a piece
+    that has ended is left out of the `fronts`.
     """
     starts_both_ways = join([starts, starts.reverse()])
     step = np.full(len(starts_both_ways.q), min(FIRST_STEP, longest))
@@ -181,10 +185,10 @@ def _trace_pieces(
 def _find_following(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
 ) -> IntArray:
-    """Find the start that each front passes in a step; return the piece (F,) that leads on, or -1.
+    """Find the start that each front passes in its step.
 
-    A start is passed if it lies between the planes normal to the tangents at both ends of the step, beside
-    the chord of the step, with a similar tangent.
+    Returned is the piece (F,) that goes on from there, or -1. A start is passed if it lies between the planes
+    normal to the tangents at both ends of the step, beside the chord of the step, with a similar tangent.
     """
     from_front = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k) to each start
     from_end = equations.offsets(ahead.q[:, None], starts.q[None])
@@ -213,7 +217,7 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
 
 
 def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect a piece and its followers; return the end too, `closed` at the first start.
+    """Collect the points of a piece and its followers, and the end of the last.
 
     Pieces are numbered as in `_trace_pieces`; the starts that are passed are added to `done`.
     """
@@ -232,9 +236,10 @@ def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tupl
 
 
 def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) ahead, and whether each step is accepted (S,).
+    """Compute the points a step (S,) ahead; return which are accepted, too.
 
-    The predictor uses the tangents' rates `bend` (S, k). A point whose step is too long stays as it was.
+    The predictor is quadratic, with the tangents' rates `bend` (S, k); Newton's method corrects it. A point
+    whose step is too long stays as it was.
     """
     length = step[:, None]
     q = equations.move(points.q, length * points.tangent + 0.5 * length**2 * bend)
@@ -243,14 +248,14 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
     for _ in range(MAX_CORRECTIONS):
         start = select(points, live)
         evaluated = equations.evaluate(q[live], start.border)
-        change, is_regular = _corrector(evaluated, start.tangent)
+        change, is_regular = _newton_correction(evaluated, start.tangent)
         size = np.abs(change).max(axis=1)
         correction[live] += size
         q[live] = equations.move(q[live], change)
         is_regular &= correction[live] < MAX_CORRECTION_RATIO * step[live]
         ready = is_regular & (size < NEWTON_STEP)
         if ready.any():
-            corrected = _points(equations, q[live[ready]], select(evaluated, ready), select(start, ready))
+            corrected = _points_of(equations, q[live[ready]], select(evaluated, ready), select(start, ready))
             turns = np.linalg.norm(corrected.tangent - start.tangent[ready], axis=1)
             accepted[live[ready]] = turns < MAX_TANGENT_TURN
             ahead = _replace_rows(ahead, live[ready], corrected)
@@ -261,13 +266,13 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
 
 
 def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:
-    """Return a copy of the points with new ones in some rows."""
+    """Return a copy of the points with `new` ones in some rows."""
     index = np.arange(len(points.q))  # into the points and the new ones
     index[rows] = len(index) + np.arange(len(rows))
     return select(join([points, new]), index)
 
 
-def _corrector(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
+def _newton_correction(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
     """Compute Newton's step (S, k) normal to tangents (S, k), and whether the system is regular (S,)."""
     square = np.concatenate([evaluated.slopes, tangent[:, None]], axis=1)
     values = np.concatenate([evaluated.values, np.zeros((len(tangent), 1))], axis=1)
@@ -276,8 +281,10 @@ def _corrector(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
     return np.where(regular[:, None], change, 0.0), regular
 
 
-def _points(equations: LocusEquations, q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
-    """Return the points q (S, nq), with signs as at the previous ones.
+def _points_of(equations: LocusEquations, q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
+    """Return the points of curves at q (S, nq).
+
+    Tangents and motions are turned as at the previous points.
 
     Args:
         evaluated: the equations at q, or within `NEWTON_STEP` of q.

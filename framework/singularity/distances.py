@@ -51,7 +51,7 @@ class Distances(NamedTuple):
 
 
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
-    """Compute the distances of T assembled configurations of a robot whose platform determines its joints."""
+    """Compute distances from singularities at T configurations at which x determines the joints."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     sigma_A = singular_values(A)[:, -1]
     if robot.n_a > robot.n:  # least torques are those of dq_a = B^+ A v: A becomes B^+ A, B the unit matrix
@@ -77,10 +77,10 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
 def _worst_torques(
     robot: ParallelRobot, J: Array, right: Array, values: Array, gear: Array
 ) -> tuple[Array, Array]:
-    """Compute the largest 2-norm (T,) and single torque (T,) against a unit force, behind gears (n_a,).
+    """Compute the largest 2-norm (T,) and single torque (T,) against a unit force, over ratios `gear` (n_a,).
 
-    By virtual work W' v = tau' dq_a the torques are tau = J' W. They are infinite where a singular direction
-    (rows of `right`) of a vanishing singular value moves the platform's point.
+    By virtual work W' v = tau' dq_a the torques are tau = J' W, with J (T, n, n_a) of v = J dq_a. They are
+    infinite where a direction (a row of `right`) of a vanishing singular value moves the platform's point.
     """
     translations = robot.translations
     if not translations.any():
@@ -96,7 +96,10 @@ def _worst_torques(
 
 
 def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
-    """Compute pressure angles (T, n_a): between each column of J and the normal of all others."""
+    """Compute the pressure angles (T, n_a) [rad].
+
+    They are the angles of each column of J to the normal of all others.
+    """
     has_one_unit = robot.translations.all() or not robot.translations.any()
     if not has_one_unit or robot.n < 2 or robot.n_a != robot.n:
         return np.full((len(J), robot.n_a), np.nan)

@@ -39,7 +39,7 @@ class LocusCurves(NamedTuple):
     reach: float  # [m] half an edge of the square that was searched
 
     def serves(self, x: Array) -> bool:
-        """Whether x (T, n) has the same fixed coordinates and lies well inside."""
+        """Whether the curves are valid for x (T, n): same fixed coordinates, well inside the square."""
         offset = np.abs(x - self.about)
         fixed = np.delete(offset, self.axes, axis=1)
         is_same = fixed.max(initial=0.0) < SAME_PLACE * self.reach
@@ -47,10 +47,10 @@ class LocusCurves(NamedTuple):
 
 
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
-    """Trace the locus about an assembled configuration q (nq,), platform at x (n,), in its working mode.
+    """Trace the locus about a configuration q (nq,) in its working mode.
 
-    None for a robot without exactly two translations, without passive joints, or with redundant motors (whose
-    g has no sign).
+    x (n,) is the platform there. None for a robot without exactly two translations, without passive joints,
+    or with redundant motors (whose g has no sign).
     """
     straight = robot.platform.sliding.tolist()
     if len(straight) != 2 or not has_signed_measure(robot):
@@ -91,9 +91,9 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
 
 def _shifted_determinants(robot: ParallelRobot, q: Array, x: Array, shifts: Array) -> Array:
-    """Compute det P (T,) at shifts (T, 3) of the platform; NaN where the loops do not close.
+    """Compute det P (T,) at shifts (T, 3) of the platform.
 
-    The determinant changes its sign where g does, and needs no border.
+    NaN where the loops do not close. The determinant changes its sign where g does, and needs no border.
     """
     targets = np.repeat(x[None], len(shifts), axis=0)
     targets[:, robot.platform.sliding] += shifts
@@ -105,7 +105,7 @@ def _shifted_determinants(robot: ParallelRobot, q: Array, x: Array, shifts: Arra
 def _pull_onto(
     measure: Callable[[Array], Array], start: Array, normal: Array, slope: float, farthest: float
 ) -> Array:
-    """Move points (T, k) along a normal (k,) to where the measure vanishes, by the secant method.
+    """Move points (T, k) along a normal (k,) to zeros of a measure, by the secant method.
 
     `slope` is the measure's first slope along the normal. NaN for a point that would have to go farther than
     `farthest`, or whose loops do not close.

@@ -76,38 +76,52 @@ class JoggedPose:
     stopped: str  # the reason why the motion ended early, or ""
 
 
-def pose_at(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
-    """Describe an assembled configuration q (nq,).
+def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
+    """Describe a jogged robot at an assembled configuration q (nq,): its distance from singularities.
+
+    Type 1 and Type 2 are near where the least singular value of their matrix is small beside its usual one.
 
     Raises:
         InvalidInput: q is not assembled.
     """
     closed = assembled_at(robot, q)
-    x, linearised = closed.x[0], closed.linearised
-    motors = robot.actuated_coordinates(q[None])[0]
-    legs, P_value = _least_singular_values(robot, linearised)
-    usual_legs, usual_P = np.maximum(
-        _least_singular_values(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR
-    )
-    level, kind = _level(legs / usual_legs), ""
+    linearised, reference = closed.linearised, linearised_at_reference(robot)
+    type1_value, type2_value = _least_singular_values(robot, linearised)
+    usual = np.maximum(_least_singular_values(robot, reference), USUAL_SIZE_FLOOR)
+    level, kind = _proximity_level(type1_value / usual[0]), ""
     verdict = "regular: the motors hold the platform in every direction"
     if level != "regular":
         kind = "type_1"
         verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+    pose = JoggedPose(
+        q=q,
+        x=closed.x[0],
+        motors=robot.actuated_coordinates(q[None])[0],
+        g=None,
+        smallest=None,
+        level=level,
+        kind=kind,
+        verdict=verdict,
+        twist=np.zeros(robot.n),
+        stopped=stopped,
+    )
     if not len(robot.following):  # every joint has a motor: no Type 2
-        return JoggedPose(q, x, motors, None, None, level, kind, verdict, np.zeros(robot.n), stopped)
+        return pose
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
     twist = twist / (twist_norm(robot, twist) or 1.0)
-    if _level(P_value / usual_P) != "regular":
-        level, kind = _level(P_value / usual_P), uncontrolled_motion(robot, linearised).kind
-        name, meaning = CLASSES[kind]
-        verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
-    return JoggedPose(q, x, motors, float(measure.g[0]), P_value, level, kind, verdict, twist, stopped)
+    pose = replace(pose, g=float(measure.g[0]), smallest=type2_value, twist=twist)
+    level = _proximity_level(type2_value / usual[1])
+    if level == "regular":
+        return pose
+    kind = uncontrolled_motion(robot, linearised).kind
+    name, meaning = CLASSES[kind]
+    verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
+    return replace(pose, level=level, kind=kind, verdict=verdict)
 
 
-def _level(share: float) -> str:
-    """Return the level of a least singular value, given as a share of its usual size."""
+def _proximity_level(share: float) -> str:
+    """Return regular, near or singular for a least singular value over its usual size."""
     if share >= NEAR_SINGULAR_RATIO:
         return "regular"
     return "near" if share > SINGULAR_RATIO else "singular"
@@ -123,10 +137,11 @@ class LooseMotion(NamedTuple):
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute the motion along t_s at which the motors move by second order; None where the loops open.
+    """Compute a motion of the platform along t_s with closed loops.
 
-    To first order the loops allow this motion with locked motors. With the loops closed exactly the motors
-    move by the square of the platform's motion. `shift` is that of the platform [robot lengths].
+    None where the loops open. To first order the loops allow this motion with locked motors. With the loops
+    closed exactly the motors move by the square of the platform's motion. `shift` is that of the platform
+    [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
@@ -145,20 +160,24 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Bring one platform coordinate to `value`, the others at rest, as far as the working mode goes.
+    """Move one platform coordinate to `value`, the others at rest.
+
+    The motion ends where the working mode does.
 
     Raises:
         InvalidInput: q is not assembled, no such coordinate, or the platform does not fix the joints.
     """
     start = assembled_at(robot, q)
-    _check(index, robot.n, value)
+    _check_request(index, robot.n, value)
     target = start.x[0].copy()
     target[index] = value
-    return lead_platform(robot, q, target)
+    return move_platform_straight(robot, q, target)
 
 
 def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
-    """Bring the platform's origin towards a point (3,) of the base [m], as far as its coordinates allow.
+    """Move the platform's origin towards a point (3,) of the base [m].
+
+    It goes as far as its coordinates allow.
 
     Raises:
         InvalidInput: q is not assembled, the point is not finite, or the platform does not fix the joints.
@@ -167,11 +186,13 @@ def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
         raise InvalidInput("place: needs three finite numbers")
     target = assembled_at(robot, q).x[0].copy()
     target[robot.platform.sliding] = place[robot.platform.along]
-    return lead_platform(robot, q, target)
+    return move_platform_straight(robot, q, target)
 
 
-def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
-    """Bring the platform straight to coordinates (n,), as far as working mode and joint limits go.
+def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
+    """Move the platform straight to coordinates `target` (n,).
+
+    It goes as far as working mode and joint limits allow.
 
     Raises:
         InvalidInput: q is not assembled, or the platform does not fix the joints.
@@ -185,15 +206,15 @@ def lead_platform(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
 
 
 def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
-    """Bisect a motion from q (nq,) for the last pose with all joints within limits.
+    """Find the last pose of a motion from q (nq,) within joint limits.
 
-    `pose_after` returns the pose after a share of the motion.
+    It is found by bisection. `pose_after` returns the pose after a share of the motion.
     """
     pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
-    last, inside, outside = pose_at(robot, q), 0.0, 1.0  # shares of the motion
+    last, inside, outside = describe_jogged_pose(robot, q), 0.0, 1.0  # shares of the motion
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
         pose = pose_after(middle)
@@ -206,18 +227,18 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
 
 
 def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """Move the platform straight to coordinates (n,), as far as the working mode goes."""
+    """Move the platform straight to coordinates `target` (n,), as far as the working mode goes."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
-        return pose_at(robot, q)
+        return describe_jogged_pose(robot, q)
     try:
         followed = follow_path(robot, Line(start.x[0], target), q)
         end, linearised = followed.last.q[0], followed.last.linearised
         if followed.complete:
-            return pose_at(robot, end)
+            return describe_jogged_pose(robot, end)
     except NotAssembled:  # the start is singular
         end, linearised = q, start.linearised
-    return pose_at(
+    return describe_jogged_pose(
         robot,
         end,
         f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded here "
@@ -232,7 +253,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         InvalidInput: q is not assembled, there is no such motor, or the motors depend on one another.
     """
     start = assembled_at(robot, q)
-    _check(index, robot.n_a, value)
+    _check_request(index, robot.n_a, value)
     motors = robot.actuated_coordinates(start.q)[0]
 
     def turn(angle: float) -> Array:
@@ -242,7 +263,10 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return forward_kinematics(robot, target, near=q).q
 
     def stop_before(angle: float, sign: float) -> Array:
-        """Return the joints (nq,) just before a singularity after a turn of this size and sign."""
+        """Return joints (nq,) just before a singularity.
+
+        It lies after a turn of this size and sign.
+        """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         for _ in range(MAX_RETREATS):
             angle, retreat = angle - retreat, 10.0 * retreat
@@ -255,21 +279,24 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return q
 
     def pose_after(share: float) -> JoggedPose:
-        """Return the pose after a share of the turn, or just before a singularity on the way."""
+        """Return the pose after a share of the turn.
+
+        It is just before a singularity that lies between.
+        """
         angle = share * (value - motors[index])
         try:
-            return pose_at(robot, turn(angle))
+            return describe_jogged_pose(robot, turn(angle))
         except Type2Singularity as end:
-            pose = pose_at(robot, stop_before(end.share * abs(angle), np.sign(angle)))
+            pose = describe_jogged_pose(robot, stop_before(end.share * abs(angle), np.sign(angle)))
             name = CLASSES[pose.kind][0] if pose.kind in CLASSES else "Type 2 singularity"
             return replace(pose, stopped=_MOTORS_END.format(name=name))
         except NotAssembled as end:
-            return pose_at(robot, end.q, str(end))
+            return describe_jogged_pose(robot, end.q, str(end))
 
     return _stop_at_limits(robot, q, pose_after)
 
 
-def _check(index: int, count: int, value: float) -> None:
+def _check_request(index: int, count: int, value: float) -> None:
     """Refuse an index out of range and a value that is not finite."""
     if not 0 <= index < count:
         raise InvalidInput(f"index: needs 0 .. {count - 1}, got {index}")

@@ -32,7 +32,7 @@ DIFFERENCE_STEP = 1e-5
 
 
 class Evaluated(NamedTuple):
-    """The equations at S configurations."""
+    """The equations of the locus at S configurations, for k joints that move."""
 
     values: Array  # (S, k - 1)
     slopes: Array  # (S, k - 1, k)
@@ -91,11 +91,6 @@ class LocusEquations:
             fixed=np.delete(np.arange(robot.n), [first, second]),
         )
 
-    @property
-    def size(self) -> int:
-        """k, the joints that move."""
-        return len(self.robot.moving)
-
     def move(self, q: Array, u: Array) -> Array:
         """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q."""
         columns = self.robot.moving
@@ -110,7 +105,10 @@ class LocusEquations:
         return offset
 
     def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
-        """Evaluate the equations at q (S, nq); each with its own border by default."""
+        """Evaluate the equations and their derivatives at q (S, nq).
+
+        Each has its own border by default.
+        """
         robot, count = self.robot, len(self._stencil)
         poses = self.move(np.repeat(q, count, axis=0), np.tile(self._stencil, (len(q), 1)))  # (S count, nq)
         linearised = linearised_at(robot, poses, None)
@@ -133,7 +131,7 @@ class LocusEquations:
     @cached_property
     def _stencil(self) -> Array:
         """Steps (2 k + 1, k) [rad, lengths] of central differences: none, all ahead, all back."""
-        units = np.eye(self.size)
+        units = np.eye(len(self.robot.moving))
         return DIFFERENCE_STEP * np.concatenate([0.0 * units[:1], units, -units])
 
     def _fixed_offsets(self, poses: Array, frames: FrameStack) -> Array:
@@ -151,12 +149,15 @@ class LocusEquations:
 
 
 def _measure_slopes(P: Array, border: Border, eta: Array, dP: Array) -> Array:
-    """Compute the slopes dg = -psi' dP eta (S, k) of g, with dP (S, k, m, m)."""
+    """Compute the gradient dg = -psi' dP eta (S, k) of g.
+
+    dP (S, k, m, m) are the derivatives of P (S, m, m).
+    """
     psi = solve_bordered(P.swapaxes(1, 2), Border(border.c, border.b)).eta[:, :, 0]
     return -np.matvec(np.matvec(dP, eta[:, None]), psi)
 
 
 def _differences(values: Array) -> Array:
-    """Compute slopes (S, k, ...) by central differences of values (S, 2 k + 1, ...), the centre first."""
+    """Compute derivatives (S, k, ...) by central differences of values (S, 2 k + 1, ...), see `_stencil`."""
     k = values.shape[1] // 2
     return (values[:, 1 : k + 1] - values[:, k + 1 :]) / (2 * DIFFERENCE_STEP)

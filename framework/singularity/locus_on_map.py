@@ -87,7 +87,7 @@ class MapLocus(ReadOnlyArrays):
 
 
 def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
-    """Trace the locus over the window of a map, on the branch of its poses."""
+    """Trace the locus on a map, on the branch of its poses."""
     started = time.perf_counter()
     first = tuple(np.argwhere(poses.reached)[0])
     try:
@@ -112,8 +112,8 @@ def _trace_modes(
     """
     minima = _find_minima(poses.g)  # (t, 2)
     curves, unexplained = list[MapCurve](), np.ones(len(changes), dtype=bool)
-    change_modes = _modes(equations.robot, poses, changes[:, :2])
-    minimum_modes = _modes(equations.robot, poses, minima)
+    change_modes = _working_modes(equations.robot, poses, changes[:, :2])
+    minimum_modes = _working_modes(equations.robot, poses, minima)
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
@@ -123,7 +123,7 @@ def _trace_modes(
             starts += [poses.q[tuple(ij)] for ij in changes[_choose_evenly(todo), :2]]
             if not starts:
                 break
-            for curve in _trace_from(equations.robot, poses, starts):
+            for curve in _trace_near(equations.robot, poses, starts):
                 for part in _parts_on_branch(equations, poses, curve):
                     if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # repeats no other
                         curves.append(part)
@@ -135,24 +135,27 @@ def _trace_modes(
 
 
 def _choose_evenly(indices: IntArray) -> IntArray:
-    """Return up to `STARTS_PER_ROUND` of the indices, evenly chosen."""
+    """Return up to `STARTS_PER_ROUND` of the indices (k,), evenly spaced."""
     count = min(len(indices), STARTS_PER_ROUND)
     return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
 
 
 def _free_axes(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
-    """Return the names of the map's axes."""
+    """Return the names of the map's two platform coordinates."""
     return robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
 
 
-def _modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
-    """Return the working mode, the sign of each leg (e, legs), at cells (e, 2) of the map."""
+def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
+    """Compute the working mode, the sign of each leg (e, legs), at cells (e, 2) of the map."""
     i, j = cells.T
     return leg_signs(robot, linearised_at(robot, poses.q[i, j], None))
 
 
-def _trace_from(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
-    """Trace the curves near starts (nq,), all in the mode of the first, as far as the map goes."""
+def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
+    """Trace the locus over the map from starts (nq,).
+
+    Curves are in the working mode of the first start.
+    """
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[0][None]))[0, axes]
     lengths = robot.platform_scale[axes]
@@ -174,7 +177,7 @@ def _trace_from(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> l
 
 
 def _sign_changes(g: Array) -> IntArray:
-    """Find neighbours between which g changes its sign: (e, 4), indices of the first and the second."""
+    """Find the neighbours between which g (I, J) changes its sign: (e, 4), indices of both."""
     changes = []
     for down, right in ((1, 0), (0, 1)):
         first, second = g[: len(g) - down, : g.shape[1] - right], g[down:, right:]
@@ -215,7 +218,10 @@ def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -
 
 
 def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> list[MapCurve]:
-    """Return the parts of a curve on the map's branch, cut where an angle jumps by a turn."""
+    """Return the parts of a curve that lie on the map's branch.
+
+    Parts are cut where an angle jumps by a turn.
+    """
     axes = list(poses.axes)
     x = curve.x[:, axes]
     is_on, is_off = _compare_branches(equations, poses, curve, x)
@@ -233,8 +239,8 @@ class _Neighbours(NamedTuple):
     q: Array  # (m, 9, nq)
 
 
-def _neighbours(poses: MapPoses, x: Array) -> _Neighbours:
-    """Return the poses about points x (m, 2)."""
+def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
+    """Return the map's poses about points x (m, 2): the nearest and its eight neighbours."""
     nearest = np.round((x - poses.lower) / poses.cell).astype(int)
     cells = nearest[:, None] + AROUND
     on_map = ((cells >= 0) & (cells < np.array(poses.g.shape))).all(axis=2)
@@ -246,15 +252,16 @@ def _neighbours(poses: MapPoses, x: Array) -> _Neighbours:
 def _compare_branches(
     equations: LocusEquations, poses: MapPoses, curve: LocusCurve, x: Array
 ) -> tuple[BoolArray, BoolArray]:
-    """Whether points x (m, 2) of a curve surely are on the map's branch, and surely are not, (m,) each.
+    """Tell which points x (m, 2) of a curve are on the map's branch.
 
-    A step of inverse kinematics from the nearest pose leads to the point's own configuration, or elsewhere.
-    Where the inverse kinematics is singular too no step leads to a point: it then counts as on the branch if
-    it is no farther from the nearest pose than the farthest of the neighbours. Points at and beyond the rim
-    of the reached poses may be neither.
+    Returned are masks (m,) of those that surely are, and of those that surely are not. A step of inverse
+    kinematics from the nearest pose leads to the point's own configuration, or elsewhere. Where the inverse
+    kinematics is singular too no step leads to a point: it then counts as on the branch if it is no farther
+    from the nearest pose than the farthest of the neighbours. Points at and beyond the rim of the reached
+    poses may be neither.
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
-    neighbours = _neighbours(poses, x)
+    neighbours = _neighbouring_poses(poses, x)
     inside = np.flatnonzero(neighbours.reached[:, 0])
     if not len(inside):
         return is_on, is_off

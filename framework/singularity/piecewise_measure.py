@@ -40,18 +40,21 @@ WIDER_BORDER_RATIO = 0.05  # singular values below are candidates for a wider bo
 
 
 class Measured(NamedTuple):
-    """A square matrix along a branch; `power` is 2 for P'P, whose singular values are squares."""
+    """A square matrix along a branch, whose loss of rank is measured by g."""
 
     branch: Branch
     matrix: Callable[[LinearisedLoops], Array]  # (T, n, n) of linearised loops
-    power: int = 1
+    power: int = 1  # 2 for P'P, whose singular values are squares
 
     def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
         return self.matrix(self.branch.close(s).linearised)
 
     def guess(self, s: Array) -> LinearisedLoops:
-        """Compute the equations at the branch's guesses for s (T,), where the loops may not close."""
+        """Compute the equations at the branch's guesses for s (T,).
+
+        The loops may not close there.
+        """
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
@@ -74,9 +77,9 @@ class Unresolved(NotConverged):
 
 @dataclass(frozen=True)
 class Panel:
-    """g between start and end."""
+    """The measure g between two path coordinates as a Chebyshev series."""
 
-    start: float
+    start: float  # s
     end: float
     series: Array  # (size,) Chebyshev coefficients of g
     matrices: Array  # (size, n, n) at the nodes
@@ -104,20 +107,24 @@ class Panel:
 
 
 class Samples(NamedTuple):
-    """The path closed on the nodes of panels, each panel once."""
+    """A cache of the branch's loops, linearised on the nodes of panels."""
 
     branch: Branch
-    panels: dict[tuple[float, float], LinearisedLoops]
+    panels: dict[tuple[float, float], LinearisedLoops]  # by start and end of the panel
 
     def loops(self, start: float, end: float) -> LinearisedLoops:
-        """Return the linearised loops on the nodes of a panel."""
+        """Return the linearised loops on the nodes (T = PANEL_NODES) of a panel."""
         if (start, end) not in self.panels:
-            s = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
-            self.panels[start, end] = self.branch.close(s).linearised
+            self.panels[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
         return self.panels[start, end]
 
 
-def panels(samples: Samples, measured: Measured) -> list[Panel]:
+def _panel_nodes(start: float, end: float) -> Array:
+    """Return the Chebyshev nodes (PANEL_NODES,) between two path coordinates."""
+    return start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
+
+
+def resolve_panels(samples: Samples, measured: Measured) -> list[Panel]:
     """Resolve g on panels of [0, 1], halved where g does not resolve.
 
     Raises:
@@ -128,7 +135,7 @@ def panels(samples: Samples, measured: Measured) -> list[Panel]:
     done: list[Panel] = []
     while waiting:
         start, end = waiting.pop()
-        panel = _resolve(samples, measured, start, end)
+        panel = _resolve_panel(samples, measured, start, end)
         if panel is not None:
             done.append(panel)
             continue
@@ -147,9 +154,9 @@ class Candidate(NamedTuple):
     is_minimum: bool
 
 
-def candidates(resolved: list[Panel]) -> list[Candidate]:
-    """Return the minima of |g| and the roots of g on the panels that may be contacts."""
-    deepest = CANDIDATE_DEPTH * MEASURE_TAIL * largest_on(resolved)
+def find_candidates(resolved: list[Panel]) -> list[Candidate]:
+    """Find the minima of |g| and the roots of g that may be contacts."""
+    deepest = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
     all_candidates: list[Candidate] = []
     for panel in resolved:
         constant, *others = np.abs(panel.series)
@@ -163,19 +170,22 @@ def candidates(resolved: list[Panel]) -> list[Candidate]:
     return all_candidates
 
 
-def largest_on(resolved: list[Panel]) -> float:
-    """Return the largest |g| on the panels, or somewhat more."""
+def bound_measure(resolved: list[Panel]) -> float:
+    """Return an upper bound of |g| on the panels: the largest sum of |coefficients|."""
     return max(float(np.abs(panel.series).sum()) for panel in resolved)
 
 
-def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on one panel, by borders of growing width; None when the tail is too large for all."""
+def _resolve_panel(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
+    """Resolve g on a panel by a Chebyshev series, by ever wider borders.
+
+    None if no border suffices.
+    """
     try:
         matrices = measured.matrix(samples.loops(start, end))
     except NotAssembled:
         return None
     middle = PANEL_NODES // 2  # whose border serves for the whole panel
-    widest = count_below(matrices[middle], WIDER_BORDER_RATIO)
+    widest = count_small_values(matrices[middle], WIDER_BORDER_RATIO)
     for size in range(1, max(widest, 1) + 1):
         solution = bordered_solution(matrices, middle, size)
         g = solution.g
@@ -193,8 +203,11 @@ def _resolve(samples: Samples, measured: Measured, start: float, end: float) -> 
     return None
 
 
-def count_below(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix below level times the largest, or times 1 if less."""
+def count_small_values(matrix: Array, level: float) -> int:
+    """Count the singular values of a matrix below a level.
+
+    The level is a share of the largest, or of 1 if that is less.
+    """
     values = singular_values(matrix)
     return int(np.sum(values < level * min(float(values[0]), 1.0)))
 
@@ -222,8 +235,8 @@ class Extremum(NamedTuple):
         return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
 
     def bracket(self, level: float) -> tuple[float, float]:
-        """Return the nearest s on either side with |g| above a level, or the panel's ends."""
-        lower, upper = (self._first_step(side, lambda g: np.abs(g) > level) for side in (-1, 1))
+        """Return the nearest s below and above with |g| over a level, else the panel's ends."""
+        lower, upper = (self._find_first_step(side, lambda g: np.abs(g) > level) for side in (-1, 1))
         return (
             self.start if lower is None else lower[1],
             self.end if upper is None else upper[1],
@@ -242,7 +255,7 @@ class Extremum(NamedTuple):
         """
         roots = []
         for side in (-1, 1):
-            bracket = self._first_step(side, lambda g: g * self.g < 0)
+            bracket = self._find_first_step(side, lambda g: g * self.g < 0)
             if bracket is not None:
                 inner, outer = bracket
                 while (middle := 0.5 * (inner + outer)) not in (inner, outer):
@@ -253,8 +266,14 @@ class Extremum(NamedTuple):
                 roots.append(middle)
         return roots
 
-    def _first_step(self, side: int, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
-        """Return the ends of the first of doubling steps to one side at whose outer end g passes a test."""
+    def _find_first_step(self, side: int, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
+        """Walk from the extremum to one side until g passes a test.
+
+        Steps are doubled; the side is -1 or 1.
+
+        Returns:
+            s at both ends of the last step; None if g passes nowhere on the panel.
+        """
         room = abs((self.end if side > 0 else self.start) - self.s)
         count = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))) + 1
         distances = np.concatenate(([0.0], FIRST_BRACKET_STEP * 2.0 ** np.arange(count)))
@@ -270,7 +289,7 @@ def extremum_near(
     size: int,
     scalar: Callable[[Array], Array] = determinant,
 ) -> Extremum:
-    """Find the extremum nearest to s of a scalar (T,) of G (T, size, size).
+    """Find the extremum nearest to s of a scalar function (T,) of blocks G (T, size, size).
 
     A panel about s gives the extremum of its series, on which the next panel is centred; then panels are
     halved until their series ends in rounding. On a panel without an extremum s itself is returned.
@@ -283,8 +302,8 @@ def extremum_near(
     for k_pass in range(1, CENTRING_PASSES + MAX_HALVINGS + 1):
         # not over a knot, where g is not smooth
         start, end = max(knots[k - 1], s - half_width), min(knots[k], s + half_width)
-        s_nodes = start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
-        values = scalar(bordered_solution(matrices(np.append(s_nodes, s)), -1, size).G)  # border of s
+        stack = matrices(np.append(_panel_nodes(start, end), s))  # s last, whose border serves for all
+        values = scalar(bordered_solution(stack, -1, size).G)
         series = coefficients(values[:-1, None])[:, 0]
         # a resolved series ends in rounding, another one in its truncation error
         rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)

@@ -19,21 +19,21 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import slope_of_g, stencil
+from framework.singularity.bordered_system import differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
     Measured,
     Panel,
     Samples,
     Unresolved,
-    candidates,
-    panels,
+    find_candidates,
+    resolve_panels,
 )
 from framework.singularity.rank_deficiency import (
     VANISHING_TOGETHER,
     Contact,
     NearMiss,
     block_slopes,
-    contacts,
+    find_contacts,
     find_near_misses,
 )
 from framework.singularity.type2 import sign_along, uncontrolled_motion
@@ -73,7 +73,9 @@ class SearchedPath(NamedTuple):
     near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, at ends too, below a hundredth of its largest
 
     def under(self, wrenches: ExternalWrenches) -> SearchedPath:
-        """Return the same path under wrenches of the world, on which singular points do not depend.
+        """Return the same path under wrenches of the world.
+
+        Singular points do not depend on them.
 
         Raises:
             InvalidInput: the robot has no such frame.
@@ -91,7 +93,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
         As `locate_singularities`.
     """
     branch = track_path(robot, path) if branch is None else branch
-    check_of(robot, path, branch)
+    check_branch(robot, path, branch)
     samples, type1, type1_panels = _continue_branch(branch)
     _refuse_type_1(type1, type1_panels)
     if not len(robot.following):  # every joint has a motor: locked, nothing moves
@@ -99,22 +101,22 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     power = 1 if len(robot.loops.names) == len(robot.following) else 2
     passive = Measured(samples.branch, partial(type2_matrix, robot), power)
     try:
-        resolved = panels(samples, passive)
+        resolved = resolve_panels(samples, passive)
         if samples.branch is branch:  # without continuations: better guesses through the panels' nodes
             edges = np.array([resolved[0].start, *(panel.end for panel in resolved)])
             q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
             passive = passive._replace(branch=branch)
-        ranks_lost = contacts(passive, resolved)
+        ranks_lost = find_contacts(passive, resolved)
         misses = find_near_misses(passive, resolved, ranks_lost)
     except Unresolved as unresolved:
-        raise _refusal_at(passive, unresolved) from None
+        raise _unresolved_error(passive, unresolved) from None
     points = tuple(_singular_point(passive, contact) for contact in ranks_lost)
     return SearchedPath(branch, points, tuple(misses))
 
 
-def check_of(robot: ParallelRobot, path: Path, branch: Branch) -> None:
-    """Raise InvalidInput unless the branch is of this path and this robot."""
+def check_branch(robot: ParallelRobot, path: Path, branch: Branch) -> None:
+    """Raise InvalidInput unless the branch belongs to this path and this robot."""
     if branch.robot is not robot or branch.path != path:
         raise InvalidInput(
             f"branch, searched: of {branch.robot!r} along {branch.path!r}, not of {robot!r} along {path!r}"
@@ -140,11 +142,11 @@ def locate_singularities(
 
 
 class _ContinuedBranch(NamedTuple):
-    """A branch continued through the singularities of the inverse kinematics that leave the branch smooth."""
+    """A branch continued where the inverse kinematics is singular and the branch yet smooth."""
 
-    samples: Samples  # closed on panels
-    type1: Measured  # the matrix of the inverse kinematics
-    panels: list[Panel] | Unresolved  # of this matrix; or the error where one is not resolved
+    samples: Samples  # the branch closed on panels
+    type1: Measured  # the matrix of the inverse kinematics along the branch
+    panels: list[Panel] | Unresolved  # its measure on panels; or the error where one is not resolved
 
 
 def _continue_branch(branch: Branch) -> _ContinuedBranch:
@@ -154,8 +156,8 @@ def _continue_branch(branch: Branch) -> _ContinuedBranch:
         type1 = Measured(branch, partial(type1_matrix, branch.robot))
         resolved: list[Panel] | Unresolved
         try:
-            resolved = panels(samples, type1)
-            suspects = [candidate.s for candidate in candidates(resolved)]
+            resolved = resolve_panels(samples, type1)
+            suspects = [candidate.s for candidate in find_candidates(resolved)]
         except Unresolved as unresolved:
             resolved, suspects = unresolved, [unresolved.s]
         continued = _continue_at_first(branch, suspects)
@@ -166,7 +168,10 @@ def _continue_branch(branch: Branch) -> _ContinuedBranch:
 
 
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
-    """Return the branch continued at the first possible of path coordinates; None if at none."""
+    """Continue the branch at the first path coordinate that allows it.
+
+    None if none does.
+    """
     for s in parameters:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
@@ -180,7 +185,7 @@ def _refuse_type_1(type1: Measured, resolved: list[Panel] | Unresolved) -> None:
     if isinstance(resolved, Unresolved):  # the branch has a kink, or another one meets it
         singular = [_most_singular_s(type1, resolved.s)]
     else:
-        singular = [contact.s for contact in contacts(type1, resolved) if _is_type_1(type1, contact.s)]
+        singular = [contact.s for contact in find_contacts(type1, resolved) if _is_type_1(type1, contact.s)]
     if not singular:
         return
     s, branch, robot = singular[0], type1.branch, type1.branch.robot
@@ -196,7 +201,7 @@ def _refuse_type_1(type1: Measured, resolved: list[Panel] | Unresolved) -> None:
 
 
 def _most_singular_s(type1: Measured, s: float) -> float:
-    """Find the path coordinate about s at which the least singular value of the matrix is smallest.
+    """Find the s at which the least singular value is smallest.
 
     Candidates are the knots of the branch about s, and s to three digits. A knot on the singularity itself
     may be on another branch; then guesses are wrong up to the next knots, between which the singularity lies.
@@ -210,10 +215,10 @@ def _most_singular_s(type1: Measured, s: float) -> float:
     return float(candidates[np.argmin(least_values)])
 
 
-def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
-    """Return the error for a g that is not resolved at s.
+def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
+    """Return the error for a measure that is not resolved at s.
 
-    If several singular values of its matrix vanish there, as many motions escape together; else the error is
+    If several singular values of its matrix vanish there, as many motions escape together; else it is
     `unresolved` itself.
     """
     branch, s = passive.branch, unresolved.s
@@ -226,10 +231,11 @@ def _refusal_at(passive: Measured, unresolved: Unresolved) -> Exception:
 
 
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
-    """Raise NotConverged if the independent loop equations lose a rank at s that all rows keep.
+    """Raise NotConverged if dropped loop equations are needed at s.
 
-    An overconstrained robot repeats its loop equations in proportions that change as it moves; the rows
-    that say it all at the reference need not do so everywhere.
+    The independent ones then have a lower rank than all rows. An overconstrained robot repeats its loop
+    equations in proportions that change as it moves; the rows that say it all at the reference need not do so
+    everywhere.
     """
     robot = branch.robot
     if not len(robot.structure.dropped):
@@ -249,7 +255,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
 
 
 def _is_type_1(type1: Measured, s: float) -> bool:
-    """Whether joints with motors move at s while the platform rests.
+    """Whether joints with motors can move at s while the platform rests.
 
     The matrix is singular too where passive joints alone move without the platform; that is not Type 1.
     """
@@ -267,7 +273,7 @@ def _is_type_1(type1: Measured, s: float) -> bool:
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
-    """Compute the record of a singular point: uncontrolled twist along the path, dg/ds, pose."""
+    """Describe the singular point at a contact: its twist, dg/ds and pose."""
     branch, s = passive.branch, contact.s
     robot, points = branch.robot, stencil(s)
     closed = branch.close(points)
@@ -280,7 +286,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         slopes = block_slopes(passive.evaluate, s, uncontrolled.corank).slope
         slope = singular_values(slopes)[-1]
     else:
-        _, slope, upper, _ = slope_of_g(P, points)
+        _, slope, upper, _ = differentiate_g(P, points)
         # a border at the root leaves the sign of g open: that of det P above the root decides
         slope *= np.sign(upper) * np.linalg.slogdet(P[2])[0] if points[2] > s else 1.0
     return SingularPoint(

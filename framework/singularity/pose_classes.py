@@ -38,7 +38,7 @@ from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at, linearised_at
 from framework.kinematics.loop_matrices import clearance, type1_matrix, type2_matrix
-from framework.kinematics.loop_structure import lost_directions
+from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
@@ -121,10 +121,10 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     require_square(robot)
     linearised = closed.linearised
     escaping = escaping_motions(robot, linearised)
-    at_rest = lost_directions(type1_matrix(robot, linearised)[0])  # motions of a locked platform
+    at_rest = null_directions(type1_matrix(robot, linearised)[0])  # motions of a locked platform
     gained = max(escaping.freedoms - robot.n, 0)
     kinds = set(escaping.kinds)
-    is_type_1, legs = _type_1(robot, at_rest[:, : robot.n_a], gained)
+    is_type_1, legs = _motors_moving_at_rest(robot, at_rest[:, : robot.n_a], gained)
     if is_type_1:
         kinds.add("type_1")
     if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
@@ -136,7 +136,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
                 f"along: the platform of {robot.name} does not determine its joints there (a Type 1 "
                 f"singularity, or of its loops), so no path is followed"
             )
-        contact = _contact(robot, closed, along, escaping.corank)
+        contact = _classify_contact(robot, closed, along, escaping.corank)
     twists = escaping.motions @ linearised.platform[0].T
     distances = singularity_distances(robot, linearised)
     return Classification(
@@ -154,11 +154,14 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     )
 
 
-def _type_1(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tuple[str, ...]]:
-    """Return whether motors move a resting platform by more than the gained freedoms, and their names.
+def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tuple[str, ...]]:
+    """Return whether a pose is of Type 1, and the motors that move.
+
+    They move while the platform rests.
 
     Args:
         rates: (k, n_a) of the motors in the motions of a locked platform.
+        gained: freedoms that the loops gain at this pose, which do not count.
     """
     if np.linalg.matrix_rank(rates, tol=RANK_LOST) <= gained:
         return False, ()
@@ -168,10 +171,10 @@ def _type_1(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tupl
 
 
 def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
-    """Whether P has lost rank at the reference and at poses drawn about q (nq,) and about the reference.
+    """Whether P has lost rank at the reference and at poses drawn at random.
 
-    g is analytic: where it vanishes at poses drawn at random, it vanishes on all that is connected to them,
-    but with probability zero.
+    Poses are drawn about q (nq,) and about the reference. g is analytic: where it vanishes at poses drawn at
+    random, it vanishes on all that is connected to them, but with probability zero.
     """
     reference = robot.reference.q
     if _least_singular_value(robot, reference) >= RANK_LOST:
@@ -186,14 +189,14 @@ def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
-    """Return independent unit twists (k, n) with the span of twists (c, n)."""
+    """Compute independent unit twists (k, n) that span the same space as twists (c, n)."""
     scale = robot.platform_scale
     values, right = np.linalg.svd(twists / scale)[1:]
     spanning = right[: int(np.sum(values > RANK_LOST))] * scale
     return np.array([twist / twist_norm(robot, twist) for twist in spanning]).reshape(-1, robot.n)
 
 
-def _contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
+def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
     """Return the contact, transversal or tangential, of the direction dx with the locus.
 
     Transversal: all vanishing singular values change at first order. With the border of the pose itself these

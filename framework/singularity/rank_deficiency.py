@@ -20,10 +20,10 @@ from framework.singularity.piecewise_measure import (
     Extremum,
     Measured,
     Panel,
-    candidates,
-    count_below,
+    bound_measure,
+    count_small_values,
     extremum_near,
-    largest_on,
+    find_candidates,
 )
 from framework.tolerances import (
     DISTINCT_EXTREMA,
@@ -58,7 +58,7 @@ class Contact(NamedTuple):
 
 
 class NearMiss(NamedTuple):
-    """A least value of the measure that is not zero, beside a singularity or at an end of the path."""
+    """A least |g| on the path that is not zero, beside a singularity or at an end of the path."""
 
     s: float
     g: float  # the smallest singular value with the sign of the determinant
@@ -66,20 +66,20 @@ class NearMiss(NamedTuple):
     size: int  # of G: more than 1 where several singular values are small
 
 
-def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
-    """Find all contacts, where the matrix loses rank, ascending in s; `resolved` are its `panels`.
+def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
+    """Find all places where the matrix loses rank, ascending in s.
 
-    Minima of |g| are polished before roots: a minimum near zero decides on the roots beside it, which then
-    need not be found again. Where several singular values vanish at once g is no measure, and the entries of
-    G are.
+    `resolved` are the panels of g. Minima of |g| are polished before roots: a minimum near zero decides on
+    the roots beside it, which then need not be found again. Where several singular values vanish at once g is
+    no measure, and the entries of G are.
     """
     multiple: list[Contact] = []  # several singular values vanish at once
     single: list[Contact] = []
     stretches: list[RootStretch] = []  # about extrema whose roots are known
-    residual = max(ROOT_RESIDUAL * largest_on(resolved), MEASURE_ROUNDING)
-    for candidate in sorted(candidates(resolved), key=lambda candidate: not candidate.is_minimum):
+    residual = max(ROOT_RESIDUAL * bound_measure(resolved), MEASURE_ROUNDING)
+    for candidate in sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum):
         size = _border_width(measured, candidate.panel.matrix(candidate.s))
-        common = _common_contact(measured, candidate.s, size) if size > 1 else None
+        common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
             if _is_apart(common.s, multiple, DISTINCT_EXTREMA):
                 multiple.append(common)
@@ -103,7 +103,7 @@ def contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 
 
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
-    """Find the near misses of the matrix along the path, ascending; `known` are its `contacts`."""
+    """Find the near misses along the path, ascending in s; `known` are the contacts."""
     smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]
     level = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
     misses: list[NearMiss] = []
@@ -126,7 +126,11 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 def _miss_at_extremum(
     measured: Measured, extremum: Extremum, known: list[Contact], size: int
 ) -> list[NearMiss]:
-    """Return an extremum of g as a near miss, unless g vanishes at or beside the extremum."""
+    """Return an extremum of g beside which g does not vanish as a near miss.
+
+    Without such, the list is empty: g vanishes there, or a contact is within reach. It is none if g vanishes
+    there or a contact is within reach.
+    """
     lower, upper = extremum.bracket(2 * abs(extremum.g))
     if extremum.is_touch or extremum.roots() or any(lower <= contact.s <= upper for contact in known):
         return []
@@ -136,8 +140,12 @@ def _miss_at_extremum(
 
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
-    """Return the end s of the path as a near miss if |g| falls outwards on its panel."""
-    outwards = 2.0 * s - 1.0  # the end in the panel's own coordinate, and the direction out of the path
+    """Return an end of the path beyond which |g| falls as a near miss.
+
+    s is 0 or 1. The list is empty if |g| grows towards the outside. It is one if |g| falls towards the
+    outside there.
+    """
+    outwards = 2.0 * s - 1.0  # -1 or 1: the end on the panel, and the direction out of the path
     matrix = panel.matrices[0 if s == 0.0 else -1]
     value = chebyshev.chebval(outwards, panel.series)
     slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
@@ -151,13 +159,16 @@ def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: floa
 
 
 def _is_apart(s: float, points: Sequence[Contact | NearMiss | RootStretch], distance: float) -> bool:
-    """Whether s is farther than a distance from all points of the path."""
+    """Whether s is farther than a distance, in s, from all points."""
     return all(abs(s - point.s) > distance for point in points)
 
 
 def _border_width(measured: Measured, matrix: Array) -> int:
-    """Return the width of the border that a matrix needs."""
-    return max(1, count_below(matrix, VANISHING_TOGETHER**measured.power))
+    """Count the small singular values of a matrix (n, n), at least 1.
+
+    That is the width of the border that it needs.
+    """
+    return max(1, count_small_values(matrix, VANISHING_TOGETHER**measured.power))
 
 
 class RootStretch(NamedTuple):
@@ -172,25 +183,28 @@ class RootStretch(NamedTuple):
 
 
 def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
-    """Find the contacts at or beside an extremum; return the reach of their `RootStretch` too."""
+    """Find the contacts at or beside an extremum of g.
+
+    The reach of their `RootStretch` is returned too.
+    """
     s = extremum.s
     if extremum.is_touch:
-        if not _vanishes(measured, s, size):
+        if not _loses_rank(measured, s, size):
             return [], 0.0
         lower, upper = extremum.bracket(extremum.rounding)
         kind = "transversal" if extremum.changes_sign else "tangential"
         contact = Contact(s, kind, upper - lower if kind == "tangential" else None)
         return [contact], 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
-    roots = [root for root in _polish_roots(measured, extremum, size) if _vanishes(measured, root, size)]
+    roots = [root for root in _polish_roots(measured, extremum, size) if _loses_rank(measured, root, size)]
     # between these roots and one beyond half their distance more, g has another extremum
     reach = 1.5 * max((abs(root - s) for root in roots), default=0.0)
     return [Contact(root, "transversal") for root in roots], reach
 
 
 def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
-    """Polish the roots beside an extremum with the border of the matrix at each root.
+    """Polish the roots of g beside an extremum by Newton's method.
 
-    A root from which Newton's method leads elsewhere stays as it is.
+    Each has its own border. A root from which Newton's method leads elsewhere stays as it is.
     """
     roots = []
     for root in extremum.roots():
@@ -201,14 +215,20 @@ def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[flo
     return roots
 
 
-def _vanishes(measured: Measured, s: float, size: int) -> bool:
-    """Whether the least singular value vanishes at s; a small det G of several does not tell."""
-    return size == 1 or count_below(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power) > 0
+def _loses_rank(measured: Measured, s: float, size: int) -> bool:
+    """Whether the least singular value vanishes at s.
+
+    With several small ones a small det G is no proof of it.
+    """
+    return size == 1 or count_small_values(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power) > 0
 
 
 def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
-    """Whether a singular value vanishes at a root, and g changes its sign or the path ends."""
-    if not _vanishes(measured, root.place, size):
+    """Whether g vanishes at a root and changes its sign.
+
+    At an end of the path no change of sign is needed.
+    """
+    if not _loses_rank(measured, root.place, size):
         return False
     s = root.place
     h = DISTINCT_EXTREMA  # far more than the rounding of s; the roots beside a nearer extremum are known
@@ -224,11 +244,11 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
 # ------------------------------------------------------------------ several singular values at once
 
 
-def _common_contact(measured: Measured, start: float, size: int) -> Contact | None:
-    """Find the contact near start where at least two singular values vanish; None without one.
+def _find_common_contact(measured: Measured, start: float, size: int) -> Contact | None:
+    """Find a contact where two or more singular values vanish.
 
-    Gauss-Newton minimises |G|, whose entries all vanish there. If they vanish without a slope, the contact is
-    the extremum of their `_common_part`.
+    It lies near `start`; None without one. Gauss-Newton minimises |G|, whose entries all vanish there. If
+    they vanish without a slope, the contact is the extremum of their `_common_part`.
     """
     s, step = start, 1.0
     for _ in range(MAX_COMMON_STEPS):
@@ -244,23 +264,23 @@ def _common_contact(measured: Measured, start: float, size: int) -> Contact | No
     if slopes[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
         s = extremum_near(measured.evaluate, measured.knots, s, size, _common_part).s
         kind = "tangential"
-    vanished = count_below(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power)
+    vanished = count_small_values(measured.evaluate(np.array([s]))[0], RANK_LOST**measured.power)
     if abs(s - start) > SEARCH_RADIUS or vanished < 2:  # the others may be small and not vanish
         return None
     return Contact(s, kind)
 
 
 def _common_part(G: Array) -> Array:
-    """Project G (T, size, size) at ascending s on the sum of its values at both ends, (T,).
+    """Project blocks G (T, size, size) on the sum of those at both ends, (T,).
 
-    The last of the T matrices is that of the border, at the contact, and not one of the ascending ones.
+    All but the last block are at ascending s; the last one is that of the border, at the contact.
     """
     direction = G[0] + G[-2]
     return np.sum(G * direction, axis=(1, 2))
 
 
 class BlockSlopes(NamedTuple):
-    """The bordered block G at one s with derivatives along s, each (size, size)."""
+    """The block G of bordered matrices at one s with derivatives by s, each (size, size)."""
 
     G: Array
     slope: Array
@@ -268,9 +288,10 @@ class BlockSlopes(NamedTuple):
 
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> BlockSlopes:
-    """Compute G at s with its derivatives by central differences, with the border of the matrix at s.
+    """Compute G and its two derivatives at s by central differences.
 
-    Within half a stencil of an end of the path the stencil stays inside, and the slope is extrapolated to s.
+    The border is that of the matrix at s. Within half a stencil of an end of the path the stencil stays
+    inside, and the slope is extrapolated to s.
     """
     h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))

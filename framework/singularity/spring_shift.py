@@ -22,7 +22,7 @@ SHIFT_ROUNDING = 1e-14  # of s that one such step may move the point by rounding
 
 
 def spring_shift(branch: Branch, point: SingularPoint) -> Array:
-    """Compute ds/dq_e (n_e,) [1/m] or [1/rad] of a singular point on a path, springs at rest.
+    """Compute the shift ds/dq_e (n_e,) [1/m, 1/rad] of a singular point by deflections, springs at rest.
 
     NaN where several motions escape at once, or where the path touches the locus without crossing it: small
     deflections do not move such a point, they split it or make it vanish.

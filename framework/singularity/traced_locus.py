@@ -36,9 +36,9 @@ from framework.singularity.curve_tracing import (
     Points,
     advance,
     chord_offsets,
-    points_at,
-    solutions_near,
-    whole_curves,
+    curve_points_at,
+    find_solutions,
+    trace_curves,
 )
 from framework.singularity.locus_equations import LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
@@ -141,38 +141,44 @@ def trace_locus(
         guesses = draw_in_mode(region, starts, seed)
     else:
         guesses = draw_joints(equations, closed.q[0], starts, seed)
-    solutions = solutions_near(equations, np.concatenate([guesses, np.reshape(near, (-1, robot.model.nq))]))
+    solutions = find_solutions(equations, np.concatenate([guesses, np.reshape(near, (-1, robot.model.nq))]))
     solutions = solutions[region.contains(solutions)]
     curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
-    described = tuple(_describe(equations, region.clip(curve), crossings) for curve, crossings in curves)
+    described = tuple(
+        _describe_curve(equations, region.clip(curve), crossings) for curve, crossings in curves
+    )
     return TracedLocus(robot, equations.free_names, described, starts=len(solutions))
 
 
 def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace the curves through solutions (S, nq) and all curves that cross, with branch points."""
+    """Trace all curves through solutions (S, nq), and curves that cross.
+
+    Each comes with its branch points.
+    """
     curves: list[Curve] = []
     crossings: list[list[Points]] = []
-    starts = [points_at(equations, solutions)]
+    starts = [curve_points_at(equations, solutions)]
     while starts and len(curves) < MAX_CURVES:
-        traced = whole_curves(equations, join(starts), region.contains, longest)
-        own_crossings = [_crossings(equations, curve) for curve in traced]
+        traced = trace_curves(equations, join(starts), region.contains, longest)
+        own_crossings = [_find_branch_points(equations, curve) for curve in traced]
         curves += traced
         crossings += own_crossings
         starts = []
         for crossing in chain.from_iterable(own_crossings):
-            for point in branches_at(equations, crossing):
-                passed = any(_passes(equations, curve, point) for curve in curves)
+            for point in points_on_crossing_curve(equations, crossing):
+                passed = any(_passes_point(equations, curve, point) for curve in curves)
                 if region.contains(point.q)[0] and not passed:
                     starts.append(point)
     return list(zip(curves, crossings, strict=True))
 
 
-def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
-    """Find the branch points of a curve, where other curves cross: det [dF/du ; t'] changes its sign.
+def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
+    """Find the branch points of a curve, where other curves cross.
 
-    Where the equations lose rank all along the curve (Type 1 and Type 2 at once) signs are rounding.
+    There det [dF/du ; t'] changes its sign. Where the equations lose rank all along the curve (Type 1 and
+    Type 2 at once) signs are rounding.
     """
     points = curve.points
     changes = np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0)
@@ -183,15 +189,18 @@ def _crossings(equations: LocusEquations, curve: Curve) -> list[Points]:
 
 
 def _least_slope(equations: LocusEquations, points: Points) -> Array:
-    """Compute the smallest singular value (S,) of the equations' derivatives."""
+    """Compute the least singular value (S,) of the equations' derivatives dF/du."""
     if not len(points.q):
         return np.zeros(0)
     slopes = equations.evaluate(points.q, points.border).slopes
-    return np.asarray(singular_values(slopes)[:, -1])
+    return singular_values(slopes)[:, -1]
 
 
-def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
-    """Whether a curve passes a point (S = 1)."""
+def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
+    """Whether a curve passes through a point (S = 1).
+
+    The distance of the point from the curve's chords decides.
+    """
     offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point
     chord = np.diff(offsets, axis=0)
     length = np.linalg.norm(chord, axis=1)
@@ -200,8 +209,8 @@ def _passes(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     return bool(((distance < MAX_CURVE_OFFSET * length) & is_step).any())
 
 
-def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
-    """Describe a curve in the robot's own coordinates."""
+def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
+    """Describe a traced curve by platform, motors, modes, cusps and branch points."""
     robot, points = equations.robot, curve.points
     linearised = linearised_at(robot, points.q, None)
     x = robot.platform.coordinates(linearised.frames)
@@ -222,16 +231,16 @@ def _describe(equations: LocusEquations, curve: Curve, crossings: list[Points]) 
         kind=kind,
         closed=curve.ends[0] == "closed",
         ends=curve.ends,
-        cusps=_cusps(equations, points) if kind == "type_2" else (),
+        cusps=_find_cusps(equations, points) if kind == "type_2" else (),
         branch_points=tuple(_locus_point(robot, crossing.q[0]) for crossing in crossings),
     )
 
 
-def _cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
-    """Find the cusps along a curve of m points: where the slope of g along the escaping motion vanishes.
+def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
+    """Find the cusps of a curve of m points.
 
-    The motion may have been turned over between neighbours. Where curves cross a second motion escapes, and
-    the slope says nothing.
+    There the slope of g along the escaping motion changes its sign. The motion may have been turned over
+    between neighbours. Where curves cross a second motion escapes, and the slope says nothing.
     """
     cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)
     changes = points.cusp[1:] * points.cusp[:-1] * cosine < 0
@@ -261,10 +270,11 @@ def root_between(
     *,
     small: float = ROOT_SIZE,
 ) -> Points | None:
-    """Find the point between two neighbours (S = 1) at which a measure of opposite signs vanishes.
+    """Find the point between two neighbours where a measure is zero.
 
-    False position (the Illinois variant) on the share of the chord, until the measure is `small`. Where the
-    corrector fails, as near a branch point, the last point of the search is returned; None if there is none.
+    The measure has opposite signs at the neighbours (S = 1). By false position (the Illinois variant) on the
+    fraction of the chord, until the measure is `small`. Where the corrector fails, as near a branch point,
+    the last point is returned; None if there is none.
     """
     chord = float(np.linalg.norm(equations.offsets(first.q[0], second.q[0])))
     bend = (second.tangent - first.tangent) / chord
@@ -291,7 +301,7 @@ def root_between(
 
 
 def branch_point(equations: LocusEquations, first: Points, second: Points) -> Points:
-    """Find the point between two neighbours at which another curve crosses, to 1e-6 of their distance."""
+    """Find the point between two neighbours (S = 1) at which another curve crosses."""
 
     def measure(point: Points) -> float:
         return float(point.orientation[0])
@@ -303,8 +313,8 @@ def branch_point(equations: LocusEquations, first: Points, second: Points) -> Po
     return first if abs(measure(first)) < abs(measure(second)) else second
 
 
-def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Return points of the curve that crosses at a `branch_point`, one on each side."""
+def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
+    """Compute points of the curve that crosses at a `branch_point`, one on each side."""
     tangent = _second_tangent(equations, crossing)
     points = []
     for direction in () if tangent is None else (tangent, -tangent):
@@ -315,11 +325,11 @@ def branches_at(equations: LocusEquations, crossing: Points) -> list[Points]:
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
-    """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
+    """Compute the unit tangent (k,) of the other curve at a branch point.
 
-    Both tangents w lie in the null space of the slopes F', of dimension 2, and solve y . F"(w, w) = 0, y the
-    left null vector. With w = tangent + r normal that is along + 2 mixed r + across r^2 = 0, of which r = 0
-    is the curve itself.
+    None if it is not real. Both tangents w lie in the null space of the slopes F', of dimension 2, and solve
+    y . F"(w, w) = 0, y the left null vector. With w = tangent + r normal that is along + 2 mixed r + across
+    r^2 = 0, of which r = 0 is the curve itself.
     """
     evaluated = equations.evaluate(crossing.q, crossing.border)
     U, _, V_rows = np.linalg.svd(evaluated.slopes[0])
@@ -378,7 +388,10 @@ class Region(NamedTuple):
         return (leg_determinants(robot, linearised) * mode).min(axis=1)
 
     def clip(self, curve: Curve) -> Curve:
-        """Return the part of a curve in the working mode, which ends next to a Type 1 singularity."""
+        """Return the part of a curve in the working mode.
+
+        It ends next to a Type 1 singularity.
+        """
         if self.mode is None or len(curve.points.q) < 2:
             return curve
         points = curve.points
@@ -389,21 +402,19 @@ class Region(NamedTuple):
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points) -> Points:
-        """Replace the last point, if beyond the working mode, by a point next to the mode's edge."""
+        """Move the last point, if beyond the working mode, to the mode's edge."""
         last_inside, outside = self.clearance(points.q[-2:]).tolist()
         if not outside < 0 < last_inside:
             return points
-        edge = self._edge(points.single(-2), points.single(-1), CUT_CLEARANCE_RATIO * last_inside)
-        points = select(points, slice(None, -1))
-        return points if edge is None else join([points, edge])
-
-    def _edge(self, inside: Points, outside: Points, margin: float) -> Points | None:
-        """Find the point between two neighbours at which the clearance is a margin."""
+        margin = CUT_CLEARANCE_RATIO * last_inside  # the clearance at the edge
 
         def excess(point: Points) -> float:
             return float(self.clearance(point.q)[0]) - margin
 
-        return root_between(self.equations, inside, outside, excess, small=0.1 * margin)
+        ends = points.single(-2), points.single(-1)
+        edge = root_between(self.equations, *ends, excess, small=0.1 * margin)
+        points = select(points, slice(None, -1))
+        return points if edge is None else join([points, edge])
 
 
 def draw_in_mode(region: Region, count: int, seed: int) -> Array:

@@ -18,7 +18,7 @@ from framework.kinematics.loop_matrices import (
     passive_motion,
     type2_matrix,
 )
-from framework.kinematics.loop_structure import lost_directions
+from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
@@ -35,7 +35,7 @@ COSINE_ROUNDING = 1e-12  # cosine between t_s and a path that rounding makes
 
 
 class Uncontrolled(NamedTuple):
-    """The motion that locked motors do not hold, at one configuration."""
+    """The motion that the loops allow with locked motors, at one configuration."""
 
     kind: str  # type_2, leg_passive, constraint or closure
     twist: Array  # (n,) t_s on the platform's axes, see `twist_norm`; zeros when it does not move
@@ -57,17 +57,17 @@ def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Un
     motion, twist = escaping.motions[-1], twists[-1]
     if kind != "type_2":
         return Uncontrolled(kind, 0 * twist, motion, escaping.corank)
-    if _rank(twists[-1:]) == 0:  # this motion rests the platform, another one moves it
+    if _count_rank(twists[-1:]) == 0:  # this motion rests the platform, another one moves it
         strongest = int(np.argmax(np.linalg.norm(twists, axis=1)))
         motion, twist = escaping.motions[strongest], twists[strongest]
     scale = twist_norm(robot, twist)
     return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
 
 
-def least_held(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute the unit twist (n,) and the joint rates (nv,) that the motors hold least, at one configuration.
+def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
+    """Compute the unit twist (n,) and joint rates (nv,) least controlled.
 
-    On a Type 2 singularity of corank 1 they are those of `uncontrolled_motion`.
+    T is 1. On a Type 2 singularity of corank 1 they are those of `uncontrolled_motion`.
     """
     P = passive_matrix(robot, linearised)[0]
     motion = passive_motion(robot, np.linalg.svd(P)[2][-1])
@@ -81,10 +81,10 @@ PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
 
 
 class EscapingMotions(NamedTuple):
-    """All motions that locked motors do not hold, at one configuration."""
+    """All motions that the loops allow with locked motors, at one configuration."""
 
     kinds: frozenset[str]  # of PRECEDENCE
-    motions: Array  # (c, nv) independent joint rates, the least held one last
+    motions: Array  # (c, nv) independent joint rates, that of the least singular value last
     corank: int  # c, at least `at_least`
     freedoms: int  # instantaneous ones of the loops, motors free; more than usual where the loops lose rank
 
@@ -92,23 +92,25 @@ class EscapingMotions(NamedTuple):
 def escaping_motions(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_least: int = 0
 ) -> EscapingMotions:
-    """Compute the null space of P of one configuration (T = 1), with its kinds of singularity.
+    """Compute the motions with locked motors and the kinds of singularity.
+
+    The motions are the null space of P (T = 1).
 
     Args:
-        at_least: so many motions are taken for uncontrolled however large their singular values are.
+        at_least: number of motions that count however large their singular values are.
     """
     P = passive_matrix(robot, linearised)[0]
-    lost = lost_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
+    lost = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
     motions = passive_motion(robot, lost)  # (c, nv) the null space of P
     freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
     gained = freedoms.shape[1] - (len(robot.moving) - len(robot.loops.names))
     twists = _platform_twists(robot, linearised)  # (nv, 6)
     # independent escaping motions of the platform: in all directions, and along its axes
-    rank = _rank(motions @ twists)
-    rank_on_axes = _rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
+    rank = _count_rank(motions @ twists)
+    rank_on_axes = _count_rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
     kinds = set()
     if gained > 0:  # the loops have lost rank
-        moves_platform = _rank(freedoms.T @ twists[robot.moving]) > robot.n
+        moves_platform = _count_rank(freedoms.T @ twists[robot.moving]) > robot.n
         kinds.add("constraint" if moves_platform else "closure")
     elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
@@ -121,21 +123,22 @@ def escaping_motions(
 
 
 def _platform_twists(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Return the platform's twist (nv, 6) for unit rates of all joints (T = 1), in lengths and radians."""
+    """Return the platform's twist (nv, 6) for unit rates of each joint (T = 1) [robot lengths, rad]."""
     twists = linearised.frames.frame_jacobian(0)[0].T.copy()
     twists[:, :3] /= robot.length
     return twists
 
 
-def _rank(rows: Array) -> int:
-    """Compute the rank of rows (k, n) without dimension."""
+def _count_rank(rows: Array) -> int:
+    """Count the singular values of dimensionless rows (k, n) above RANK_LOST."""
     return int(np.sum(singular_values(rows) > RANK_LOST)) if rows.size else 0
 
 
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:
-    """Return the size of a twist (n,): its speed, or its turning rate where the point rests.
+    """Return the speed of a twist (n,), or its turning rate.
 
-    Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
+    The latter is taken where the platform's point rests. Along a unit twist, t_s . W_p is a force [N] (a
+    torque [N m] for a pure turn).
     """
     part = robot.translations if moves_point(robot, twist) else ~robot.translations
     return float(np.linalg.norm(twist[part]))
@@ -161,19 +164,22 @@ def sign_along(twist: Array, direction: Array) -> float:
 
 
 def has_signed_measure(robot: ParallelRobot) -> bool:
-    """Whether the robot has passive joints and no redundant motors, so that g has a sign."""
+    """Whether the measure g of a robot has a sign.
+
+    It needs passive joints and no redundant motors.
+    """
     return len(robot.following) > 0 and robot.n_a == robot.n
 
 
 class SingularityMeasure(NamedTuple):
-    """The measure g and the least controlled motion, at T instants."""
+    """The measure g and the least controlled motion, at T configurations."""
 
     g: Array  # (T,) the smallest singular value of P with the sign of det P
     motion: Array  # (T, nv) the joint rates nearest to an uncontrolled motion, of unit size
 
 
 def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> SingularityMeasure:
-    """Compute g and the least controlled motion along a motion, for figures and first looks.
+    """Compute g (T,) and the least controlled motion (T, nv) at successive configurations, for figures.
 
     This g is continuous, with a kink where the two least singular values are equal. The sign of the motion is
     continuous except there. Roots are found on the smooth measures of `bordered_system`.

@@ -66,7 +66,7 @@ def test_distances_are_those_of_the_matrices(robot):
         ends = [forward_kinematics(robot, motors + s * h * np.eye(robot.n_a)[k]).x for s in (1, -1)]
         columns.append((ends[0] - ends[1]) / (2e-6 * robot.platform_scale))
     values = np.linalg.svd(np.array(columns).T, compute_uv=False)
-    if getattr(robot.platform, "attitude", None) is None or robot.platform.attitude.by_rates:
+    if getattr(robot.platform, "attitude", None) is None or robot.platform.attitude.rates_are_velocities:
         assert abs(cycle.type1) == pytest.approx(values[-1], rel=1e-6)
 
 

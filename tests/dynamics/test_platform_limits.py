@@ -10,6 +10,7 @@ import robots
 from framework import InvalidInput, SingularPose, assemble, dynamics_at, platform_limits, velocity_matrices
 from framework.dynamics.platform_wrench import hold_at
 from framework.kinematics.frames import frames_at
+from framework.kinematics.platform import frame_wrench
 from tests.robots.test_humanoid_ankle import cranks, derivative
 
 # translations; with a turn; a rotation vector; translations and a rotation vector; joints
@@ -33,7 +34,7 @@ def test_at_a_corner_all_motors_are_at_their_limits(name):
     frame = robot.description.platform.frame
     assert len(limits.wrenches.vertices) == len(limits.speeds.vertices) == 2**robot.n
     for U in limits.wrenches.vertices[:8]:
-        pushed = robot.platform.frame_wrench(at, -U[None])[0]
+        pushed = frame_wrench(robot.platform, at, -U[None])[0]
         found = dynamics_at(robot, q, wrenches={frame: pushed}).torque
         np.testing.assert_allclose(np.abs(found), torque, rtol=1e-9)
     A, B, _ = velocity_matrices(robot, q)

@@ -10,7 +10,7 @@ import robots
 from framework import plan_scene
 from framework.dynamics.platform_wrench import hold_at, motor_speeds, platform_wrench
 from framework.kinematics.inverse_kinematics import close_loops
-from framework.singularity.jogging import move_platform, pose_at
+from framework.singularity.jogging import describe_jogged_pose, move_platform
 
 
 def planned(name, scene, flexibility="rigid"):
@@ -74,7 +74,7 @@ def test_the_corners_are_those_of_the_zonotope_and_reach_is_its_width():
 @pytest.mark.parametrize("name", ["five_bar", "delta", "orthoglide"])
 def test_torques_that_hold_a_push_do_its_work_along_any_small_way(name):
     robot = robots.load(name)
-    here = pose_at(robot, robot.reference.q)
+    here = describe_jogged_pose(robot, robot.reference.q)
     push = np.arange(1.0, robot.n + 1.0)
     torque = hold_at(robot, here.q, push).torque
     for k in range(robot.n):  # a way of 1 um there and back, by inverse kinematics alone

@@ -11,7 +11,7 @@ import pytest
 
 from framework import NotAssembled, ParallelRobot, check_robot
 from framework.kinematics.assembly import close_reference
-from framework.kinematics.closures import direction_gaps, direction_slopes, loop_equations
+from framework.kinematics.closures import direction_gap_derivatives, direction_gaps, loop_equations
 from framework.kinematics.frames import frames_at, integrate
 from tests.kinematics.linkages import ball, frame, joint, linkage
 
@@ -91,6 +91,6 @@ def test_slopes_are_derivatives_of_gaps(tmp_path, kind):
         direction_gaps(directions, frames_at(robot, integrate(robot, q, side * h * v)[None]))[0]
         for side in (1, -1)
     )
-    slope = direction_slopes(directions, frames_at(robot, q[None]))[0] @ v
+    slope = direction_gap_derivatives(directions, frames_at(robot, q[None]))[0] @ v
     assert slope.shape == (2 if kind in ("fixed", "prismatic") else 1, 3)
     np.testing.assert_allclose(slope, (ahead - back) / (2 * h), atol=1e-9)  # h^2 and eps / h

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 import robots
 from framework import Line, Mechanism, ParallelRobot, plan_crossing, simulate
 from framework.kinematics.attitude import attitude_about
-from framework.kinematics.frame_variations import STEP, changes_of
+from framework.kinematics.frame_variations import STEP, complex_step_derivative
 from framework.kinematics.frames import frame_motions, frames_at, move_frames
-from framework.kinematics.platform import PlatformCoordinates
+from framework.kinematics.platform import frame_wrench, platform_coordinates
 from framework.model.description import Platform
 from framework.numerics.rotations import rotation_matrix
 
@@ -66,7 +66,7 @@ def made(name: str) -> SimpleNamespace:
     new = Platform("", joints=tuple(movable)) if asked is JOINTS else Platform("", asked)
     poses = np.array([robot.q_near, *(nearby(robot, seed)[0] for seed in range(3))])
     attitudes = frames_at(robot, poses).rotation[:, 0]
-    coordinates = PlatformCoordinates.of(new, robot.model).choose_chart(attitudes)
+    coordinates = platform_coordinates(new, robot.model).choose_chart(attitudes)
     return SimpleNamespace(
         **{field.name: getattr(robot, field.name) for field in fields(Mechanism)},
         column_scale=robot.column_scale,
@@ -201,12 +201,12 @@ def test_a_wrench_of_the_platform_and_its_motion_have_one_power(name):
     q, _ = nearby(robot, 10)
     at = frames_at(robot, q[None])
     W, v = np.random.default_rng(11).standard_normal((2, 1, robot.n))
-    wrench, twist = robot.platform.frame_wrench(at, W), robot.platform.frame_twist(at, v)
+    wrench, twist = frame_wrench(robot.platform, at, W), robot.platform.frame_twist(at, v)
     if PLATFORMS[name] is not JOINTS:  # each of whose wrenches is felt by one joint alone
         assert np.sum(wrench * twist) == pytest.approx(np.sum(W * v), abs=1e-13)
     loads = np.broadcast_to(robot.platform.wrenches(at), (1, robot.n, 6)).copy()
     loads[..., 3:] += np.cross(at.position[:, :1], loads[..., :3])  # about the base's origin
-    felt = robot.platform.felt_by(at.carried[0])
+    felt = robot.platform.joint_incidence(at.carried[0])
     yielded = loads[0] @ at.screws[0].T * felt
     np.testing.assert_allclose(yielded, robot.platform.jacobian(at)[0], rtol=0, atol=1e-14)
 
@@ -240,7 +240,7 @@ def test_wrenches_change_as_their_rates_say(name):
         placements=at.placements + STEP * move_frames(twists, at.placements),
         screws=at.screws + STEP * screw_rates,
     )
-    rates = np.broadcast_to(changes_of(robot.platform.wrenches(ahead) + 0j), (1, robot.n, 6))
+    rates = np.broadcast_to(complex_step_derivative(robot.platform.wrenches(ahead) + 0j), (1, robot.n, 6))
     np.testing.assert_allclose(rates, (wrenches(1) - wrenches(-1)) / (2 * h), atol=1e-8)
 
 

@@ -20,7 +20,7 @@ def solved(matrix: np.ndarray, right: np.ndarray, **options) -> tuple[np.ndarray
         products += 1
         return matrix @ vector
 
-    x = gmres(product, right, **({"left": 1e-12, "most": 50, "weak": 1e-14} | options))
+    x = gmres(product, right, **({"tolerance": 1e-12, "max_products": 50, "cutoff": 1e-14} | options))
     return x, products
 
 
@@ -51,7 +51,7 @@ def test_directions_that_are_all_but_annihilated_are_not_asked_for():
     matrix, right = (q * values) @ q.T, q @ np.ones(SIZE)
     whole, _ = solved(matrix, right)
     assert np.abs(q[:, -1] @ whole) > 1e5
-    least, _ = solved(matrix, right, weak=1e-6)
+    least, _ = solved(matrix, right, cutoff=1e-6)
     assert np.linalg.norm(least) < 2 * np.sqrt(SIZE)
     left = q.T @ (right - matrix @ least)
     np.testing.assert_allclose(left[:-1], 0.0, atol=1e-6)

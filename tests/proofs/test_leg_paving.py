@@ -19,7 +19,7 @@ def posed(robot, leg):
     """A leg's columns, and those that are given."""
     given = np.ones(robot.model.nv, dtype=bool)
     given[robot.moving] = False
-    given[robot.moving[leg.before]] = True
+    given[robot.moving[leg.needed]] = True
     return robot.moving[leg.columns], given
 
 
@@ -46,7 +46,7 @@ def test_a_solution_that_is_not_known_leaves_the_leg_open(name):
     q = modes.modes[0].q
     assert modes.status == "proved"
     for leg in legs(robot):
-        if len(leg.before):
+        if len(leg.needed):
             continue
         own, given = posed(robot, leg)
         near = np.array([difference(robot, q, mode.q)[own] for mode in modes.modes]) / robot.column_scale[own]

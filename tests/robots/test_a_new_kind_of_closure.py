@@ -151,7 +151,7 @@ def test_bounds_along_a_leg_hold(kind):
     for leg in legs(robot):
         fixed = np.ones(robot.model.nv, dtype=bool)
         fixed[robot.moving] = False
-        fixed[robot.moving[leg.before]] = True
+        fixed[robot.moving[leg.needed]] = True
         own = robot.moving[leg.columns]
         equations = LegEquations.of(robot, own, fixed, robot.reference.q, robot.reference.x)
         r = 10.0 ** rng.uniform(-3, 0.5, (200, len(own)))

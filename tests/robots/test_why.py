@@ -18,7 +18,7 @@ import robots
 from framework import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.show.film import Film
-from framework.singularity.jogging import lead_platform
+from framework.singularity.jogging import move_platform_straight
 from tests.show.test_film import filmed
 
 CROSSING = {
@@ -191,7 +191,7 @@ def test_no_motor_moves_as_the_platform_starts_along_t_s(name):
     rates_to_twist = robot.platform.twist(np.repeat(film.x[k][None], robot.n, axis=0), unit)[0].T
     way = np.linalg.solve(rates_to_twist, t_s)
     step = 1e-4 * min(robot.length, 1.0) / np.abs(way).max()
-    poses = [lead_platform(robot, film.q[k], film.x[k] + side * step * way) for side in (1, -1)]
+    poses = [move_platform_straight(robot, film.q[k], film.x[k] + side * step * way) for side in (1, -1)]
     np.testing.assert_allclose(poses[0].x - poses[1].x, 2 * step * way, atol=1e-12)
     rates = (poses[0].motors - poses[1].motors) / (2 * step)
     assert np.abs(rates).max() < 1e-5 * np.abs(way).max() / min(robot.length, 1.0)

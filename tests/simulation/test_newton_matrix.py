@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from framework.simulation.collocation import NewtonMatrix, radau
+from framework.simulation.collocation import NewtonMatrix, radau_table
 
 
 def whole(length, once, by_motion, jacobian):
@@ -24,7 +24,7 @@ def whole(length, once, by_motion, jacobian):
 @pytest.mark.parametrize("massless", [0, 2])
 @pytest.mark.parametrize(("nv", "m"), [(4, 2), (6, 5), (9, 3)])
 def test_elimination_changes_no_solution(nv, m, massless):
-    rng, s, length, table = np.random.default_rng(nv), 7, 0.3, radau(7)
+    rng, s, length, table = np.random.default_rng(nv), 7, 0.3, radau_table(7)
     mass = np.eye(nv) + 0.2 * rng.normal(size=(s, nv, nv))
     mass[:, :massless] = mass[:, :, :massless] = 0.0  # such coordinates have springs
     by_q = rng.normal(size=(s, nv, nv)) + 20.0 * np.diag(np.arange(nv) < massless)
@@ -48,9 +48,9 @@ def test_a_loop_written_twice_at_a_node_is_singular():
     rows = np.zeros((3, 2, 4))
     rows[:, 0, 0] = rows[:, 1, 1] = 1.0
     by_motion = np.tile(np.hstack([np.eye(4), np.zeros((4, 8))]), (3, 1, 1))
-    assert NewtonMatrix.of(0.1, radau(3).rates, by_motion, rows) is not None
+    assert NewtonMatrix.of(0.1, radau_table(3).rates, by_motion, rows) is not None
     rows[1, 1] = rows[1, 0]
-    assert NewtonMatrix.of(0.1, radau(3).rates, by_motion, rows) is None
+    assert NewtonMatrix.of(0.1, radau_table(3).rates, by_motion, rows) is None
     no_mass = np.zeros_like(by_motion)
     rows[1, 1] = np.eye(4)[1]
-    assert NewtonMatrix.of(0.1, radau(3).rates, no_mass, rows) is None
+    assert NewtonMatrix.of(0.1, radau_table(3).rates, no_mass, rows) is None

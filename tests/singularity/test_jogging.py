@@ -10,7 +10,13 @@ from framework import InvalidInput, ParallelRobot, assemble
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.frames import frames_at
-from framework.singularity.jogging import drag_platform, loose_motion, move_motor, move_platform, pose_at
+from framework.singularity.jogging import (
+    describe_jogged_pose,
+    drag_platform,
+    loose_motion,
+    move_motor,
+    move_platform,
+)
 from tests.singularity.test_drawn_locus import LINK, MOTORS, elbows
 
 
@@ -59,7 +65,7 @@ def test_the_platform_stops_where_a_leg_is_stretched(robot):
 
 
 def test_a_motor_moves_alone(robot):
-    start = pose_at(robot, assemble(robot).q)
+    start = describe_jogged_pose(robot, assemble(robot).q)
     there = move_motor(robot, start.q, 0, float(start.motors[0]) + 0.1)
     np.testing.assert_allclose(there.motors, start.motors + np.array([0.1, 0.0]), atol=1e-12)
     assert gap(robot, there.q) < 1e-12
@@ -67,7 +73,7 @@ def test_a_motor_moves_alone(robot):
 
 def test_a_motor_stops_where_the_rods_lie_in_line(robot):
     # outward, the elbows part until they are two rods apart: a Type 2 singularity, and no way on
-    start = pose_at(robot, assemble(robot).q)
+    start = describe_jogged_pose(robot, assemble(robot).q)
     apart = move_motor(robot, start.q, 0, float(start.motors[0]) + 3.0)
     assert "Type 2" in apart.stopped
     assert apart.level != "regular"
@@ -81,7 +87,7 @@ def test_a_motor_stops_where_the_rods_lie_in_line(robot):
 
 
 def test_a_step_that_is_far_leads_to_the_same_place_as_many_small_ones(robot):
-    start = pose_at(robot, assemble(robot).q)
+    start = describe_jogged_pose(robot, assemble(robot).q)
     far = move_motor(robot, start.q, 1, float(start.motors[1]) + 0.4)
     assert far.stopped == ""
     near = start
@@ -100,7 +106,7 @@ def test_redundant_motors_cannot_move_one_by_one():
 @pytest.mark.parametrize("name", ["three_rpr", "delta", "gough_stewart", "agile_eye"])
 def test_other_robots_follow_each_of_their_sliders(name):
     robot = robots.load(name)
-    start = pose_at(robot, assemble(robot).q)
+    start = describe_jogged_pose(robot, assemble(robot).q)
     for move, values in ((move_platform, start.x), (move_motor, start.motors)):
         for index, value in enumerate(values):
             pose = move(robot, start.q, index, float(value) + 0.02 * min(robot.length, 1.0))
@@ -127,7 +133,7 @@ def test_only_closed_loops_are_moved(robot):
 
 def test_what_is_moved_by_hand_stays_within_the_limits_of_the_urdf(write_robot, robot):
     column = robot.model.joints[robot.model.getJointId("left_elbow")].idx_q
-    start = pose_at(robot, assemble(robot).q)
+    start = describe_jogged_pose(robot, assemble(robot).q)
     low, high = start.q[column] - 0.1, start.q[column] + 0.1
     any_turn = 'lower="-6.28" upper="6.28" effort="0"'  # the left elbow is the first without a motor
     limited = ParallelRobot.from_file(
@@ -158,6 +164,8 @@ def test_on_the_locus_the_platform_moves_along_t_s_and_the_motors_by_the_square_
         np.testing.assert_allclose(loose.q[4], on.q, atol=1e-12)
         assert max(gap(robot, q) for q in loose.q) < 1e-9
         for share, q in zip((-1.0, 1.0), (loose.q[0], loose.q[-1]), strict=True):
-            assert pose_at(robot, q).x[1] == pytest.approx(np.sqrt(0.06) + share * loose.shift * on.twist[1])
+            assert describe_jogged_pose(robot, q).x[1] == pytest.approx(
+                np.sqrt(0.06) + share * loose.shift * on.twist[1]
+            )
         travel.append(loose.motors.max())
     np.testing.assert_allclose(np.diff(np.log2(travel)), -2.0, atol=0.05)

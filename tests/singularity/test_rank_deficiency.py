@@ -11,9 +11,9 @@ from scipy.linalg import expm
 import robots
 from framework import Line, SingularPath
 from framework.singularity.bordered_system import Border, solve_bordered
-from framework.singularity.piecewise_measure import Measured, Samples, panels
+from framework.singularity.piecewise_measure import Measured, Samples, resolve_panels
 from framework.singularity.points_on_path import search_path
-from framework.singularity.rank_deficiency import contacts, find_near_misses
+from framework.singularity.rank_deficiency import find_contacts, find_near_misses
 
 SIZE = 6
 
@@ -46,7 +46,7 @@ def measured(*entries, power=1):
 
 def found(*entries, power=1):
     matrix = measured(*entries, power=power)
-    return contacts(matrix, panels(Samples(matrix.branch, {}), matrix))
+    return find_contacts(matrix, resolve_panels(Samples(matrix.branch, {}), matrix))
 
 
 def root(at, slope=1.0):
@@ -136,8 +136,8 @@ def test_a_third_root_beside_two_is_found_as_well(gap):
 @pytest.mark.parametrize("beside", [1e-3, slow(1e-5), slow(1e-6)])
 def test_a_near_miss_is_told_with_its_place_its_depth_and_its_width(beside):
     matrix = measured(bowl(beside**2))
-    resolved = panels(Samples(matrix.branch, {}), matrix)
-    assert contacts(matrix, resolved) == []
+    resolved = resolve_panels(Samples(matrix.branch, {}), matrix)
+    assert find_contacts(matrix, resolved) == []
     (miss,) = find_near_misses(matrix, resolved, [])
     assert miss.s == pytest.approx(0.4137, abs=max(1e-9, beside**2))
     assert abs(miss.g) == pytest.approx(beside**2, rel=5e-3)
@@ -157,7 +157,7 @@ def test_near_misses_of_two_values_are_no_contact(distance):
         return matrices - left @ right.T[None] + left @ block @ right.T[None]
 
     beside = Measured(matrix.branch, pair)
-    assert contacts(beside, panels(Samples(matrix.branch, {}), beside)) == []
+    assert find_contacts(beside, resolve_panels(Samples(matrix.branch, {}), beside)) == []
 
 
 def test_a_contact_on_the_edge_of_panels_or_of_the_path_is_found_once():

@@ -9,7 +9,7 @@ import robots
 from framework import Line, locate_singularities, plan_crossing, track_path
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, root_of_g, slope_of_g, stencil
+from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, differentiate_g, root_of_g, stencil
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -61,7 +61,7 @@ def test_the_slope_is_the_derivative_of_the_singular_value(place):
     matrices = moved_by(lambda p: np.array([2.0, np.sin(p - place)]))
     at = stencil(place)
     assert at[2] - at[0] == pytest.approx(STENCIL_HALF_WIDTH * (2 if 0 < place < 1 else 1))
-    found = slope_of_g(matrices(at), at)
+    found = differentiate_g(matrices(at), at)
     # a central difference errs by the square of the stencil, one on a side by the stencil, times derivatives
     # of order ten, since the singular vectors turn
     assert abs(found.slope) == pytest.approx(1.0, abs=10 * STENCIL_HALF_WIDTH ** (2 if 0 < place < 1 else 1))

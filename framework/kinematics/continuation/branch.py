@@ -25,6 +25,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
+from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
 HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves
@@ -91,7 +92,7 @@ class Branch(ReadOnlyArrays):
         return replace(self, wrenches=wrenches) if wrenches.entries else self
 
     def through(self, edges: Array, q: Array) -> Branch:
-        """Return the same branch with guesses through its configurations on Chebyshev nodes.
+        """Return the same branch with a Chebyshev series through configurations q as its guess.
 
         A series whose error at a knot is more than a correction does not resolve all joints and is not used.
 
@@ -118,7 +119,7 @@ class Branch(ReadOnlyArrays):
 
     @staticmethod
     def _series_offsets(series: TimeFunction, s: Array) -> Array:
-        """Compute offsets (T, nv) from the origin by the series, extrapolated beyond the path's ends."""
+        """Compute offsets (T, nv) from the origin at s (T,) by the series, extrapolated beyond [0, 1]."""
         u = series(np.clip(s, 0.0, 1.0))
         for panel, is_outside in ((0, s < 0.0), (-1, s > 1.0)):
             if is_outside.any():
@@ -127,14 +128,14 @@ class Branch(ReadOnlyArrays):
         return u
 
     def _cubic_offsets(self, s: Array) -> Array:
-        """Compute offsets (T, nv) from the origin by Hermite's cubics between the knots."""
+        """Compute offsets (T, nv) from the origin at s (T,) by cubic Hermite interpolation of the knots."""
         # k: the last knot not beyond each s
         k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         step = (self.s[k + 1] - self.s[k])[:, None]
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         start = (1 + 2 * t) * (1 - t) ** 2 * self.u[k] + t * (1 - t) ** 2 * step * self.du[k]
         end = t**2 * (3 - 2 * t) * self.u[k + 1] + t**2 * (t - 1) * step * self.du[k + 1]
-        return np.asarray(start + end)
+        return start + end
 
     def close(self, s: ArrayLike) -> ClosedStack:
         """Return assembled configurations on the branch at s (T,).
@@ -162,10 +163,10 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation near s; None if the branch is not smooth.
+    """Return the branch with a continuation near s, if it is smooth there.
 
-    Continuations are tried from wide to narrow, within the smooth piece of the path about s. The polynomial
-    of a wider one, though it is not good enough, is the guess for a narrower one.
+    None if it is not. Continuations are tried from wide to narrow, within the smooth piece of the path about
+    s. The polynomial of a wider one, though it is not good enough, is the guess for a narrower one.
     """
     edges = np.concatenate(([0.0], branch.path.knots, [1.0]))
     piece = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))
@@ -186,11 +187,11 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
 def _fit_continuation(
     branch: Branch, s: float, start: float, end: float
 ) -> tuple[Continuation | None, float]:
-    """Fit a continuation about s between start and end; return the error of the fit too.
+    """Fit a continuation about s between start and end; return its error too [rad, lengths].
 
-    The series is fitted to closed configurations at sound nodes, first those far from the singularity, then
-    with its values as guesses those nearer. Its error [rad, lengths] is the largest of misfit, residual and
-    truncation error.
+    The series is fitted to closed configurations at sound nodes: first those far from the singularity, then
+    also those nearer, with its values as guesses. The error is the largest of misfit, residual and truncation
+    error. Without enough sound nodes there is no continuation.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
     parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
@@ -198,11 +199,11 @@ def _fit_continuation(
     x, guess = branch.path(parameters), branch.guess(parameters)
     continuation, error = None, np.inf
     for share in SOUND_NODE_RATIOS:
-        sound, u = _sound_offsets(branch, guess, x, share)
+        sound, u = _trusted_offsets(branch, guess, x, share)
         if len(sound) < MIN_SOUND_NODES:
             break
         series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
-        continuation = Continuation(start, end, _core(parameters, sound, s), series)
+        continuation = Continuation(start, end, _core_interval(parameters, sound, s), series)
         guess = integrate(robot, branch.origin, basis @ series)
         misfit = float(np.abs((basis[sound] @ series - u) / lengths).max())
         residual = float(np.abs(linearised_at(robot, guess, x).residual).max()) / robot.length
@@ -211,13 +212,15 @@ def _fit_continuation(
     return continuation, error
 
 
-def _sound_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
-    """Find nodes (k,) at which Newton's method is trusted, with closed offsets (k, nv) from the origin.
+def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
+    """Find the nodes (k,) at which Newton's method is trusted, with offsets (k, nv) from the origin.
 
-    Their least singular value is above a share of the largest one, and Newton's steps are small against it.
+    The least singular value of its matrix is above a share of the largest one of all nodes, and its steps
+    are small against this value.
     """
     robot = branch.robot
-    least = np.linalg.svd(type1_matrix(robot, linearised_at(robot, guess, x)), compute_uv=False)[:, -1]
+    matrices = type1_matrix(robot, linearised_at(robot, guess, x))
+    least = singular_values(matrices)[:, -1]  # (nodes,)
     sound = np.flatnonzero(least > share * least.max())
     try:
         closed = close_loops(robot, x[sound], guess[sound])
@@ -229,8 +232,8 @@ def _sound_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tupl
     return sound[trusted], u[trusted]
 
 
-def _core(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between sound nodes that contains s and all other nodes."""
+def _core_interval(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
+    """Return the least interval between nodes `sound` (k,) that contains s and all other nodes."""
     to_cover = np.append(np.delete(parameters, sound), s)
     sound_nodes = parameters[sound]  # ascending
     below = sound_nodes[sound_nodes < to_cover.min()]

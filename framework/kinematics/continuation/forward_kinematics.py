@@ -48,7 +48,9 @@ class ForwardPose(Configuration):
 def forward_kinematics(
     robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
 ) -> ForwardPose:
-    """Compute all joints and the platform for prescribed motor joints, in the assembly mode of a start pose.
+    """Compute the pose for prescribed motor joints, from a start pose.
+
+    It is in the assembly mode of the start.
 
     Args:
         q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Full
@@ -69,7 +71,7 @@ def forward_kinematics(
     end = follow_curves(robot, start.curve, start.linearised, target[None])
     linearised = linearised_at(robot, end.q, None)
     if end.share[0] < 1.0:
-        raise end_error(robot, end, linearised, target)
+        raise curve_end_error(robot, end, linearised, target)
     return _pose_at(robot, end, linearised)
 
 
@@ -94,7 +96,9 @@ def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoo
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
-    """Return the pose of an assembled configuration (nq,), the reference by default, as start of a curve.
+    """Return an assembled configuration (nq,) as the start of a curve.
+
+    By default it is the reference.
 
     Raises:
         InvalidInput: it is not assembled.
@@ -115,21 +119,24 @@ def check_motors_are_free(robot: ParallelRobot) -> None:
 
 
 def motors_are_free(robot: ParallelRobot) -> bool:
-    """Whether one motor can move while the others rest: P is square, and as many motors as platform axes."""
+    """Whether each motor can move while the others rest.
+
+    That is so if P is square and the motors are as many as the platform's axes.
+    """
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 
-def end_error(
+def curve_end_error(
     robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
-    """Return the error for a curve (T = 1) from the start to q_a (n_a,) that ends early.
+    """Return the error for a curve (T = 1) that ends before the motors have reached q_a (n_a,).
 
     Where the clearance has become small beside its usual size the curve ends at a Type 2 singularity.
     """
     usual_clearance = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
     share, x = float(end.share[0]), end.x[0]
-    place = _place_in_words(robot, share, x, q_a)
+    place = _describe_end(robot, share, x, q_a)
     if end.clearance[0] > TYPE_2_END_RATIO * usual_clearance:
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {place}", q=end.q[0], residual=residual
@@ -144,7 +151,7 @@ def end_error(
     )
 
 
-def _place_in_words(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
-    """Return where a curve of the motors to q_a (n_a,) ends, in words."""
+def _describe_end(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
+    """Describe in words where a curve of the motors to q_a (n_a,) ends."""
     motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
     return f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"

@@ -20,14 +20,14 @@ from framework.kinematics.continuation.predictor_corrector import (
     FIRST_STEP_RATIO,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
-    cut_to_predictor,
-    measure,
+    limit_steps,
+    measure_steps,
 )
 from framework.kinematics.continuation.turning_point import (
     CurveEquations,
     Curves,
     TurningPoints,
-    turning_points,
+    find_turning_points,
 )
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
@@ -67,7 +67,10 @@ class _Steps(NamedTuple):
 
 
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses, the platform's turns counted on from x (T, n)."""
+    """Return T curves that begin at assembled poses.
+
+    The platform's turns are counted on from x (T, n).
+    """
     frames = linearised.frames
     count = len(frames.q)
     least_value = clearance(robot, linearised)
@@ -89,10 +92,10 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
 def follow_curves(
     robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, targets: Array
 ) -> MotorCurves:
-    """Turn the motors from one pose, the only one of `start`, towards targets (T, n_a), as far as curves go.
+    """Turn the motors from one pose towards T targets (T, n_a).
 
-    `linearised` are the loops at the start (T = 1). A curve whose `share` stays below 1 has ended: at a Type
-    2 singularity, or where it cannot be followed.
+    The pose is the only one of `start`, with the loops `linearised` (T = 1). A curve whose `share` stays
+    below 1 has ended: at a Type 2 singularity, or where it cannot be followed.
     """
     turn = np.zeros((len(targets), robot.model.nv))
     turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q)
@@ -104,7 +107,7 @@ def follow_curves(
     live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
         current = select(curves, live)
-        step[live] = cut_to_predictor(robot, current.rate, step[live])
+        step[live] = limit_steps(robot, current.rate, step[live])
         steps = _take_steps(robot, start.q[0], turn[live], current, step[live])
         rows = live[steps.rows]
         is_nearer = steps.ends.clearance < current.clearance[steps.rows]
@@ -125,7 +128,7 @@ def follow_curves(
 def _begin_curves(
     robot: ParallelRobot, start: MotorCurves, linearised: LinearisedLoops, turn: Array
 ) -> MotorCurves:
-    """Return T curves at their common start, with the joint rates for turns (T, nv) of the motors.
+    """Return T curves at their common start, with joint rates for the motors' turns (T, nv).
 
     Where P is singular to the last bit no rates exist, and the clearance is zero.
     """
@@ -145,9 +148,10 @@ def _begin_curves(
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
-    """Take steps (T,) of the share along tangents, and measure whether their ends are on the branches.
+    """Take steps (T,) along tangents; tell which ends are on the branches.
 
-    `turn` (T, nv) is the whole turn of the motors from the start (nq,).
+    Steps are in the share of the whole turn. `turn` (T, nv) is the whole turn of the motors from the start
+    (nq,).
     """
     share = current.share + step
     share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
@@ -166,7 +170,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
         least=np.minimum(current.least, ends.clearance), largest=np.maximum(current.largest, ends.clearance)
     )
     corrections = difference(robot, predicted[rows], ends.q)
-    measured = measure(robot, corrections, length * current.rate, length * ends.rate)
+    measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
     on_branch &= keeps_sign((current.sign, current.size), (ends.sign, ends.size))  # of det P
     return _Steps(rows, ends, measured.correction, on_branch)
@@ -183,7 +187,10 @@ def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Arra
 
 
 def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
-    """Compute rates (T, nv) of all joints for rates `turn` (T, nv) of the motors; None if P is singular."""
+    """Compute all joint rates (T, nv) for rates `turn` (T, nv) of the motors.
+
+    None if P is singular.
+    """
     rate, columns = turn.copy(), robot.following
     if len(columns):
         driven = np.matvec(linearised.closures, turn)
@@ -197,7 +204,10 @@ def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: 
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move curves, some `rows` of all, to Type 2 singularities next ahead; return the rows that have one."""
+    """Move the curves `rows` to the Type 2 singularity next ahead.
+
+    Returned are the rows that have one.
+    """
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
@@ -213,7 +223,7 @@ def _end_at_turning_points(
 
 
 def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
-    """Find Type 2 singularities ahead of q (T, nq), after a `share` (T,) of the motors' turns (T, nv)."""
+    """Find the Type 2 singularities next ahead of q (T, nq), after a `share` (T,) of turns (T, nv)."""
     columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -230,4 +240,4 @@ def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: A
             linearised=linearised,
         )
 
-    return turning_points(Curves(robot, columns, turn, evaluate), q, share)
+    return find_turning_points(Curves(robot, columns, turn, evaluate), q, share)

@@ -16,7 +16,7 @@ from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.forward_kinematics import (
     ForwardPose,
     check_motors_are_free,
-    end_error,
+    curve_end_error,
     forward_kinematics,
     motor_joints_of,
     start_pose,
@@ -39,13 +39,10 @@ class PoseStack(ReadOnlyArrays):
     refused: Mapping[int, NotAssembled]  # by row: `Type2Singularity` says where it lies
 
 
-def forward_kinematics_stack(
-    robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
-) -> PoseStack:
-    """Compute all joints and the platform for T sets of motor joints (T, n_a), each from one start pose.
+def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
+    """Compute the poses for T sets of motor joints (T, n_a).
 
-    Args:
-        near: an assembled configuration (nq,), the reference by default.
+    Each curve starts from the reference.
 
     Raises:
         InvalidInput: as `forward_kinematics`; its other errors are `refused` of the result, by row.
@@ -53,13 +50,13 @@ def forward_kinematics_stack(
     expect_robot(robot)
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
     check_motors_are_free(robot)
-    start = start_pose(robot, near)
+    start = start_pose(robot, None)
     ends = follow_curves(robot, start.curve, start.linearised, targets)
     linearised = linearised_at(robot, ends.q, None)
     refused: dict[int, NotAssembled] = {}
     for k in np.flatnonzero(ends.share < 1.0).tolist():
         end = select(ends, slice(k, k + 1))
-        refused[k] = end_error(robot, end, linearised.select(k), targets[k])
+        refused[k] = curve_end_error(robot, end, linearised.select(k), targets[k])
     poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())
     for values in poses:
         values[list(refused)] = np.nan
@@ -73,9 +70,10 @@ def follow_motors(
     near: ArrayLike | Configuration | None = None,
     single_turn: bool = False,
 ) -> Iterator[ForwardPose]:
-    """Yield the pose of each sample of the motors' joints, starting from the pose of the last sample.
+    """Yield the pose of each sample of the motors' joints.
 
-    The platform's turns are counted on through the whole stream.
+    Each starts from the pose of the last sample. The platform's turns are counted on through the whole
+    stream.
 
     Args:
         samples: motor joints (n_a,), joint side of the gears [rad, m], such as encoders give.

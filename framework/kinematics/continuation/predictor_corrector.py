@@ -32,25 +32,32 @@ class StepMeasure(NamedTuple):
     straight: BoolArray  # (T,) whether the tangent has turned no more than one branch allows
 
 
-def measure(robot: Mechanism, correction: Array, predicted: Array, at_end: Array) -> StepMeasure:
-    """Measure steps by their corrections, and by steps along the tangents at start and end, each (T, nv)."""
+def measure_steps(robot: Mechanism, correction: Array, predicted: Array, at_end: Array) -> StepMeasure:
+    """Measure whether T steps stayed on their branches.
+
+    The corrections, and the steps along the tangents at start and end, are (T, nv) each.
+    """
     corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
-    straight = is_straight(largest_motion(robot, at_end - predicted), corrected, advance)
-    return StepMeasure(corrected, is_small(corrected, advance), straight)
+    turned = largest_motion(robot, at_end - predicted)
+    return StepMeasure(
+        correction=corrected,
+        small=is_small(corrected, advance),
+        straight=is_straight(turned, corrected, advance),
+    )
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
-    """Whether steps by `advance` (T,) along the tangent needed no more correction (T,) than on one branch."""
+    """Whether corrections (T,) of steps by `advance` (T,) are small enough for one branch, (T,)."""
     least = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
     return (correction <= least) & (advance <= MAX_PREDICTOR_MOVE)
 
 
 def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
-    """Whether tangents have turned by no more (T,) than on one branch, see `is_small`."""
+    """Whether the turn of tangents (T,) is small enough for one branch, see `is_small`, (T,)."""
     return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
 
 
-def cut_to_predictor(robot: Mechanism, rate: Array, step: Array) -> Array:
+def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
     """Cut steps (T,) of the parameter so that no joint moves by `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
     speed = largest_motion(robot, rate)
     longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99: not longer by rounding

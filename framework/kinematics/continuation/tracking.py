@@ -28,10 +28,10 @@ from framework.kinematics.continuation.predictor_corrector import (
     MAX_PREDICTOR_MOVE,
     MAX_STEP_RATIO,
     MIN_STEP_RATIO,
-    cut_to_predictor,
-    measure,
+    limit_steps,
+    measure_steps,
 )
-from framework.kinematics.continuation.turning_point import CurveEquations, Curves, turning_points
+from framework.kinematics.continuation.turning_point import CurveEquations, Curves, find_turning_points
 from framework.kinematics.frames import (
     difference,
     difference_rates,
@@ -68,39 +68,21 @@ class BranchPoses(NamedTuple):
     linearised: LinearisedLoops
     rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
 
-    @property
-    def last(self) -> BranchPoses:
-        """The last pose, K = 1."""
-        return self._part(slice(-1, None)) if len(self.q) > 1 else self
-
-    def first(self, count: int) -> BranchPoses:
-        """Return the first poses."""
-        return self._part(slice(count)) if count < len(self.q) else self
-
-    def _part(self, which: slice) -> BranchPoses:
-        return BranchPoses(self.q[which], self.linearised.select(which), self.rate[which])
+    def select(self, which: slice) -> BranchPoses:
+        """Return some of the poses; if these are all, with the factors of their equations."""
+        q = self.q[which]
+        if len(q) == len(self.q):
+            return self
+        return BranchPoses(q, self.linearised.select(which), self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
     """The followed part of a branch, at K poses."""
 
     at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole curve could be followed
-    stretches: tuple[BranchPoses, ...]  # K poses together
-
-    @property
-    def q(self) -> Array:
-        """The configurations (K, nq)."""
-        return np.concatenate([poses.q for poses in self.stretches])
-
-    @property
-    def rate(self) -> Array:
-        """The joint rates (K, nv) with respect to the parameter."""
-        return np.concatenate([poses.rate for poses in self.stretches])
-
-    @property
-    def last(self) -> BranchPoses:
-        """The last pose."""
-        return self.stretches[-1].last
+    q: Array  # (K, nq)
+    rate: Array  # (K, nv) joint rates with respect to the parameter
+    last: BranchPoses  # the last pose
 
     @property
     def complete(self) -> bool:
@@ -109,7 +91,7 @@ class FollowedCurve(NamedTuple):
 
 
 def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
-    """Assemble the robot: close its loops, at the reference or with the platform at x (n,).
+    """Close the robot's loops at the reference, or with the platform at x (n,).
 
     Raises:
         InvalidInput: x has the wrong length or is not finite.
@@ -158,11 +140,12 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 def follow_path(
     robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
 ) -> FollowedCurve:
-    """Follow the path with the platform from q (nq,) on its first point, up to the end of the branch.
+    """Follow the path from the pose q (nq,) at s = 0.
 
-    The poses stay in one working mode and pass Type 2 singularities. Springs keep the deflections of q. Poses
-    are closed to this `last_step` of `close_each`. A branch that ends early does so just before a Type 1
-    singularity, or with `to_the_end` on the singularity itself where that is found.
+    The curve ends with the path, or where the branch does. The poses stay in one working mode and pass Type 2
+    singularities. Springs keep the deflections of q. Poses are closed to this `last_step` of `close_each`. A
+    branch that ends early does so just before a Type 1 singularity, or with `to_the_end` on the singularity
+    itself where that is found.
     """
     s, first = 0.0, np.zeros(1)
     pose = _poses_at(robot, path, first, q[None], linearised_at(robot, q[None], path(first)))
@@ -170,7 +153,7 @@ def follow_path(
     is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
     step = 1.0 if is_short else FIRST_STEP_RATIO
     while s < 1.0:
-        step = float(cut_to_predictor(robot, pose.rate, np.array([min(step, 1.0 - s)]))[0])
+        step = float(limit_steps(robot, pose.rate, np.array([min(step, 1.0 - s)]))[0])
         if step < MIN_STEP_RATIO:
             break
         s_ahead = _parameters_ahead(robot, pose, s, step)
@@ -179,7 +162,7 @@ def follow_path(
             poses, correction = accepted
             parameters.append(s_ahead[: len(poses.q)])
             stretches.append(poses)
-            s, pose = float(parameters[-1][-1]), poses.last
+            s, pose = float(parameters[-1][-1]), poses.select(slice(-1, None))
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
@@ -189,13 +172,18 @@ def follow_path(
             stretches.append(end[1])
             break
         step *= 0.5
-    return FollowedCurve(np.concatenate(parameters), tuple(stretches))
+    return FollowedCurve(
+        at=np.concatenate(parameters),
+        q=np.concatenate([poses.q for poses in stretches]),
+        rate=np.concatenate([poses.rate for poses in stretches]),
+        last=stretches[-1].select(slice(-1, None)),
+    )
 
 
 def _take_steps(
     robot: ParallelRobot, path: Path, start: BranchPoses, s: float, s_ahead: Array, last_step: float
 ) -> tuple[BranchPoses, float] | None:
-    """Take steps from a pose (K = 1) at s to path coordinates ahead (T,), all along its tangent.
+    """Take steps along the tangent of a pose (K = 1) at s to path coordinates ahead (T,).
 
     A step leads from the previous pose to the next. It is accepted if the loops close, the correction is
     small, and its end is in the same working mode; if the tangent turns much, also away from other branches.
@@ -212,21 +200,24 @@ def _take_steps(
     q, rate = np.concatenate([start.q, ends.q[:-1]]), np.concatenate([start.rate, ends.rate[:-1]])
     predicted = steps * rate
     corrections = difference(robot, integrate(robot, q, predicted), ends.q)
-    correction, is_small, is_straight = measure(robot, corrections, predicted, steps * ends.rate)
+    correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
     if not is_small[0]:
         return None
-    ends = ends.first(_count_leading(is_small))
+    ends = ends.select(slice(_count_leading(is_small)))
     accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
     bent = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
     accepted[bent] = count_lost_ranks(robot, ends.linearised.select(bent), BRANCHES_CROSS) == 0
     count = _count_leading(accepted)
-    return (ends.first(count), float(correction[count - 1])) if count else None
+    return (ends.select(slice(count)), float(correction[count - 1])) if count else None
 
 
 def _close_ahead(
     robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
 ) -> BranchPoses | None:
-    """Close the poses predicted at s (T,), up to the first that does not close; None if none closes."""
+    """Close the loops of poses (T, nq) predicted at s (T,).
+
+    Poses from the first that fails on are left out; None if all fail.
+    """
     q, linearised, closed = close_each(
         robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
     )
@@ -244,13 +235,19 @@ def _close_ahead(
 def _poses_at(
     robot: ParallelRobot, path: Path, s: Array, q: Array, linearised: LinearisedLoops
 ) -> BranchPoses:
-    """Return the poses at s (K,) and q (K, nq) with their tangents dq/ds, springs at rest."""
+    """Return the poses q (K, nq) at s (K,) with their tangents dq/ds.
+
+    Springs rest.
+    """
     twist, _ = robot.platform.twist(path(s), path(s, 1))
     return BranchPoses(q, linearised, joint_rates(robot, linearised, twist, np.zeros((len(s), robot.n_e))))
 
 
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: float) -> Array:
-    """Return up to POSES_AT_ONCE path coordinates one step apart, as far as the predictor may lead."""
+    """Return up to POSES_AT_ONCE path coordinates ahead of s, one step apart.
+
+    None is farther than the predictor may lead.
+    """
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]
     allowed = (s + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
@@ -259,15 +256,18 @@ def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: f
     return np.where(s_ahead > 1.0 - END_ROUNDING, 1.0, s_ahead)
 
 
-def _count_leading(true: BoolArray) -> int:
-    """Count the leading true values of (K,)."""
-    return len(true) if true.all() else int(np.argmin(true))
+def _count_leading(flags: BoolArray) -> int:
+    """Count the true values before the first false one of flags (K,)."""
+    return len(flags) if flags.all() else int(np.argmin(flags))
 
 
 def _type1_end(
     robot: ParallelRobot, path: Path, s: float, pose: BranchPoses
 ) -> tuple[float, BranchPoses] | None:
-    """Find the Type 1 singularity on a path ahead of a pose at s; return its path coordinate and pose."""
+    """Find the Type 1 singularity next ahead of a pose at s.
+
+    Its path coordinate and its pose are returned.
+    """
     sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -280,34 +280,40 @@ def _type1_end(
         matrix = type1_matrix(robot, linearised)
         return CurveEquations(matrix, drive / sizes, linearised.residual / sizes, linearised)
 
-    ahead = turning_points(Curves(robot, robot.moving, still, evaluate), pose.q, np.array([s]))
+    ahead = find_turning_points(Curves(robot, robot.moving, still, evaluate), pose.q, np.array([s]))
     if not ahead.found[0]:
         return None
     return float(ahead.share[0]), BranchPoses(ahead.q, ahead.linearised, still)
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
-    """Return the branch along the path from a configuration q (nq,) on its first point."""
+    """Return the branch along the path from the pose q (nq,) at s = 0.
+
+    `what` names the path in errors.
+    """
     followed = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
     if not followed.complete:
-        raise _end_of_reach(
+        raise _branch_end_error(
             robot, path, float(followed.at[-1]), followed.last.q[0], followed.last.linearised, what
         )
     offset, rate = difference(robot, q, followed.q), difference_rates(robot, q, followed.q, followed.rate)
     return Branch(robot, path, q, followed.at, offset, rate)
 
 
-def _end_of_reach(
+def _branch_end_error(
     robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
-    """Return the error for the end of a branch: a stretched or folded leg, or loops that lose their rank."""
+    """Return the error for the end of a branch at s.
+
+    Either a leg is stretched or folded, or the loops lose their rank.
+    """
     x = path(s)
     count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
         return escape_error(robot, s, x, count, f"{what} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
     place = f"at s = {s:.6g}, {robot.place(x)}"
-    if _reachable_beyond(robot, path, s, q):
+    if _closes_beyond(robot, path, s, q):
         return Type1Singularity(
             f"{robot.name}: {what} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
             f"or folded there and could go on in another working mode",
@@ -327,14 +333,17 @@ def _end_of_reach(
 
 
 def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
-    """Return the actuated joint that moves most in the weakest motion with the platform at rest."""
+    """Return the motor's joint of the leg nearest to a Type 1 singularity (T = 1).
+
+    It moves most in the joint motion that moves the platform least.
+    """
     matrix = type1_matrix(robot, linearised)[0]  # columns: actuated first
-    weakest = np.linalg.svd(matrix)[2][-1]  # of all joints, the least singular vector
+    weakest = np.linalg.svd(matrix)[2][-1]  # (moving,) the least singular vector
     motor = int(np.argmax(np.abs(weakest[: robot.n_a])))
     return robot.actuator_names[motor]
 
 
-def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
+def _closes_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
     """Whether the loops close again a little further along the path, on any branch.
 
     Newton's method starts from q (nq,) with all joints moved a little, in both directions.
@@ -350,7 +359,7 @@ def _reachable_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> b
 
 
 def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
-    """Return the error for `count` motions that escape the motors at path coordinate s, platform x (n,)."""
+    """Return the error for `count` uncontrolled motions at s, platform x (n,)."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "

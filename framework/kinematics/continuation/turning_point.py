@@ -68,10 +68,10 @@ class Curves:
         return motion
 
     def follow_to_turn(self, q: Array, share: Array) -> _CurveEnd:
-        """Follow the curves from q (T, nq) after shares (T,) by secants to where ds/dt is zero.
+        """Follow T curves from q (T, nq) to where ds/dt is zero.
 
-        t is the length of each curve so far. A curve that has converged, or has become too long, rests while
-        the others go on.
+        That is a root by the secant method. `share` (T,) is s at the start. t is the length of each curve so
+        far. A curve that has converged, or has become too long, rests while the others go on.
         """
         equations = self.evaluate(q, share)
         c = solve(equations.matrix, -equations.drive)  # along dy/ds at the start
@@ -113,7 +113,7 @@ class _CurveEnd(NamedTuple):
 def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
     """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
 
-    They solve [M b; c' 0] with the right sides [-F; 0], so that the step is normal to c, and [0; 1].
+    They solve [M b; c' 0] with the right sides [-F; 0] and [0; 1]: the step is normal to c.
     """
     count, size = c.shape
     bordered = np.zeros((count, size + 1, size + 1))
@@ -126,11 +126,12 @@ def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array
     return solve(bordered, newton_right), solve(bordered, tangent_right)
 
 
-def turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
-    """Find the turning points ahead of configurations q (T, nq), each after a `share` (T,) of its motion.
+def find_turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
+    """Find the turning points of T curves ahead of configurations q (T, nq).
 
-    A turning point is found only if the curve from q to the point is nearly a parabola in t: its chord is t
-    times the mean of both end tangents, and its share gains t/2 times the first slope ds/dt.
+    Of its prescribed motion each curve has done a `share` (T,). A turning point is found only if the curve
+    from q to the point is nearly a parabola in t: its chord is t times the mean of both end tangents, and its
+    share gains t/2 times the first slope ds/dt.
     """
     robot = curves.robot
     with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found

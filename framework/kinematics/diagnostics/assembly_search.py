@@ -21,15 +21,15 @@ import numpy as np
 
 from framework.errors import NotAssembled
 from framework.kinematics.closures import (
-    carried_between,
+    direction_gap_derivatives,
     direction_gaps,
-    direction_slopes,
-    find_turned_over,
+    find_flipped_closure,
     loop_equations,
+    row_joint_signs,
     row_weights,
     scale_jacobian,
 )
-from framework.kinematics.frames import FrameStack, frames_at, integrate
+from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, IntArray
@@ -60,9 +60,9 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     Raises:
         NotAssembled: no start leads to one; names a loop equation and the least gap.
     """
-    lower, upper = _ranges(mechanism)
+    lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.model.nv)
-    for group in _groups(mechanism, lower, upper):
+    for group in _group_loops(mechanism, lower, upper):
         u[group.columns] = _nearest_closing(group)
     farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
     distance = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
@@ -90,16 +90,18 @@ class _Group:
         return row_weights(self.mechanism, self.rows.rotation) * residual
 
     def gap(self, u: Array) -> Array:
-        """Compute the loop equations, then the vectors between directions that closures keep alike."""
+        """Compute the loop equations (m,), then the vectors (3 d,) that vanish unless a loop is flipped."""
         vectors = direction_gaps(self.directions, self._frames(u))[0]
         return np.concatenate([self.equations(u), vectors.ravel()])
 
     def slope(self, u: Array) -> Array:
-        """Compute the derivative of `gap` along the k joints."""
+        """Compute the derivative (m + 3 d, k) of `gap` along the k joints."""
         frames = self._frames(u)
         jacobian = loop_equations(self.rows, frames).jacobian
         rows = scale_jacobian(self.mechanism, jacobian, self.rows.rotation)[0]  # (m, nv)
-        vectors = direction_slopes(self.directions, frames)[0] * self.mechanism.column_scale  # (d, 3, nv)
+        vectors = (
+            direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
+        )  # (d, 3, nv)
         return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
@@ -143,28 +145,28 @@ class _Group:
             max_nfev=evaluations,
             **dict.fromkeys(("xtol", "ftol", "gtol"), tolerance),
         )
-        return np.asarray(answer.x), np.asarray(answer.fun)
+        return answer.x, answer.fun
 
     def configuration(self, u: Array) -> Array:
         """Return the configuration (nq,) at offsets u (k,)."""
-        step = np.zeros(self.mechanism.model.nv)
-        step[self.columns] = u * self.mechanism.column_scale[self.columns]
-        return integrate(self.mechanism, self.mechanism.q_near, step)
+        steps = u * self.mechanism.column_scale[self.columns]
+        return integrate_columns(self.mechanism, self.mechanism.q_near, self.columns, steps)
 
     def _frames(self, u: Array) -> FrameStack:
+        """Compute the frames at offsets u (k,), T = 1."""
         return frames_at(self.mechanism, self.configuration(u)[None])
 
 
-def _groups(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
-    """Return the loops of a robot in groups that share no joint; springs are at rest.
+def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
+    """Split the loops of a robot into groups that share no joint.
 
-    Rows of one group are a connected component of the graph of rows that share joints.
+    Springs rest. Rows of one group are a connected component of the graph of rows that share joints.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
     frames = frames_at(mechanism, mechanism.q_near[None])
-    depends = carried_between(mechanism.rows, frames) != 0.0  # (m, nv) whether a row changes with a joint
+    depends = row_joint_signs(mechanism.rows, frames) != 0.0  # (m, nv) whether a row changes with a joint
     depends |= mechanism.rows.coupling_jacobian(depends.shape[1]) != 0.0
     depends[:, mechanism.elastic] = False
     pattern = csr_array(depends.astype(float))
@@ -180,8 +182,8 @@ def _groups(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
     return groups
 
 
-def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Compute the range of each joint about the reference, (nv,) each [rad, lengths of the robot]."""
+def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
     lower, upper = np.full(mechanism.model.nv, -np.inf), np.full(mechanism.model.nv, np.inf)
     for limit in mechanism.limits:
         column = mechanism.model.joints[mechanism.model.getJointId(limit.joint)].idx_v
@@ -232,7 +234,7 @@ def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     residual = float(gap[row]) * (1.0 if turning else mechanism.length)
     best = f"{group.rows.names[row]} stays {residual:.3g} {'rad' if turning else 'm'} apart"
     if gap[row] < LOOP_GAP:
-        best = f"{find_turned_over(mechanism, frames_at(mechanism, q[None]))} is turned over"
+        best = f"{find_flipped_closure(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
         f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "
         f"leads to a closed pose; in the best {best}; check the link lengths and the closures, or give a "

@@ -8,23 +8,23 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import NotAssembled, SingularReference, expect
-from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     Mobility,
     PlatformAxes,
-    mobility_of,
-    platform_axes_of,
+    count_freedoms,
+    examine_platform_axes,
 )
 from framework.kinematics.frames import difference
 from framework.kinematics.linearised_loops import linearised_at_reference
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.loop_structure import independent_rows
-from framework.kinematics.mechanism import Mechanism, columns_of
+from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import remark_on_turns
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
+from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
@@ -81,11 +81,11 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     """
     expect("robot", mechanism, Mechanism, 'load_robot("five_bar") or Mechanism.from_file("my_robot.yaml")')
     robot, gap, remarks = _robot_to_examine(mechanism)
-    motions = mobility_of(robot)
-    axes = platform_axes_of(robot, motions.working - len(motions.loose))
+    motions = count_freedoms(robot)
+    axes = examine_platform_axes(robot, motions.working - len(motions.loose))
     square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
-    modes = _modes(robot) if square else _Modes(0, 0, None)
-    masses = {name: body.mass for name, body in _bodies(robot).items()}
+    modes = _reference_modes(robot) if square else _Modes(0, 0, None)
+    masses = {name: body.mass for name, body in _measure_bodies(robot).items()}
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     advice = [
         *remarks,
@@ -128,10 +128,13 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
 
 
 def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None, list[str]]:
-    """Return the assembled robot, the gap at a reference that does not close its loops, and remarks."""
+    """Return the robot at a closed pose, the gap at its reference, and remarks.
+
+    The gap [m or rad] is None if the loops close near the reference of the file.
+    """
     gap, remarks = None, list[str]()
     try:
-        mechanism, closing = assembled_mechanism(mechanism)
+        mechanism, closing = assemble_mechanism(mechanism)
     except NotAssembled as failure:
         if remark_on_turns(mechanism, mechanism.description.reference):
             raise
@@ -144,7 +147,7 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
         )
         description = replace(mechanism.description, reference=mechanism.reference_values(pose.q))
         posed = Mechanism.from_description(description, flexibility=mechanism.flexibility)
-        mechanism, closing = assembled_mechanism(posed)
+        mechanism, closing = assemble_mechanism(posed)
     try:
         return ParallelRobot.of(mechanism), gap, remarks
     except SingularReference as singular:
@@ -157,20 +160,20 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
 
 
 def reference_in_words(mechanism: Mechanism) -> str:
-    """Return the source of a robot's reference in words."""
+    """Say in words whether a robot's reference is given or the default."""
     stated = mechanism.description.reference
     return "the reference that is given" if stated else "the default reference (all zero)"
 
 
 class _Modes(NamedTuple):
-    """Modes of the reference and its distance from Type 2, as in `Diagnosis`."""
+    """Signs of the modes at the reference and its distance from Type 2, as in `Diagnosis`."""
 
     working_mode: int
     assembly_mode: int
     smallest_singular_value: float | None
 
 
-def _modes(robot: ParallelRobot) -> _Modes:
+def _reference_modes(robot: ParallelRobot) -> _Modes:
     """Compute both modes of the reference and its clearance from Type 2, None if infinite."""
     linearised = linearised_at_reference(robot)
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
@@ -179,7 +182,7 @@ def _modes(robot: ParallelRobot) -> _Modes:
 
 
 def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
-    """Return advice on the freedoms of a robot and on the axes of its platform."""
+    """Return advice on a robot's freedoms and its platform's axes."""
     advice, mobility = [], motions.working
     listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
     instead = f"; axes that would do: {listed}" if listed else ""
@@ -197,7 +200,8 @@ def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAx
     if robot.n != mobility:
         advice.append(
             f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
-            f"platform's axes or the closures{_suspects(robot, mobility)}{'' if axes.stuck else instead}"
+            f"platform's axes or the closures{_name_suspect_closures(robot, mobility)}"
+            f"{'' if axes.stuck else instead}"
         )
     if robot.n_a < mobility:
         advice.append(
@@ -250,8 +254,8 @@ def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[s
 
 
 def remarks_on_bodies(robot: ParallelRobot) -> list[str]:
-    """Return remarks on sizes, masses and inertias of bodies that are in no usual unit."""
-    bodies, advice = _bodies(robot), []
+    """Return remarks on unusual sizes, masses and inertias of bodies."""
+    bodies, advice = _measure_bodies(robot), []
     masses = {name: body.mass for name, body in bodies.items()}
     longest = max((body.size for body in bodies.values()), default=1.0)
     if longest and not SMALL_LINK < longest < LARGE_LINK:  # without any, slides alone move
@@ -280,7 +284,7 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     """Return advice on a reference beyond the joints' limits, or on the locus."""
     advice = []
     offset = difference(robot, robot.q_near, robot.reference.q[None])[0]
-    columns = columns_of(robot.model, robot.description.reference)
+    columns = velocity_columns(robot.model, robot.description.reference)
     sizes = np.abs(offset / robot.column_scale)
     farthest = max(columns, key=lambda column: sizes[column], default=None)
     if farthest is not None and sizes[farthest] > MOVED_REFERENCE:
@@ -298,11 +302,14 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     return advice
 
 
-def _suspects(robot: ParallelRobot, mobility: int) -> str:
-    """Name the closures that, one left out, leave as many freedoms as platform axes, in words."""
+def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
+    """Name, in words, closures that may be one too many.
+
+    Without one of them the freedoms are as many as the platform axes.
+    """
     if mobility >= robot.n:
         return ""
-    names, loops = [], all_loops_matrix(robot, robot.reference.q)[:, robot.joints]
+    names, loops = [], joint_loops_matrix(robot, robot.reference.q)
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         rank = len(independent_rows(loops[others])) if others else 0
@@ -319,8 +326,8 @@ class _Body(NamedTuple):
     size: float
 
 
-def _bodies(robot: ParallelRobot) -> dict[str, _Body]:
-    """Compute the bodies of all moving joints, by the joint's name."""
+def _measure_bodies(robot: ParallelRobot) -> dict[str, _Body]:
+    """Measure the bodies of all moving joints, by the joint's name."""
     model = Mechanism.from_description(robot.description).model  # springs part a joint from its mass
     bodies = {}
     for j in range(1, model.njoints):

@@ -20,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from framework.kinematics.assembly import all_loops_matrix, nearby_configurations
-from framework.kinematics.closures import scale_jacobian
-from framework.kinematics.frames import frames_at
-from framework.kinematics.loop_structure import row_pivots
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations
+from framework.kinematics.frames import frames_at, full_motion
+from framework.kinematics.loop_structure import motion_matrix, pivot_rows
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
@@ -56,46 +55,52 @@ class PlatformAxes(NamedTuple):
     proposals: tuple[tuple[str, ...], ...]  # sufficient axes, if the stated ones are not
 
 
-def mobility_of(robot: ParallelRobot) -> Mobility:
-    """Count the freedoms at the assembled reference."""
+def count_freedoms(robot: ParallelRobot) -> Mobility:
+    """Count the degrees of freedom at the assembled reference.
+
+    A joint is named for each idle and each loose one.
+    """
     q = robot.reference.q
-    undriven = _hidden_motions(robot, q)  # (nv, k)
-    with_mass, without_mass = split_space(centres_of_mass(robot, q) @ undriven, NEARLY_AT_REST)
-    idle = _pivots(undriven @ without_mass)
-    loose = _pivots(undriven @ with_mass, excluded=idle)
+    motions = _free_motions(robot, q)  # (nv, f)
+    driven_rates = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
+    undriven = motions @ null_space(np.concatenate(driven_rates) @ motions)  # (nv, k)
+    mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
+    with_mass, without_mass = row_and_null_space(mass_velocities, NEARLY_AT_REST)
+    idle = _choose_joints(undriven @ without_mass)
+    loose = _choose_joints(undriven @ with_mass, excluded=idle)
     return Mobility(
-        freedoms=_motions(robot, q).shape[1],
+        freedoms=motions.shape[1],
         idle=tuple(map(robot.coordinates.name_of, idle)),
         loose=tuple(map(robot.coordinates.name_of, loose)),
     )
 
 
-def platform_axes_of(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
-    """Examine the platform's axes at the assembled reference and nearby, for `freedoms` axes."""
+def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
+    """Find axes along which the platform cannot move, and axes that would do.
+
+    Poses are the assembled reference and closed poses nearby.
+    """
     q = robot.reference.q
-    stuck_here = _stuck(robot, q)
+    stuck_here = _immovable_combinations(robot, q)
     if not stuck_here.shape[1] and robot.n == freedoms:
         return PlatformAxes(stuck="", stuck_here="", velocities=freedoms, proposals=())
     poses = [q, *nearby_configurations(robot, q)]
-    twists = [
-        scaled_twists(robot, frames_at(robot, pose[None]).frame_jacobian(0)[0]) @ _motions(robot, pose)
-        for pose in poses
-    ]  # (6, f) of the platform's frame, for the motions that the loops allow
-    stuck = min((_stuck(robot, pose) for pose in poses), key=lambda combinations: combinations.shape[1])
+    twists = [_platform_twists(robot, pose) for pose in poses]  # (6, f) each
+    stuck = min((_immovable_combinations(robot, pose) for pose in poses), key=lambda found: found.shape[1])
     velocities = max(int(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING)) for matrix in twists)
     return PlatformAxes(
         stuck=_name_stuck_axes(stuck, robot.axis_names),
         stuck_here=_name_stuck_axes(stuck_here, robot.axis_names),
         velocities=velocities,
-        proposals=_proposals(twists, freedoms, robot.axis_names) if velocities == freedoms else (),
+        proposals=_propose_axes(twists, freedoms, robot.axis_names) if velocities == freedoms else (),
     )
 
 
-def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return sets of axes along which a frame can move in one of the poses, fewest turns first.
+def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return sets of axes along which a frame can move, fewest turns first.
 
-    Two turns are coordinates in series, and their order matters: if the `stated` axes are two insufficient
-    turns, the other order is proposed.
+    `twists` (6, f) are those of the frame at each pose. Two turns are coordinates in series, and their order
+    matters: if the `stated` axes are two insufficient turns, the other order is proposed.
     """
     proposals: list[tuple[str, ...]] = []
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
@@ -111,34 +116,33 @@ def _proposals(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tup
 
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
-    """Compute orthonormal motions (nv, f) that loops of this rank allow at q (nq,) [rad, robot lengths]."""
-    right = np.linalg.svd(all_loops_matrix(robot, q)[:, robot.joints])[2]
-    motions = np.zeros((robot.model.nv, len(robot.joints) - rank))
-    motions[robot.joints] = right[rank:].T
-    return motions
+    """Compute orthonormal joint motions (nv, f) that loops of a rank allow at q [rad, robot lengths]."""
+    right = np.linalg.svd(joint_loops_matrix(robot, q))[2]
+    return full_motion(robot, robot.joints, right[rank:]).T
 
 
-def _motions(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal motions (nv, f) that the loops allow at q (nq,) [rad, robot lengths]."""
+def _free_motions(robot: ParallelRobot, q: Array) -> Array:
+    """Compute orthonormal joint motions (nv, f) that the loops allow at q [rad, robot lengths]."""
     return find_free_motions(robot, q, len(robot.structure.independent))
 
 
-def _hidden_motions(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal motions (nv, k) at q (nq,) with motors and platform coordinates at rest."""
-    motions = _motions(robot, q)
-    rates = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
-    return motions @ null_space(np.concatenate(rates) @ motions)
+def _immovable_combinations(robot: ParallelRobot, q: Array) -> Array:
+    """Compute orthonormal combinations (n, k) of platform coordinates that no motion at q changes."""
+    return null_space((_platform_rates(robot, q) @ _free_motions(robot, q)).T)
 
 
-def _stuck(robot: ParallelRobot, q: Array) -> Array:
-    """Compute combinations (n, k) of platform coordinates that no motion at q (nq,) changes."""
-    return null_space((_platform_rates(robot, q) @ _motions(robot, q)).T)
+def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the twists (6, f) of the platform's frame at q (nq,).
+
+    They are those of the f motions that the loops allow.
+    """
+    jacobian = frames_at(robot, q[None]).frame_jacobian(0)[0]  # (6, nv)
+    return scaled_twists(robot, jacobian) @ _free_motions(robot, q)
 
 
 def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
-    """Compute rates (n, nv) of the platform's coordinates, in radians and lengths of the robot."""
-    jacobian = robot.platform.jacobian(frames_at(robot, q[None]))
-    return scale_jacobian(robot, jacobian, ~robot.translations)[0]
+    """Compute the Jacobian (n, nv) of the platform's velocity at q (nq,) [rad, robot lengths]."""
+    return motion_matrix(robot, robot.platform, q)[: robot.n]
 
 
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:
@@ -147,8 +151,8 @@ def scaled_twists(robot: Mechanism, twists: Array) -> Array:
     return twists / units[:, None] * robot.column_scale
 
 
-def centres_of_mass(robot: Mechanism, q: Array) -> Array:
-    """Compute velocities (3 b, nv) of the centres of the b bodies with mass [lengths of the robot]."""
+def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
+    """Compute the Jacobian (3 b, nv) of the mass centres of b bodies at q (nq,) [robot lengths]."""
     model, data = robot.model, robot.model.createData()
     pin.computeJointJacobians(model, data, q)
     velocities = [np.empty((0, model.nv))]
@@ -161,33 +165,36 @@ def centres_of_mass(robot: Mechanism, q: Array) -> Array:
 
 
 def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
-    """Return the names of the axes in stuck combinations (n, k): each alone, or some together."""
-    shares = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
-    alone = [name for name, share in shares.items() if share > 1.0 - FILE_ROUNDING]
+    """Name the axes of immovable combinations (n, k): alone, or several together."""
+    sizes = np.linalg.norm(stuck, axis=1)  # (n,) 1 for an axis that is itself a combination
+    alone = [name for name, size in zip(names, sizes, strict=True) if size > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
         return ", ".join(alone)
-    together = " and ".join(
-        name for name, share in shares.items() if FILE_ROUNDING < share <= 1.0 - FILE_ROUNDING
-    )
+    involved = [name for name, size in zip(names, sizes, strict=True) if size > FILE_ROUNDING]
+    together = " and ".join(name for name in involved if name not in alone)
     return ", ".join([*alone, f"{together} independently of each other"])
 
 
 def null_space(matrix: Array) -> Array:
     """Compute orthonormal columns (c, k) of the null space of a matrix (r, c)."""
-    return split_space(matrix, FILE_ROUNDING)[1]
+    return row_and_null_space(matrix, FILE_ROUNDING)[1]
 
 
-def split_space(matrix: Array, level: float) -> tuple[Array, Array]:
-    """Compute orthonormal columns of the row space and of the null space, singular values to a level."""
+def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
+    """Compute orthonormal bases of the row space and the null space of a matrix.
+
+    They are (c, rank) and (c, c - rank) for a matrix with c columns. The rank r counts singular values above
+    a level.
+    """
     _, values, right = np.linalg.svd(matrix)
     rank = int(np.sum(values > level))
     return right[:rank].T, right[rank:].T
 
 
-def _pivots(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
-    """Return k joints, ascending, whose rates determine k motions (nv, k), none of the excluded ones."""
+def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
+    """Choose k joints, ascending, whose rates determine k motions (nv, k); none of the excluded ones."""
     if not motions.shape[1]:
         return ()
     joints = np.setdiff1d(np.arange(len(motions)), excluded)
-    pivots = row_pivots(motions[joints])[: motions.shape[1]]
+    pivots = pivot_rows(motions[joints])[: motions.shape[1]]
     return tuple(np.sort(joints[pivots]).tolist())

@@ -22,22 +22,22 @@ import pinocchio as pin
 from scipy.linalg import qr
 
 from framework.errors import FrameworkError, NotAssembled, RobotFileError, SingularReference
-from framework.kinematics.assembly import all_loops_matrix, nearby_configurations, residual_at
+from framework.kinematics.assembly import joint_loops_matrix, nearby_configurations, residual_at
 from framework.kinematics.diagnostics.assembly_search import find_closed_pose
 from framework.kinematics.diagnostics.mobility import (
     PROPOSED_AXES_CLEARANCE,
-    centres_of_mass,
+    count_freedoms,
+    examine_platform_axes,
     find_free_motions,
-    mobility_of,
+    mass_centre_jacobian,
     null_space,
-    platform_axes_of,
+    row_and_null_space,
     scaled_twists,
-    split_space,
 )
 from framework.kinematics.loop_structure import independent_rows
-from framework.kinematics.mechanism import Mechanism, columns_of, frame_of
+from framework.kinematics.mechanism import Mechanism, frame_index, velocity_columns
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.rounded_loops import assembled_mechanism, rounded_gap
+from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.describe import Options, PartialRobot
@@ -69,20 +69,20 @@ class _Motions(NamedTuple):
         return self.working.shape[1]
 
     def rates(self, names: Iterable[str]) -> Array:
-        """Return rates (k, w) of joints in the working motions."""
-        return self.working[columns_of(self.mechanism.model, names)]
+        """Return the rates (k, w) of k joints, by name, in the working motions."""
+        return self.working[velocity_columns(self.mechanism.model, names)]
 
     def independent(self, motions: Array, names: Iterable[str]) -> list[str]:
-        """Choose joints, in their order, whose rates determine motions (nv, k)."""
+        """Choose joints out of names, in their order, whose rates determine motions (nv, k)."""
         chosen: list[str] = []
         for name in names:
-            rows = motions[columns_of(self.mechanism.model, [*chosen, name])]
+            rows = motions[velocity_columns(self.mechanism.model, [*chosen, name])]
             if np.linalg.matrix_rank(rows, tol=PROPOSED_AXES_CLEARANCE) > len(chosen):
                 chosen.append(name)
         return chosen
 
 
-class _Undriven(RobotFileError):
+class _UndrivenMotions(RobotFileError):
     """Motions without a motor, and `joints` to hold in the closed pose, for the reason `why`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
@@ -104,7 +104,7 @@ def propose(options: Options, known: PartialRobot) -> PartialRobot:
         RobotFileError: nothing can be proposed; names sufficient options.
     """
     known = known._replace(chooses_motors=options.motors is None)
-    serial = _serial(known)
+    serial = _serial_joints(known)
     free = [name for name in serial if known.tree.joints[name].kind == "floating"]
     known = _hold_joints(known, free, "a free base, which no motor drives")
     tails, heads = _split_serial_joints(known, options)
@@ -112,26 +112,26 @@ def propose(options: Options, known: PartialRobot) -> PartialRobot:
     if known.platform is not None and options.motors is not None:
         return known.with_platform(known.platform)
     try:
-        return _complete(known, by_joints=not heads or not options.is_silent)
+        return _complete_description(known, by_joints=not heads or not options.is_silent)
     except RobotFileError as error:
         if heads and options.is_silent:
             known = _hold_joints(known, heads, IN_NO_LOOP)
-        elif not isinstance(error, _Undriven):
+        elif not isinstance(error, _UndrivenMotions):
             raise
-    return _complete_driven(known)
+    return _complete_with_holding(known)
 
 
-def _complete_driven(known: PartialRobot) -> PartialRobot:
-    """Complete the description as `_complete` does; hold springs and idle turns without a motor."""
+def _complete_with_holding(known: PartialRobot) -> PartialRobot:
+    """Complete the description; hold springs and idle turns without a motor."""
     try:
-        return _complete(known, by_joints=True)
-    except _Undriven as loose:
+        return _complete_description(known, by_joints=True)
+    except _UndrivenMotions as loose:
         description = replace(known.description, reference=loose.reference)
         known = known._replace(description=description, remarks=(*known.remarks, *loose.remarks))
-        return _complete(_hold_joints(known, loose.joints, loose.why), by_joints=True)
+        return _complete_description(_hold_joints(known, loose.joints, loose.why), by_joints=True)
 
 
-def _complete(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
+def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
     """Complete the description as `propose` does, without holding more joints.
 
     If nothing can be proposed at a pose of the file beyond the joints' limits, a pose within them is tried.
@@ -155,7 +155,10 @@ def _complete(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
 
 
 def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool) -> PartialRobot:
-    """Complete the description at a closed pose: motors, then the first proposed platform that is driven."""
+    """Complete the description at a closed pose: motors, then a platform.
+
+    The first proposed platform that is driven is taken.
+    """
     if not motions.freedoms:
         raise _no_freedom(motions, known)
     known = _choose_motors(motions, known)
@@ -163,7 +166,7 @@ def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool
     _check_driven(motions, description, tree)
     if known.platform is not None:
         return known.with_platform(known.platform)
-    for platform in _platforms(motions, description, tree):
+    for platform in _likely_platforms(motions, description, tree):
         if _is_driven(description, platform):
             remark = f"platform: {', '.join(platform.names)} of {platform.frame} (proposed)"
             return known.with_platform(platform, remark)
@@ -177,7 +180,7 @@ def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool
     if joint_platforms:  # raises the more precise error, if there is one
         ParallelRobot.from_description(replace(description, platform=joint_platforms[-1]))
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
-    holding = _holding_joints(motions, idle, description, tree)
+    holding = _choose_joints_to_hold(motions, idle, description, tree)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
@@ -186,16 +189,19 @@ def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool
 
 
 def _choose_motors(motions: _Motions, known: PartialRobot) -> PartialRobot:
-    """Return the content of the file at a closed pose, with motors chosen if need be."""
+    """Return the content of the file with the closed pose and chosen motors.
+
+    Motors of the file stay if they are no more than the freedoms.
+    """
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
     if not actuators:
-        motors = _motors(motions, known.tree, known.tree.likely_motors)
+        motors = _choose_driving_joints(motions, known.tree, known.tree.likely_motors)
         actuators = tuple(map(Actuator, motors))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
     elif known.chooses_motors and len(actuators) > motions.freedoms:
-        motors = _best_motors(motions, description)
+        motors = _choose_best_motors(motions, description)
         remarks.append(
             f"motors: {', '.join(motors)} (of {len(actuators)} in the file, for {motions.freedoms} freedoms: "
             f"these tell them apart best at the reference)"
@@ -217,10 +223,11 @@ def _no_freedom(motions: _Motions, known: PartialRobot) -> RobotFileError:
 
 
 def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
-    """Return the advice, if any, that selects one of several parts with loops of their own, such as a leg.
+    """Return advice to select one of several parts with loops, such as a leg.
 
-    A part is what a joint carries if that includes several motors, not all, and whole loops only. Without
-    such a joint, the advice is to lock all loops but those that share joints with the first.
+    It is empty if there is no such part. A part is what a joint carries if that includes several motors, not
+    all, and whole loops only. Without such a joint, the advice is to lock all loops but those that share
+    joints with the first.
     """
     motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
     loop_paths = [
@@ -245,7 +252,7 @@ def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
 
 
 def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
-    """Return the joints that move between the frames of a closure."""
+    """Return the names of the joints between the frames of a closure."""
     chains = tree.moving_chains(*map(tree.link_of, closure.frames))
     return [joint.name for chain in chains for joint in chain]
 
@@ -272,22 +279,25 @@ def _close_within_limits(description: RobotDescription) -> _Motions | None:
 
 
 def _close_near_reference(description: RobotDescription) -> _Motions:
-    """Return the motions at the closed regular pose nearest to the reference of a description."""
+    """Return the motions at the closed regular pose nearest to the reference."""
     mechanism, remarks = _assemble(Mechanism.from_description(description))
     q = mechanism.q_near
     beside = nearby_configurations(mechanism, q)
-    if any(_rank(mechanism, pose) > _rank(mechanism, q) for pose in beside):
-        q = max(beside, key=lambda pose: _rank(mechanism, pose))
+    if any(_loop_rank(mechanism, pose) > _loop_rank(mechanism, q) for pose in beside):
+        q = max(beside, key=lambda pose: _loop_rank(mechanism, pose))
         remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
-    basis = find_free_motions(mechanism, q, _rank(mechanism, q))
+    basis = find_free_motions(mechanism, q, _loop_rank(mechanism, q))
     working = _working_motions(mechanism, q, basis)
     return _Motions(mechanism, q, basis, working, tuple(remarks))
 
 
 def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
-    """Return the mechanism with its closed pose as `q_near`, searched if need be, and remarks on the pose."""
+    """Return the mechanism with a closed pose as `q_near`, and remarks on the pose.
+
+    The pose is searched if the loops do not close near the reference.
+    """
     try:
-        assembled, closing = assembled_mechanism(mechanism)
+        assembled, closing = assemble_mechanism(mechanism)
     except NotAssembled:
         pose = find_closed_pose(mechanism)
         gap = np.abs(residual_at(mechanism, mechanism.q_near)).max()
@@ -309,29 +319,32 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
     Joints of couplings count as motors, such as a thread, unless nothing has mass.
     """
     description = mechanism.description
-    velocities = centres_of_mass(mechanism, q) @ basis
-    with_mass, without_mass = split_space(velocities, NEARLY_AT_REST)
+    velocities = mass_centre_jacobian(mechanism, q) @ basis
+    with_mass, without_mass = row_and_null_space(velocities, NEARLY_AT_REST)
     idle = basis @ without_mass
     motors = list(description.motor_joints)
     if velocities.any():
         motors += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
-    with_motor = split_space(idle[columns_of(mechanism.model, motors)], NEARLY_AT_REST)[0]
+    with_motor = row_and_null_space(idle[velocity_columns(mechanism.model, motors)], NEARLY_AT_REST)[0]
     return np.concatenate([basis @ with_mass, idle @ with_motor], axis=1)
 
 
-def _rank(mechanism: Mechanism, q: Array) -> int:
+def _loop_rank(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the loop equations along the joints at q (nq,)."""
-    return len(independent_rows(all_loops_matrix(mechanism, q)[:, mechanism.joints]))
+    return len(independent_rows(joint_loops_matrix(mechanism, q)))
 
 
-def _motors(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
-    """Choose joints whose rates determine the working motions: likely ones by the file, then by depth."""
+def _choose_driving_joints(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
+    """Choose joints whose rates determine the working motions.
+
+    Likely ones by the file come first, then the nearest to the base.
+    """
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
     names = dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth])
     return motions.independent(motions.working, names)
 
 
-def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
+def _choose_best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     """Choose as many of the file's motors as freedoms, with the best conditioned rates.
 
     Raises:
@@ -356,17 +369,20 @@ def _best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
     return [names[i] for i in choices[best]]
 
 
-def _holding_joints(
+def _choose_joints_to_hold(
     motions: _Motions, undriven: Array, description: RobotDescription, tree: UrdfTree
 ) -> list[str]:
-    """Choose joints to lock that stop all of motions (nv, k): with springs first, else far from the base."""
+    """Choose joints to lock that stop all of some motions (nv, k).
+
+    Joints with springs come first, then those far from the base.
+    """
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
     to_lock = motions.independent(undriven, passive)
     if len(to_lock) == undriven.shape[1]:
         return to_lock
-    serial = _serial(PartialRobot(tree, description))
+    serial = _serial_joints(PartialRobot(tree, description))
     freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
     return serial if len(freedoms) == undriven.shape[1] else []
 
@@ -375,8 +391,8 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
     """Refuse a mechanism with motions that no motor determines; name joints to hold.
 
     Raises:
-        _Undriven: with joints to hold. They have springs; or the motions without a motor leave a body at rest
-            that all motors move, which can be the platform.
+        _UndrivenMotions: with joints to hold. They have springs; or the motions without a motor leave a body
+            at rest that all motors move, which can be the platform.
         RobotFileError: no joints can be held so.
     """
     motors = description.motor_joints
@@ -385,14 +401,14 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
         return
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
-    to_hold = _holding_joints(motions, undriven, description, tree)
+    to_hold = _choose_joints_to_hold(motions, undriven, description, tree)
     advice = f"hold joints (such as --lock {' '.join(to_hold)}), or name" if to_hold else "name"
     message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says how {undriven.shape[1]} of them go; {advice} more motors"
     )
     if to_hold and all(name in description.joints and description.joints[name].stiffness for name in to_hold):
-        raise _Undriven(
+        raise _UndrivenMotions(
             message, motions, to_hold, "springs that no motor drives, as if rigid; --motors says otherwise"
         )
     driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a)
@@ -404,15 +420,18 @@ def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTr
                 "no motor drives them, and what all motors move stands still when they turn; --motors says "
                 "otherwise"
             )
-            raise _Undriven(message, motions, to_hold, why)  # the frame may be the platform
+            raise _UndrivenMotions(message, motions, to_hold, why)  # the frame may be the platform
     raise RobotFileError(message)
 
 
 # ------------------------------------------------------------------ the platform
 
 
-def _platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> list[Platform]:
-    """Return platforms to try, the likeliest first: frames that every motor moves, first of all tools."""
+def _likely_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> list[Platform]:
+    """Return platforms to try, the likeliest first.
+
+    They are on frames that every motor moves; tools come first.
+    """
     count, motors = motions.freedoms, description.motor_joints
     motions_by_motor = np.linalg.pinv(motions.rates(motors))  # (w, n_a)
     scored: list[tuple[float, Platform]] = []
@@ -445,10 +464,10 @@ def _joint_platforms(motions: _Motions, description: RobotDescription, tree: Urd
 def _frame_platforms(
     twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms on one frame with twists (6, w), each with a score, larger for likelier ones.
+    """Yield platforms on one frame, each with a score of likelihood.
 
-    First the joints that carry the frame, if passive; then axes, whose score is their least singular value,
-    and more for translations.
+    The frame has twists (6, w). First the joints that carry the frame, if passive; then axes, whose score is
+    their least singular value, and more for translations.
     """
     path = [joint for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves]
     names = tuple(joint.name for joint in path)
@@ -486,17 +505,17 @@ def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Arra
     pin.updateFramePlacements(mechanism.model, data)
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for frame in tree.frames:
-        twist = pin.getFrameJacobian(mechanism.model, data, frame_of(mechanism.model, frame), axes)
+        twist = pin.getFrameJacobian(mechanism.model, data, frame_index(mechanism.model, frame), axes)
         yield frame, scaled_twists(mechanism, twist.reshape(6, mechanism.model.nv))
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:
-    """Whether all axes of a platform move and nothing else does."""
+    """Whether the robot moves along all axes of a platform, and in no other way."""
     try:
         robot = ParallelRobot.from_description(replace(description, platform=platform))
-        mobility = mobility_of(robot)
+        mobility = count_freedoms(robot)
         driven = mobility.working - len(mobility.loose)  # a loose one is idle, or nearly: see `_check_driven`
-        stuck = platform_axes_of(robot, driven).stuck_here
+        stuck = examine_platform_axes(robot, driven).stuck_here
     except FrameworkError:
         return False
     return robot.n == driven <= robot.n_a and not stuck
@@ -506,7 +525,7 @@ def _is_driven(description: RobotDescription, platform: Platform) -> bool:
 
 
 def _loop_joint_names(known: PartialRobot) -> set[str]:
-    """Return names of the joints that loops need."""
+    """Return the names of the joints that loops and couplings need."""
     tree, description = known.tree, known.description
     needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
     for closure in description.closures:
@@ -514,14 +533,17 @@ def _loop_joint_names(known: PartialRobot) -> set[str]:
     return needed
 
 
-def _serial(known: PartialRobot) -> list[str]:
-    """Return moving joints that no loop needs."""
+def _serial_joints(known: PartialRobot) -> list[str]:
+    """Return the names of moving joints that no loop needs."""
     needed = _loop_joint_names(known)
     return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
 
 
 def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Return serial joints that no option names, without and with loops behind."""
+    """Return the serial joints without and with loops behind.
+
+    Joints that an option names are left out.
+    """
     tree = known.tree
     used = {*(options.motors or ()), *(options.platform_joints or ())}
     if known.platform is not None or options.platform is not None:
@@ -532,12 +554,15 @@ def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[st
         for name in _loop_joint_names(known)
         for above in tree.path_to_base(tree.joints[name].parent)
     }
-    serial = [name for name in _serial(known) if name not in used]
+    serial = [name for name in _serial_joints(known) if name not in used]
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 
 def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
-    """Return the file with joints held at the reference and left out of the description, with a remark."""
+    """Lock joints of the file at the reference, with a remark.
+
+    They are left out of the description.
+    """
     if not joints:
         return known
     tree, description = known.tree, known.description

@@ -20,7 +20,7 @@ from framework import locate_singularities
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import passive_matrix, passive_motion
 from framework.numerics.arrays import Array
-from framework.singularity.bordered_system import Border, root_of_g, slope_of_g, solve_bordered, stencil
+from framework.singularity.bordered_system import Border, differentiate_g, root_of_g, solve_bordered, stencil
 from tests.benchmarks.chart import closed_form
 from tests.benchmarks.chart import robot as given
 from tests.benchmarks.chart.measure import Judged, Method, Row, Setting, Stage, singles
@@ -133,7 +133,7 @@ def _bordered_steps(setting: Setting) -> Callable[[], Found]:
         s = 0.5 * (LOW + HIGH)
         for _ in range(round(setting[0])):
             at = stencil(s)
-            here = slope_of_g(matrices(at), at)
+            here = differentiate_g(matrices(at), at)
             s -= here.g / here.slope
         return Found(s, lambda: _twist(s, by_border))
 

@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import ParallelRobot, SingularReference, assemble, check_robot
 from framework.kinematics.assembly import close_reference
-from framework.kinematics.diagnostics.mobility import mobility_of
+from framework.kinematics.diagnostics.mobility import count_freedoms
 from framework.model.readers import read_any
 from tests.kinematics.linkages import frame, joint, linkage
 from tests.robots.every_robot import RIGID
@@ -69,7 +69,7 @@ def test_a_biped_of_cassies_build_has_22_freedoms(tmp_path):
     motors and the pelvis do not tell of are the springs, whose parts move, and the rods, which stay in place.
     """
     robot = biped(tmp_path)
-    found = mobility_of(robot)
+    found = count_freedoms(robot)
     assert (found.freedoms, found.working) == (22, 20)
     assert [name.rpartition("_")[0] for name in found.idle] == ["left_rod", "right_rod"]
     for side in ("left", "right"):
@@ -86,7 +86,7 @@ def test_a_biped_of_cassies_build_has_22_freedoms(tmp_path):
 
 
 def test_a_rod_whose_centre_of_mass_is_off_its_axis_is_not_idle(tmp_path):
-    found = mobility_of(biped(tmp_path, off=0.03))
+    found = count_freedoms(biped(tmp_path, off=0.03))
     assert (found.freedoms, found.idle, len(found.loose)) == (22, (), 6)
 
 
