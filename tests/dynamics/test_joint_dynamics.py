@@ -110,7 +110,7 @@ def lagrange_torques(plan, t):
     "options",
     [
         {"duration": 1.5, "times": [1.0], "speeds": [1.5]},
-        {"law": "optimal", "duration": 1.5, "optimize": "peak_torque"},
+        pytest.param({"law": "optimal", "duration": 1.5, "optimize": "peak_torque"}, marks=pytest.mark.slow),
         {"optimize": "time", "torque_limit": 0.165},
     ],
     ids=["polynomial", "peak torque", "time"],

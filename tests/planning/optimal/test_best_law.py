@@ -73,7 +73,7 @@ def test_the_quickest_law_is_within_a_percent_of_the_bound_of_all(quickest):
 LEAST_TIME, LEAST_PEAK = 0.73395, 0.039482  # [s] at PAPERS N m, [N m] in 1.5 s
 
 
-@pytest.mark.parametrize("smoothness", [2, 3, 4, 6])
+@pytest.mark.parametrize("smoothness", [3, 6])  # with 2: the tests above and below
 def test_smoothness_at_the_ends_costs_almost_nothing(robot, smoothness):
     quick = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS, smoothness=smoothness)
     assert LEAST_TIME < quick.duration < 1.015 * LEAST_TIME
@@ -90,7 +90,7 @@ def test_there_is_no_bound_for_a_polynomial(robot):
 def test_the_least_peak_at_the_papers_duration_is_a_quarter_of_its_own(robot):
     plan = plan_crossing(robot, LINE, duration=1.5, law="optimal")
     assert plan.duration == 1.5 == plan.law.duration
-    assert peak(plan) <= 0.0405
+    assert LEAST_PEAK < peak(plan) < 1.015 * LEAST_PEAK
 
 
 def test_any_user_would_find_the_same_torques_for_that_law(robot, quickest):
@@ -285,17 +285,14 @@ def beside_the_locus(robot, distance: float) -> Line:
     return Line(LINE.start, singular.platform + distance * along / np.linalg.norm(along))
 
 
-@pytest.mark.parametrize("distance", [-1e-6, 1e-5, 3e-6])
+@pytest.mark.parametrize("distance", [-1e-6, pytest.param(1e-5, marks=pytest.mark.slow), 3e-6])
 def test_paths_that_end_beside_a_singular_point_keep_the_least_speed_between_all_points(robot, distance):
-    plan = plan_crossing(robot, beside_the_locus(robot, distance), duration=1.5)
+    path = beside_the_locus(robot, distance)
+    plan = plan_crossing(robot, path, duration=1.5)
     assert (plan.law.kind, len(plan.crossings)) == ("optimal", distance > 0)
     assert least_value(plan.law.series) * plan.duration**2 > 0.99 * SQUARED_SPEED_FLOORS[-1]
-
-
-def test_a_path_that_ends_just_short_of_a_singular_point_takes_a_hundredth_of_the_polynomials_torque(robot):
-    path = beside_the_locus(robot, -1e-6)
-    plans = [plan_crossing(robot, path, duration=1.5, law=law) for law in ("auto", "polynomial")]
-    assert peak(plans[0]) < 0.01 * peak(plans[1])
+    if distance < 0:  # just short of the point, the optimal law takes a hundredth of the polynomial's torque
+        assert peak(plan) < 0.01 * peak(plan_crossing(robot, path, duration=1.5, law="polynomial"))
 
 
 @pytest.mark.slow

@@ -269,7 +269,7 @@ CASES = {
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name not in ("flat", "upright"))) for name in CASES],
+    [pytest.param(name, marks=[pytest.mark.slow] * (name != "flat")) for name in CASES],
 )
 def test_no_law_is_below_and_the_best_is_close(name):
     make, path_of, options = CASES[name]
@@ -318,7 +318,7 @@ def test_where_the_bound_does_not_hold_there_is_none():
     )
 
 
-@pytest.mark.parametrize("name", ["flat", "upright"])
+@pytest.mark.parametrize("name", ["upright", pytest.param("flat", marks=pytest.mark.slow)])
 def test_the_multipliers_prove_the_value_on_many_points_of_a_robot(name):
     """By the torques themselves at 300 points of each cell, in place of their series."""
     task, reference = task_of(CASES[name][0](), LINE, duration=1.5), np.array([1.0, 0.7])
