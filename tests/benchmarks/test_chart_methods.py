@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mpmath import mpf
 
 from tests.benchmarks import rows_again
 from tests.benchmarks.chart import derivatives, growth, published, robot, stages, torque
 from tests.benchmarks.chart.measure import Row, measured
 from tests.benchmarks.chart.reading import WRONG
-from tests.benchmarks.chart.squeezer import descriptor, energy
 
 
 def cell(panel: str, method: str, *setting: float) -> Row:
@@ -145,21 +143,6 @@ def test_the_closed_form_torques_bring_the_payload_along_its_path():
 
 def test_the_squeezer_ends_where_it_is_published_to_end():
     assert row("forward", "squeezer_radau_5", 1e-8).error < 1e-7
-
-
-def test_the_squeezers_reference_is_what_its_two_programs_find_and_closes_its_loops():
-    """Descriptor form and energy share no line; the acceleration of one is the slope of the other's speed."""
-    known = published.angles()
-    assert energy.angles(12)[0] == pytest.approx(known["beta"], abs=1e-14)
-    assert max(map(abs, descriptor.loops(list(known.values())))) < 1e-16
-    first = energy.begun()
-    for turned in (0.3, 1.9):
-        beta, h = first + mpf(turned), mpf("1e-9")
-        speed, before, after = (energy.speed(beta + k * h, first) for k in (0, -1, 1))
-        angles, low, high = (energy.printed(beta + k * h) for k in (0, -1, 1))
-        rates = [speed * (b - a) / (2 * h) for a, b in zip(low, high, strict=True)]
-        found = descriptor.accelerations(angles, rates)[0]
-        assert abs(found / (speed * (after - before) / (2 * h)) - 1) < 1e-14
 
 
 @pytest.mark.slow

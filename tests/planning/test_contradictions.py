@@ -22,7 +22,7 @@ from tests.planning.optimal.random_crossings import RandomCrossing
 from tests.planning.optimal.random_crossings import random_crossing as draw_crossing
 from tests.robots.transformed import in_other_units, mirrored, permuted_joints, reversed_joints
 
-SLOW = range(40)  # some of them in each test; `tests.benchmarks.optimal_laws` has them all
+SLOW = range(40)  # some of them in each test; of all of them: tests/benchmarks/README.md
 CATALOGUE = (
     ("five_bar", "C"),
     ("five_bar_heavy", "C"),
