@@ -53,7 +53,7 @@ PLAN_KEYS = [
 PASSIVE = ["left_elbow", "right_elbow"]
 UNITS = ["m", "rad", "N m"]
 CROSSING_KEYS = [
-    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition", "loaded"),
+    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition", "loaded")
 ]
 CERTIFICATE_KEYS = [
     *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "max_held_torque"),
@@ -277,7 +277,7 @@ def test_out_writes_the_plan_and_its_figures(document, tmp_path):
     out = tmp_path / "new" / "folder"
     printed = document(*PLAN, "--scene", "C", "--flexibility", "flexible_links", "--out", out)
     assert {path.name for path in out.iterdir()} == {
-        *("plan.json", "motion.csv", "motion.csv-metadata.json", "figures.txt"),
+        *("plan.json", "motion.csv", "motion.csv-metadata.json", "figures.txt")
     }
     assert (out / "figures.txt").read_text() == "five_bar, flexible_links"
     stored = json.loads((out / "plan.json").read_text())
@@ -288,10 +288,7 @@ def test_out_writes_the_plan_and_its_figures(document, tmp_path):
 @pytest.mark.usefixtures("quick_figures")
 @pytest.mark.parametrize(
     ("flexibility", "samples", "springs"),
-    [
-        ("rigid", 101, []),
-        ("flexible_links", 1501, ["left_drive", "right_drive", "left_rod", "right_rod"]),
-    ],
+    [("rigid", 101, []), ("flexible_links", 1501, ["left_drive", "right_drive", "left_rod", "right_rod"])],
 )
 def test_out_writes_the_motion(document, tmp_path, flexibility, samples, springs):
     options = [] if samples == 1501 else ["--samples", samples]  # the default
@@ -386,7 +383,7 @@ def test_raw_shows_the_spike_and_says_that_it_proves_nothing(document, tmp_path,
     (crossing,) = found["crossings"]
     assert abs(crossing["wrench"]) > 1.0  # [N]
     assert {path.name for path in tmp_path.iterdir()} == {
-        *("raw.csv", "raw.json", "raw_torques.pdf", "raw_torques.png"),
+        *("raw.csv", "raw.json", "raw_torques.pdf", "raw_torques.png")
     }
     header, *lines = (tmp_path / "raw.csv").read_text().splitlines()
     names = header.split(",")

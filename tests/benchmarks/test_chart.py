@@ -96,8 +96,7 @@ def test_curves_are_told_apart_with_colour_and_without(name):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in CURVES],
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in CURVES]
 )
 def test_legend_and_sentence_stand_below_the_axes(name):
     stage = stages.stage(name)

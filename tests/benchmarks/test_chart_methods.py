@@ -191,19 +191,6 @@ def test_exact_derivatives_are_those_of_virtual_work_and_differences_come_near()
     assert row("derivatives", "delta-differences", 1e-5, 2).error < 1e-6
 
 
-# ------------------------------------------------------------------ laws
-
-
-def test_powers_of_t_lose_what_chebyshev_polynomials_keep():
-    for powers in ("monomials", "normalised"):
-        assert row("laws", powers, 21).profile[0] > 1e6 * row("laws", "chebyshev", 21).profile[0]
-    assert row("laws", "printed", 15).error > 1e3 * row("laws", "chebyshev_printed", 15).error
-
-
-def test_the_optimal_law_meets_its_condition():
-    assert row("laws", "optimal", 9).error < 1e-12
-
-
 # ------------------------------------------------------------------ elastic
 
 

@@ -161,11 +161,7 @@ def test_standing_still_on_the_locus_is_refused(robot):
 
 
 @pytest.mark.parametrize(
-    ("law", "message"),
-    [
-        (lambda t: 1.2 * t, "s must stay in"),
-        (lambda t: t * np.nan, "one finite s"),
-    ],
+    ("law", "message"), [(lambda t: 1.2 * t, "s must stay in"), (lambda t: t * np.nan, "one finite s")]
 )
 def test_laws_that_cannot_be_are_refused(robot, law, message):
     class Brought:

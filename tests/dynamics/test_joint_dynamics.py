@@ -217,10 +217,7 @@ def test_what_the_urdf_declares_is_read_and_the_file_may_say_otherwise(write_rob
 @pytest.mark.parametrize(
     ("joints", "message"),
     [
-        (
-            {"left_motr": {"damping": 1}},
-            "joints.left_motr: unknown joint 'left_motr'",
-        ),
+        ({"left_motr": {"damping": 1}}, "joints.left_motr: unknown joint 'left_motr'"),
         ({"left_motor": {"damping": -1}}, "joints.left_motor.damping: must not be negative"),
         ({"left_motor": {"viscosity": 1}}, "joints.left_motor.viscosity: unknown key"),
     ],

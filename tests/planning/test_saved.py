@@ -227,9 +227,7 @@ def leaves(value, way=()):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "options",
-    [{"times": [1.0], "speeds": [1.5]}, {"optimize": "peak_torque"}],
-    ids=["polynomial", "optimal"],
+    "options", [{"times": [1.0], "speeds": [1.5]}, {"optimize": "peak_torque"}], ids=["polynomial", "optimal"]
 )
 def test_no_edit_of_a_plan_is_a_fault_of_the_program(tmp_path, options):
     """Read back, or refused by its key, or as a law that is no more that of the robot and the path."""

@@ -8,14 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from framework.proofs.homotopy import refine, start_system
 from framework.proofs.krawczyk import are_apart, chart_for, enclosures
-from framework.proofs.study_quadric import (
-    displacements,
-    functions,
-    planar,
-    spatial,
-    spherical,
-    translations,
-)
+from framework.proofs.study_quadric import displacements, functions, planar, spatial, spherical, translations
 from tests.proofs.rods import rod
 
 GROUPS = [translations((0, 1)), translations((0, 1, 2)), planar(2), planar(0), spherical(), spatial()]

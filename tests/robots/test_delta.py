@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import (
-    assemble,
-)
+from framework import assemble
 from framework.kinematics.frames import frames_at
 from framework.planning.scenes import scene_path
 from tests.oracles import lagrange

@@ -95,10 +95,7 @@ def test_a_law_without_condition_8_gets_no_torques(scene, flexibility, geometry)
     s = float(oracle.locus_position("C"))
     assert error.s == pytest.approx(s, abs=1e-12)
     # straight path: t_s . W_p = m (t_s . x') s"
-    conditions = {
-        "B": [],
-        "C-printed": [(1.0, 0, 2 / 3), (1.0, 1, 1.5), (1.0, 2, 0.0)],
-    }[scene]
+    conditions = {"B": [], "C-printed": [(1.0, 0, 2 / 3), (1.0, 1, 1.5), (1.0, 2, 0.0)]}[scene]
     law = power_law(conditions, 4 if robot.n_e else 2)
     assert law(error.time) == pytest.approx(s, abs=1e-9)
     along = np.array([-0.15, -0.15])

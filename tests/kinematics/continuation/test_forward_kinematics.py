@@ -196,10 +196,7 @@ def test_springs_keep_their_deflections():
     along = (apart**2 + (LINK + stretch) ** 2 - LINK**2) / (2 * apart)
     aside = np.array([-between[1], between[0]]) / apart
     corner = left + along * between / apart + np.sqrt((LINK + stretch) ** 2 - along**2) * aside
-    for joint, elbow, crank in (
-        ("left_elbow", left, q_a[0] + twist),
-        ("right_elbow", right, q_a[1]),
-    ):
+    for joint, elbow, crank in (("left_elbow", left, q_a[0] + twist), ("right_elbow", right, q_a[1])):
         column = [robot.coordinates.name_of(k) for k in range(robot.model.nv)].index(joint)
         angle = np.arctan2(*(corner - elbow)[::-1]) - crank
         q[column] += np.angle(np.exp(1j * (angle - q[column])))

@@ -268,8 +268,7 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name != "flat")) for name in CASES],
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "flat")) for name in CASES]
 )
 def test_no_law_is_below_and_the_best_is_close(name):
     make, path_of, options = CASES[name]
