@@ -16,6 +16,7 @@ import pytest
 import robots
 from framework import NoLaw, ParallelRobot, plan_crossing
 from framework.model.description import RobotDescription, Scene
+from framework.planning.optimal.peak_bound import bound_plan
 from framework.planning.scenes import path_of, scene_path
 from tests.planning.optimal.law_contradictions import GOALS, Answer, Asked, answer, contradictions, faults
 from tests.planning.optimal.random_crossings import RandomCrossing
@@ -268,8 +269,9 @@ def check_idempotence(one: RandomCrossing) -> None:
 
 
 def check_refusal(one: RandomCrossing) -> None:
-    """Assert that a refusal names limits that would do, and that these are planned."""
+    """Assert that a refusal names limits that would do, that these are planned, and that no law has less."""
     least = least_peak(one)
+    assert least.plan is not None
     asked = Asked("peak_torque", longest=one.duration, torque_limit=0.9 * least.peak)
     with pytest.raises(NoLaw) as refused:
         plan_crossing(*one.plan_arguments(), **asked.options())
@@ -278,6 +280,9 @@ def check_refusal(one: RandomCrossing) -> None:
     if evidence is not None and evidence.limits is not None:
         plan_crossing(*one.plan_arguments(), **{**asked.options(), **evidence.limits})
         assert np.all(evidence.limits["torque_limit"] <= NO_WORSE * least.peak)
+    if evidence is not None and evidence.least is not None and evidence.least.torque_peak is not None:
+        bound = bound_plan(least.plan).value * least.plan.optimality.reference.max()
+        assert 0.95 < bound / asked.torque_limit / evidence.least.torque_peak < 1.0
 
 
 @pytest.mark.parametrize("k", with_cheapest([3, *SLOW[::8]], 0))

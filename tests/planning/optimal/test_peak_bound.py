@@ -264,6 +264,11 @@ CASES = {
     ),
     "delta": (lambda: robots.load("delta"), lambda robot: scene_path(robot.description.scenes["cross"]), {}),
     "par4": (lambda: robots.load("par4"), lambda robot: scene_path(robot.description.scenes["cross"]), {}),
+    "six legs": (
+        lambda: robots.load("gough_stewart"),
+        lambda robot: scene_path(robot.description.scenes["turn"]),
+        {},
+    ),
 }
 
 
