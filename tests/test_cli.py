@@ -516,30 +516,20 @@ MISUSE = [
     ("locate five_bar --from 0.1 0.345 --to 0.1 0.345", ["0.345", "same"]),
     ("plan five_bar --from 0.1 0.345 --to 0 0.3", ["--duration", "required"]),
     ("plan five_bar --scene C --duration 0", ["duration", "positive", "0"]),
-    ("plan five_bar --scene C --duration -1", ["duration", "positive", "-1"]),
-    ("plan five_bar --scene C --duration nan", ["duration", "nan"]),
     ("plan five_bar --scene C --duration inf", ["duration", "inf"]),
     ("plan five_bar --scene C --duration long", ["--duration", "'long'"]),
     ("plan five_bar --scene C --times 0", ["times", "t = 0 s", "(0, 1.5)"]),
-    ("plan five_bar --scene C --times 1.5", ["times", "t = 1.5 s", "(0, 1.5)"]),
-    ("plan five_bar --scene C --times -1", ["times", "t = -1 s", "(0, 1.5)"]),
-    ("plan five_bar --scene C --times 1.6", ["times", "t = 1.6 s", "(0, 1.5)"]),
     ("plan five_bar --scene C --times nan", ["times", "finite", "nan"]),
-    ("plan five_bar --scene C --times inf", ["times", "finite", "inf"]),
     ("plan five_bar --scene C --times 0.9 1.1", ["times", "got 2 (0.9, 1.1)", "1 singular point", "0.667"]),
     ("plan five_bar --scene C --times 1.1 0.9", ["times", "ascend"]),
     ("plan five_bar --scene C --speeds 0", ["speeds", "greater than zero", "0"]),
-    ("plan five_bar --scene C --speeds -1.5", ["speeds", "greater than zero", "-1.5"]),
     ("plan five_bar --scene C --speeds nan", ["speeds", "finite", "nan"]),
-    ("plan five_bar --scene C --speeds 1.5 1.5", ["speeds", "got 2", "1 singular point"]),
-    ("plan five_bar --scene A --times 1.0", ["times", "got 1 (1)", "0 singular points"]),
     ("plan five_bar --scene A --speeds 1.0", ["speeds", "got 1 (1)", "0 singular points"]),
     ("plan five_bar --scene C --smoothness 1", ["smoothness", "got 1", "2 .. "]),
     ("plan five_bar --scene C --flexibility flexible_joints --smoothness 3", ["smoothness", "got 3", "4 .."]),
     ("plan five_bar --scene C --smoothness 400", ["smoothness", "got 400"]),
     ("plan five_bar --scene C --smoothness 2.5", ["--smoothness", "'2.5'"]),
     ("plan five_bar --scene C --samples 1", ["samples", "at least 2", "1"]),
-    ("plan five_bar --scene C --samples -5", ["samples", "at least 2", "-5"]),
     ("plan five_bar --scene C --samples many", ["--samples", "'many'"]),
     ("plan five_bar --scene C --raw --samples 2", ["samples", "at least 5", "2"]),
     ("plan five_bar --scene C --out", ["--out", "expected one argument"]),
@@ -573,7 +563,6 @@ def test_a_malformed_robot_file_or_urdf_is_misuse(refusal, write_robot):
     assert "mass" in refusal(2, "check", write_robot(urdf=(('<mass value="10"/>', ""),)))
 
 
-@pytest.mark.usefixtures("quick_figures")
 @pytest.mark.usefixtures("quick_figures")
 def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
     folder = tmp_path / "quick"
@@ -621,7 +610,7 @@ def test_help_is_no_misuse(capfd, command):
     ("arguments", "code"),
     [
         (["plan", "five_bar", "--scene", "C", "--json"], 0),
-        (["plan", "five_bar", "--scene", "B", "--json"], 1),
+        pytest.param(["plan", "five_bar", "--scene", "B", "--json"], 1, marks=pytest.mark.slow),
         (["plan", "five_bar", "--scene", "nowhere", "--json"], 2),
     ],
 )

@@ -185,7 +185,14 @@ def test_a_sign_of_g_that_no_curve_explains_is_told(monkeypatch):
 
 def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
     robot = robots.load("two_arms")
-    found = workspace_map(robot, survey_window(robot, size=5), ["g"])
+    axes = list(map_axes(robot))
+    at = Window(
+        map_axes(robot),
+        *(robot.reference.x[axes] + side * 0.02 for side in (-1, 1)),
+        (3, 3),
+        robot.reference.x,
+    )
+    found = workspace_map(robot, at, ["g"])
     locus = map_document(found)["locus"]
     assert (locus["traced"], locus["curves"]) == (False, 0)
     assert "one motor for each freedom" in locus["status"]

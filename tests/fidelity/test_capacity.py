@@ -92,8 +92,8 @@ def test_without_a_wrench_or_a_limit_the_question_has_no_meaning():
     ("refusal", "proved"),
     [
         (NoLaw("none", proof="a proof"), True),
-        (NoLaw("none found"), False),
-        (LimitsExceeded("beyond", exceeded={}), False),
+        pytest.param(NoLaw("none found"), False, marks=pytest.mark.slow),
+        pytest.param(LimitsExceeded("beyond", exceeded={}), False, marks=pytest.mark.slow),
         (NotConverged("gave up", residual=1.0), False),
     ],
 )

@@ -207,8 +207,15 @@ def a_crossing(name: str) -> list[str]:
     return ([scene for scene in planned if plans[scene].crossings] or planned)[:1]
 
 
-@pytest.mark.parametrize("change", AT_ONCE)
-@pytest.mark.parametrize("name", robots.CATALOGUE)
+# each robot with one of the two, by turns, in the plain suite
+BY_TURNS = [
+    pytest.param(name, change, marks=[pytest.mark.slow] * ((k + j) % 2))
+    for k, name in enumerate(robots.CATALOGUE)
+    for j, change in enumerate(AT_ONCE)
+]
+
+
+@pytest.mark.parametrize(("name", "change"), BY_TURNS)
 def test_a_crossing_is_planned_alike(name, change):
     check_alike(name, change, a_crossing(name))
 
@@ -254,8 +261,7 @@ def test_gravity_does_not_drown_condition_8_in_a_small_robot(name, change):
     check_says_the_same(name, change)
 
 
-@pytest.mark.parametrize("change", AT_ONCE)
-@pytest.mark.parametrize("name", robots.CATALOGUE)
+@pytest.mark.parametrize(("name", "change"), BY_TURNS)
 def test_check_says_the_same(name, change):
     check_says_the_same(name, change)
 

@@ -272,9 +272,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "flat")) for name in CASES]
-)
+@pytest.mark.slow  # of the flat five-bar at once: test_best_law.py
+@pytest.mark.parametrize("name", CASES)
 def test_no_law_is_below_and_the_best_is_close(name):
     make, path_of, options = CASES[name]
     robot = make()
