@@ -101,11 +101,6 @@ def platform_force(x, dx, ddx):
     return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
 
 
-def forearm_volume(x):
-    """Zero when the three forearms are parallel to one plane: Type 2."""
-    return float(np.linalg.det(forearms(x, motor_angles(x).real)))
-
-
 def normals(x):
     """Normals of the three parallelograms (3, 3); coplanar in a constraint singularity."""
     return np.cross(SIDE, forearms(x, motor_angles(x).real))
