@@ -79,8 +79,8 @@ TRIED = [  # a wrong command line, its exit code, what to try
         1,
         "plan five_bar --scene C --law optimal",
     ),  # a motion that runs back
-    ("plan five_bar --scene C --law optimal --torque-limit=0.01", 1, None),  # a duration
     ("pose five_bar --motors 1.27 4.5", 1, "pose five_bar --motors 1.27 4.5 --all"),
+    ("plan five_bar --scene C --law optimal --torque-limit=0.01", 1, None),  # a duration
 ]
 
 
@@ -104,7 +104,10 @@ def test_a_word_that_is_nearly_right_is_told(capsys, tmp_path, monkeypatch, line
         assert f"`crossing {name if name in COMMANDS else '--help'}" in err
 
 
-@pytest.mark.parametrize(("line", "code", "expected"), TRIED, ids=[line for line, *_ in TRIED])
+@pytest.mark.parametrize(
+    ("line", "code", "expected"),
+    [pytest.param(*one, id=one[0], marks=[pytest.mark.slow] * (one[2] is None)) for one in TRIED],
+)
 def test_what_is_to_be_tried_ends_otherwise(capsys, tmp_path, monkeypatch, line, code, expected):
     monkeypatch.chdir(tmp_path)
     got, out, err = run(capsys, line)

@@ -53,7 +53,7 @@ PLAN_KEYS = [
 PASSIVE = ["left_elbow", "right_elbow"]
 UNITS = ["m", "rad", "N m"]
 CROSSING_KEYS = [
-    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition", "loaded"),
+    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition", "loaded")
 ]
 CERTIFICATE_KEYS = [
     *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "max_held_torque"),
@@ -277,7 +277,7 @@ def test_out_writes_the_plan_and_its_figures(document, tmp_path):
     out = tmp_path / "new" / "folder"
     printed = document(*PLAN, "--scene", "C", "--flexibility", "flexible_links", "--out", out)
     assert {path.name for path in out.iterdir()} == {
-        *("plan.json", "motion.csv", "motion.csv-metadata.json", "figures.txt"),
+        *("plan.json", "motion.csv", "motion.csv-metadata.json", "figures.txt")
     }
     assert (out / "figures.txt").read_text() == "five_bar, flexible_links"
     stored = json.loads((out / "plan.json").read_text())
@@ -288,10 +288,7 @@ def test_out_writes_the_plan_and_its_figures(document, tmp_path):
 @pytest.mark.usefixtures("quick_figures")
 @pytest.mark.parametrize(
     ("flexibility", "samples", "springs"),
-    [
-        ("rigid", 101, []),
-        ("flexible_links", 1501, ["left_drive", "right_drive", "left_rod", "right_rod"]),
-    ],
+    [("rigid", 101, []), ("flexible_links", 1501, ["left_drive", "right_drive", "left_rod", "right_rod"])],
 )
 def test_out_writes_the_motion(document, tmp_path, flexibility, samples, springs):
     options = [] if samples == 1501 else ["--samples", samples]  # the default
@@ -386,7 +383,7 @@ def test_raw_shows_the_spike_and_says_that_it_proves_nothing(document, tmp_path,
     (crossing,) = found["crossings"]
     assert abs(crossing["wrench"]) > 1.0  # [N]
     assert {path.name for path in tmp_path.iterdir()} == {
-        *("raw.csv", "raw.json", "raw_torques.pdf", "raw_torques.png"),
+        *("raw.csv", "raw.json", "raw_torques.pdf", "raw_torques.png")
     }
     header, *lines = (tmp_path / "raw.csv").read_text().splitlines()
     names = header.split(",")
@@ -519,30 +516,20 @@ MISUSE = [
     ("locate five_bar --from 0.1 0.345 --to 0.1 0.345", ["0.345", "same"]),
     ("plan five_bar --from 0.1 0.345 --to 0 0.3", ["--duration", "required"]),
     ("plan five_bar --scene C --duration 0", ["duration", "positive", "0"]),
-    ("plan five_bar --scene C --duration -1", ["duration", "positive", "-1"]),
-    ("plan five_bar --scene C --duration nan", ["duration", "nan"]),
     ("plan five_bar --scene C --duration inf", ["duration", "inf"]),
     ("plan five_bar --scene C --duration long", ["--duration", "'long'"]),
     ("plan five_bar --scene C --times 0", ["times", "t = 0 s", "(0, 1.5)"]),
-    ("plan five_bar --scene C --times 1.5", ["times", "t = 1.5 s", "(0, 1.5)"]),
-    ("plan five_bar --scene C --times -1", ["times", "t = -1 s", "(0, 1.5)"]),
-    ("plan five_bar --scene C --times 1.6", ["times", "t = 1.6 s", "(0, 1.5)"]),
     ("plan five_bar --scene C --times nan", ["times", "finite", "nan"]),
-    ("plan five_bar --scene C --times inf", ["times", "finite", "inf"]),
     ("plan five_bar --scene C --times 0.9 1.1", ["times", "got 2 (0.9, 1.1)", "1 singular point", "0.667"]),
     ("plan five_bar --scene C --times 1.1 0.9", ["times", "ascend"]),
     ("plan five_bar --scene C --speeds 0", ["speeds", "greater than zero", "0"]),
-    ("plan five_bar --scene C --speeds -1.5", ["speeds", "greater than zero", "-1.5"]),
     ("plan five_bar --scene C --speeds nan", ["speeds", "finite", "nan"]),
-    ("plan five_bar --scene C --speeds 1.5 1.5", ["speeds", "got 2", "1 singular point"]),
-    ("plan five_bar --scene A --times 1.0", ["times", "got 1 (1)", "0 singular points"]),
     ("plan five_bar --scene A --speeds 1.0", ["speeds", "got 1 (1)", "0 singular points"]),
     ("plan five_bar --scene C --smoothness 1", ["smoothness", "got 1", "2 .. "]),
     ("plan five_bar --scene C --flexibility flexible_joints --smoothness 3", ["smoothness", "got 3", "4 .."]),
     ("plan five_bar --scene C --smoothness 400", ["smoothness", "got 400"]),
     ("plan five_bar --scene C --smoothness 2.5", ["--smoothness", "'2.5'"]),
     ("plan five_bar --scene C --samples 1", ["samples", "at least 2", "1"]),
-    ("plan five_bar --scene C --samples -5", ["samples", "at least 2", "-5"]),
     ("plan five_bar --scene C --samples many", ["--samples", "'many'"]),
     ("plan five_bar --scene C --raw --samples 2", ["samples", "at least 5", "2"]),
     ("plan five_bar --scene C --out", ["--out", "expected one argument"]),
@@ -623,7 +610,7 @@ def test_help_is_no_misuse(capfd, command):
     ("arguments", "code"),
     [
         (["plan", "five_bar", "--scene", "C", "--json"], 0),
-        (["plan", "five_bar", "--scene", "B", "--json"], 1),
+        pytest.param(["plan", "five_bar", "--scene", "B", "--json"], 1, marks=pytest.mark.slow),
         (["plan", "five_bar", "--scene", "nowhere", "--json"], 2),
     ],
 )
@@ -692,7 +679,12 @@ def test_a_flexibility_with_springs_is_no_cause_for_a_warning(document):
     assert "warnings" not in document("check", "five_bar", "--flexibility", "flexible_links")
 
 
-def test_what_is_about_an_earlier_plan_goes_with_it(tmp_path, capsys):
+def test_what_is_about_an_earlier_plan_goes_with_it(tmp_path, capsys, monkeypatch):
+    def save_eye(plan, folder) -> None:  # drawn where there is a crossing
+        if plan.crossings:
+            (folder / "eye.png").touch()
+
+    monkeypatch.setattr("framework.show.plots.save_figures", save_eye)
     out = tmp_path / "move"
     main(["plan", "five_bar", "--scene", "C", "--out", str(out)])
     assert "replaces" not in capsys.readouterr().out

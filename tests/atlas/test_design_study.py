@@ -107,9 +107,10 @@ def test_a_study_by_command_tells_one_line_a_design(given, tmp_path, capsys):
     task, _ = given
     table = tmp_path / "table.csv"
     table.write_text("l1\n0.25\n0.24\n")
-    command = ["map", task.file, "--study", "--table", str(table), "--size", "12", "--quantity", "g"]
+    command = ["map", task.file, "--study", "--table", str(table), "--size", "9", "--quantity", "g"]
+    command += ["--window", "-0.45", "0.45", "-0.5", "0.5"]
     assert main([*command, "--out", str(tmp_path / "out")]) == 0
-    assert capsys.readouterr().out.splitlines()[0] == "named: 2 designs, 12 x 12 poses each, 0 make no robot"
+    assert capsys.readouterr().out.splitlines()[0] == "named: 2 designs, 9 x 9 poses each, 0 make no robot"
     rows = list(csv.DictReader((tmp_path / "out" / "study.csv").read_text().splitlines()))
     assert [row["l1"] for row in rows] == ["0.25", "0.24"]
     assert {"study.pdf", "study.png"} < {file.name for file in (tmp_path / "out").iterdir()}

@@ -47,12 +47,7 @@ class Counted:
         return self.function(*arguments)
 
 
-CALLS = (
-    "computeJointJacobians",
-    "updateFramePlacements",
-    "computeForwardKinematicsDerivatives",
-    "rnea",
-)
+CALLS = ("computeJointJacobians", "updateFramePlacements", "computeForwardKinematicsDerivatives", "rnea")
 
 
 def bare_calls(plan: CrossingPlan, scene: str) -> tuple[dict[str, int], Callable[[], None]]:

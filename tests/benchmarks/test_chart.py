@@ -96,8 +96,7 @@ def test_curves_are_told_apart_with_colour_and_without(name):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in CURVES],
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name != "torque" else []) for name in CURVES]
 )
 def test_legend_and_sentence_stand_below_the_axes(name):
     stage = stages.stage(name)
@@ -189,24 +188,6 @@ def test_a_grid_is_refined_until_it_bends_up_or_is_fine(errors, tried):
     method = Method("m", "m", lambda setting: lambda: setting[0], "", "", singles(*range(len(errors))))
     stage = Stage("s", "", "", "", (method,), lambda m, s, r: Judged(errors[int(r)]), goals=(1e-6,))
     assert len(rows_of(stage, Effort(1, 1.0, 99))) == tried
-
-
-def test_charts_made_again_tell_which_comparison_changes_its_sign(tmp_path, capsys):
-    stage = stages.stage("torque")
-    for name, seconds in (("one", 1.0), ("same", 1.1), ("other", 3.0)):
-        made = curves(chebyshev=[(seconds, 1e-11)], pointwise=[(2.0, 1e-11)], damped=[(2.0, 1e-3)])
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "torque.json").write_text(json.dumps(table.document(stage, made)))
-    folders = [str(tmp_path / name) for name in ("one", "same", "other")]
-    with pytest.raises(SystemExit, match="0"):
-        main(["--compare", *folders[:2]])
-    assert "0 change their sign" in capsys.readouterr().out
-    with pytest.raises(SystemExit, match="1"):
-        main(["--compare", *folders])
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[1:] == [f"torque: chebyshev against pointwise to {goal}" for goal in ("1e-06", "1e-10")]
-    with pytest.raises(SystemExit, match="2"):
-        main(["--compare", folders[0], str(tmp_path)])
 
 
 def test_rows_are_read_back_and_say_the_same():

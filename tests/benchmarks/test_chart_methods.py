@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mpmath import mpf
 
 from tests.benchmarks import rows_again
 from tests.benchmarks.chart import derivatives, growth, published, robot, stages, torque
 from tests.benchmarks.chart.measure import Row, measured
 from tests.benchmarks.chart.reading import WRONG
-from tests.benchmarks.chart.squeezer import descriptor, energy
 
 
 def cell(panel: str, method: str, *setting: float) -> Row:
@@ -147,21 +145,6 @@ def test_the_squeezer_ends_where_it_is_published_to_end():
     assert row("forward", "squeezer_radau_5", 1e-8).error < 1e-7
 
 
-def test_the_squeezers_reference_is_what_its_two_programs_find_and_closes_its_loops():
-    """Descriptor form and energy share no line; the acceleration of one is the slope of the other's speed."""
-    known = published.angles()
-    assert energy.angles(12)[0] == pytest.approx(known["beta"], abs=1e-14)
-    assert max(map(abs, descriptor.loops(list(known.values())))) < 1e-16
-    first = energy.begun()
-    for turned in (0.3, 1.9):
-        beta, h = first + mpf(turned), mpf("1e-9")
-        speed, before, after = (energy.speed(beta + k * h, first) for k in (0, -1, 1))
-        angles, low, high = (energy.printed(beta + k * h) for k in (0, -1, 1))
-        rates = [speed * (b - a) / (2 * h) for a, b in zip(low, high, strict=True)]
-        found = descriptor.accelerations(angles, rates)[0]
-        assert abs(found / (speed * (after - before) / (2 * h)) - 1) < 1e-14
-
-
 @pytest.mark.slow
 def test_two_programs_agree_with_the_squeezers_reference_better_than_with_what_is_published():
     """Collocation on the framework's equations, and scipy on [M J'; J 0]: 1e-9 is the floor of the angles."""
@@ -206,19 +189,6 @@ def test_exact_derivatives_are_those_of_virtual_work_and_differences_come_near()
     coarse, fine = (row("derivatives", "delta-differences", step, 4).error for step in (3e-3, 1e-3))
     assert coarse / fine == pytest.approx(3**4, rel=0.5)
     assert row("derivatives", "delta-differences", 1e-5, 2).error < 1e-6
-
-
-# ------------------------------------------------------------------ laws
-
-
-def test_powers_of_t_lose_what_chebyshev_polynomials_keep():
-    for powers in ("monomials", "normalised"):
-        assert row("laws", powers, 21).profile[0] > 1e6 * row("laws", "chebyshev", 21).profile[0]
-    assert row("laws", "printed", 15).error > 1e3 * row("laws", "chebyshev_printed", 15).error
-
-
-def test_the_optimal_law_meets_its_condition():
-    assert row("laws", "optimal", 9).error < 1e-12
 
 
 # ------------------------------------------------------------------ elastic

@@ -63,12 +63,7 @@ CORNERS = """([k, times]) => [crossing.films[k]].flatMap((film) => times.flatMap
     ("scenes", "drawn"),
     [
         (
-            [
-                ("five_bar", "bow"),
-                ("biglide", "bow"),
-                ("orthoglide", "cross"),
-                ("spherical_rrr", "cross"),
-            ],
+            [("five_bar", "bow"), ("biglide", "bow"), ("orthoglide", "cross"), ("spherical_rrr", "cross")],
             True,
         ),
         (

@@ -41,9 +41,9 @@ SPREAD = Spread(
 
 
 @cache
-def reference(name):
+def reference(name, period=None):
     plan = plan_scene(robots.load(name), ROBOTS[name], smoothness=4)
-    return reference_of(plan, period=plan.duration / 10)
+    return reference_of(plan, period=period or plan.duration / 10)
 
 
 def stacks(count):
@@ -96,12 +96,8 @@ def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme
     for one_robot in (False, True):
         together = None
         for runs in reversed(stacks(len(others))):
-            stepper = Stepper.of(
-                robot if one_robot else [others[run] for run in runs],
-                scheme=scheme,
-                damping=0.01,
-                like=robot,
-            )
+            stack = robot if one_robot else [others[run] for run in runs]
+            stepper = Stepper.of(stack, scheme=scheme, damping=0.01, like=robot)
             state = stepper.step(q[runs], v[runs], torque[runs], 1e-3)
             x = stepper.platform(*state)
             if together is None:
@@ -114,12 +110,9 @@ def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_a_run_alone_is_the_run_among_others(controller, sensors):
     """From the start to the verdict, with everything that may differ."""
-    plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)
-    law, loop = (
-        tuned_controller(controller, reference_of(plan, period=2e-2)),
-        ControlLoop(sensors=sensors),
-    )
-    variations = [draw(plan.robot, SPREAD, (1, k)) for k in range(7)]
+    ref = reference("five_bar", 2e-2)
+    law, loop = tuned_controller(controller, ref), ControlLoop(sensors=sensors)
+    variations = [draw(ref.robot, SPREAD, (1, k)) for k in range(7)]
     together = run_closed_loop(law, loop, SPREAD, variations, record=True)
     for some in ([4], [6, 1]):
         alone = run_closed_loop(law, loop, SPREAD, [variations[k] for k in some], record=True)

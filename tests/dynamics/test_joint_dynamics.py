@@ -111,7 +111,7 @@ def lagrange_torques(plan, t):
     "options",
     [
         {"duration": 1.5, "times": [1.0], "speeds": [1.5]},
-        {"law": "optimal", "duration": 1.5, "optimize": "peak_torque"},
+        pytest.param({"law": "optimal", "duration": 1.5, "optimize": "peak_torque"}, marks=pytest.mark.slow),
         {"optimize": "time", "torque_limit": 0.165},
     ],
     ids=["polynomial", "peak torque", "time"],
@@ -236,10 +236,7 @@ def test_what_the_urdf_declares_is_read_and_the_file_may_say_otherwise(write_rob
 @pytest.mark.parametrize(
     ("joints", "message"),
     [
-        (
-            {"left_motr": {"damping": 1}},
-            "joints.left_motr: unknown joint 'left_motr'",
-        ),
+        ({"left_motr": {"damping": 1}}, "joints.left_motr: unknown joint 'left_motr'"),
         ({"left_motor": {"damping": -1}}, "joints.left_motor.damping: must not be negative"),
         ({"left_motor": {"viscosity": 1}}, "joints.left_motor.viscosity: unknown key"),
     ],

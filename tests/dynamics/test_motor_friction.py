@@ -118,7 +118,10 @@ def test_any_law_is_given_its_friction(polynomial):
 LIMIT = 0.2  # [N m]
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["dry", "dry and viscous"])
+DRY = pytest.param(False, marks=pytest.mark.slow)
+
+
+@pytest.fixture(scope="module", params=[DRY, True], ids=["dry", "dry and viscous"])
 def quickest(request):
     return plan_crossing(rubbing(damped=request.param), LINE, optimize="time", torque_limit=LIMIT)
 

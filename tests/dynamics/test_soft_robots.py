@@ -8,11 +8,7 @@ import pytest
 import yaml
 
 import robots
-from framework import (
-    ParallelRobot,
-    plan_crossing,
-    simulate,
-)
+from framework import ParallelRobot, plan_crossing, simulate
 from framework.model.beams import Material, Section, beam_spring, split_beam
 from framework.planning.scenes import scene_path
 from tests.dynamics.random_five_bars import five_bar

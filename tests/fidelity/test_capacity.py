@@ -12,6 +12,7 @@ import robots
 from framework import InvalidInput, LimitsExceeded, NoLaw, NotConverged, largest_load, plan_crossing
 from framework.cli import main
 from framework.cli.capacity import capacity_lines
+from framework.fidelity.capacity import capacity_request
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.planning.scenes import scene_path
 from framework.tolerances import LIMIT_MARGIN
@@ -91,8 +92,8 @@ def test_without_a_wrench_or_a_limit_the_question_has_no_meaning():
     ("refusal", "proved"),
     [
         (NoLaw("none", proof="a proof"), True),
-        (NoLaw("none found"), False),
-        (LimitsExceeded("beyond", exceeded={}), False),
+        pytest.param(NoLaw("none found"), False, marks=pytest.mark.slow),
+        pytest.param(LimitsExceeded("beyond", exceeded={}), False, marks=pytest.mark.slow),
         (NotConverged("gave up", residual=1.0), False),
     ],
 )
@@ -144,11 +145,21 @@ def test_the_command_does_not_say_more_than_was_tried(monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_the_command_says_the_multiple_and_what_binds(capsys):
+def test_the_command_says_the_multiple_and_what_binds(capsys, monkeypatch):
+    """It asks for what `largest_load` does, whose answer stands for a search of its own here."""
+    asked = []
+
+    def known(robot, request, **_):
+        asked.append(request)
+        return capacity()
+
+    monkeypatch.setattr("framework.cli.capacity.largest_load_of", known)
     words = ["capacity", "five_bar", "--scene", "C", "--torque-limit", str(LIMIT), "--wrench", "0", "-1"]
     assert main([*words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["multiple"] == pytest.approx(capacity().multiple, rel=2e-3)
+    assert asked == [capacity_request(*five_bar(), torque_limit=LIMIT, wrenches=PUSH)]
+    assert document["multiple"] == capacity().multiple
     assert "condition (8)" in document["binds"]
+    monkeypatch.undo()
     assert main([*words[:-3]]) == 2
     assert "give a wrench" in capsys.readouterr().err

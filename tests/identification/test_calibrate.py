@@ -20,7 +20,7 @@ from tests.identification.measured_poses import TRACKER, off_by, only, poses, wi
 
 KINDS = ("five_bar", "three_rrr", "delta", "gough_stewart")
 NOMINAL = {name: robots.load(name) for name in KINDS}
-SEEDS = {"five_bar": 20, "three_rrr": 5, "delta": 2, "gough_stewart": 1}
+SEEDS = {"five_bar": 20, "three_rrr": 3, "delta": 2, "gough_stewart": 1}
 MEASURED = ("motor_angle", "platform")
 
 

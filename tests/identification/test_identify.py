@@ -19,7 +19,7 @@ from framework.identification.physical import collect_link_parameters, with_mass
 from tests.identification.recorded_motions import measured, sines
 
 NOMINAL = {name: robots.load(name) for name in ("five_bar", "five_bar_heavy", "three_rrr")}
-RUNS = 60
+RUNS = 40
 
 
 def other_robot(nominal: ParallelRobot, change) -> tuple[ParallelRobot, np.ndarray]:

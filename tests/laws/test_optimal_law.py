@@ -9,13 +9,7 @@ from numpy.polynomial import chebyshev
 
 from framework import InvalidInput, Law
 from framework.laws.law import PlannedLaw
-from framework.laws.optimal_law import (
-    STRETCH_HEIGHT,
-    STRETCH_WIDTH,
-    OptimalLaw,
-    Smoothstep,
-    count_reversals,
-)
+from framework.laws.optimal_law import STRETCH_HEIGHT, STRETCH_WIDTH, OptimalLaw, Smoothstep, count_reversals
 from framework.numerics.chebyshev import TimeGrid
 
 RNG = np.random.default_rng(7)
@@ -115,7 +109,9 @@ def test_the_smoothstep_and_its_derivatives_against_many_digits(R):
         assert float(phi(phi.inverse(sigma))) == pytest.approx(sigma, rel=1e-12)
 
 
-@pytest.mark.parametrize("law", [LAWS[1], LAWS[4]], ids=["20", "stretched"])
+@pytest.mark.parametrize(
+    "law", [pytest.param(LAWS[1], marks=pytest.mark.slow), LAWS[4]], ids=["20", "stretched"]
+)
 def test_time_is_the_integral_of_the_slowness(law):
     with mp.workdps(30):
         for sigma in (0.2, 1.0):

@@ -8,14 +8,7 @@ import pytest
 
 from framework import InvalidInput
 from framework.model import read_robot_file
-from framework.model.beams import (
-    Material,
-    Section,
-    beam_spring,
-    beam_stiffness,
-    split_beam,
-    spring_entry,
-)
+from framework.model.beams import Material, Section, beam_spring, beam_stiffness, split_beam, spring_entry
 from framework.model.description import AXES, Spring
 from framework.model.urdf_edits import insert_springs
 from tests.urdf_edits import edited

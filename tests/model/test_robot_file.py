@@ -193,11 +193,7 @@ MALFORMED = [
         ["urdf: ", "five_bar.urdf", "duplicate link 'left_rod'"],
     ),
     ("frames", [{"name": "a", "parent": "nobody"}], ["frames[0].parent", "unknown link 'nobody'", "base"]),
-    (
-        "frames",
-        [{"name": "a", "parent": "base", "inertia": [1, 1, 1]}],
-        ["frames[0].inertia", "mass"],
-    ),
+    ("frames", [{"name": "a", "parent": "base", "inertia": [1, 1, 1]}], ["frames[0].inertia", "mass"]),
     ("locked", {"left_elbow": "up"}, ["locked.left_elbow", "number", "'up'"]),
     ("locked", {"left_rod_tip": 0}, ["locked.left_rod_tip", "unknown joint", "left_elbow"]),
     ("root", "loose", ["root", "unknown root 'loose'", "fixed, free"]),
@@ -247,9 +243,7 @@ def refused(file) -> str:
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "words"),
-    MALFORMED,
-    ids=[f"{key}={shown(value)}" for key, value, _ in MALFORMED],
+    ("key", "value", "words"), MALFORMED, ids=[f"{key}={shown(value)}" for key, value, _ in MALFORMED]
 )
 def test_a_malformed_robot_file_is_refused_and_told_why(write_robot, key, value, words):
     message = refused(write_robot((key, value)))

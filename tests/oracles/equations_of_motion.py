@@ -32,13 +32,7 @@ class Defects(NamedTuple):
 
 
 def defects(
-    robot: ParallelRobot,
-    *,
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    torque: np.ndarray,
-    x: np.ndarray,
+    robot: ParallelRobot, *, q: np.ndarray, v: np.ndarray, a: np.ndarray, torque: np.ndarray, x: np.ndarray
 ) -> Defects:
     """Of configurations q (T, nq), v and a (T, nv), motor torques (T, n_a) [N m] and platform x (T, n)."""
     model, closures = robot.model, robot.description.closures

@@ -199,10 +199,7 @@ def _legs(position: Vector, eps: Sequence[Series | Number] = (mp.zero, mp.zero))
         inverse = 1 / (reach[0] * reach[0] + reach[1] * reach[1])
         along = ((LENGTH**2 - rod_length * rod_length) * inverse + 1) / 2
         across = (LENGTH**2 * inverse - along * along).sqrt() * elbow
-        crank = (
-            along * reach[0] - across * reach[1],
-            along * reach[1] + across * reach[0],
-        )
+        crank = (along * reach[0] - across * reach[1], along * reach[1] + across * reach[0])
         legs.append(Leg(crank, (reach[0] - crank[0], reach[1] - crank[1]), rod_length))
     return legs[0], legs[1]
 
@@ -284,9 +281,7 @@ def locus_position(scene: str = "C", eps: Sequence[Number] = (mp.zero, mp.zero))
 
 
 def polynomial_law(
-    duration: Number,
-    smoothness: int,
-    crossing: tuple[Number, Sequence[Number]] | None = None,
+    duration: Number, smoothness: int, crossing: tuple[Number, Sequence[Number]] | None = None
 ) -> tuple[Number, ...]:
     """Coefficients of s(t), ascending powers of t, by the linear system of all its conditions.
 

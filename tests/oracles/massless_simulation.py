@@ -125,13 +125,7 @@ class Witness:
         return np.sort(fixed[order[: closed.shape[1] - still.shape[1]]])
 
     def configuration(
-        self,
-        phi: np.ndarray,
-        chosen: np.ndarray,
-        *,
-        drive: np.ndarray,
-        keep: np.ndarray,
-        near: np.ndarray,
+        self, phi: np.ndarray, chosen: np.ndarray, *, drive: np.ndarray, keep: np.ndarray, near: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """q (nq,) with the masses at phi and the springs in balance with `drive` (nv,), and W (nv, r) there.
 

@@ -29,17 +29,22 @@ def test_a_path_beside_the_locus_is_planned_by_the_law_that_resolves_it(gap):
     assert found.force < 1e-8  # beside the locus |g| is 1e-5 and less, and the torques are rounded by as much
 
 
+BESIDE = Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4])
+
+
 def peaks(plan) -> float:
     return max(plan.peak_torque.values())
 
 
-@pytest.mark.parametrize(("start", "end"), [(0.08, -0.04), (0.1, -0.02)])
-def test_beside_the_locus_the_law_of_lower_peak_torque_is_taken(start, end):
-    robot, path = robots.load("five_bar"), Line([start, TOP + 1e-4], [end, TOP + 1e-4])
-    polynomial, optimal = (
-        plan_crossing(robot, path, duration=1.5, law=law) for law in ("polynomial", "optimal")
-    )
-    plan = plan_crossing(robot, path, duration=1.5)
+@pytest.fixture(scope="module")
+def optimal():
+    return plan_crossing(robots.load("five_bar"), BESIDE, duration=1.5, law="optimal")
+
+
+def test_beside_the_locus_the_law_of_lower_peak_torque_is_taken(optimal):
+    robot = robots.load("five_bar")
+    polynomial = plan_crossing(robot, BESIDE, duration=1.5, law="polynomial")
+    plan = plan_crossing(robot, BESIDE, duration=1.5)
     assert (plan.law.kind, peaks(plan)) == ("optimal", peaks(optimal))
     assert peaks(plan) < 0.5 * peaks(polynomial)
     assert f"largest torque, {peaks(polynomial):.4g} N m, is beside s = " in plan.reason
@@ -79,13 +84,11 @@ def test_what_was_tried_is_not_advised():
     assert "use law" not in str(refusal.value)
 
 
-def test_a_polynomial_whose_peak_is_lower_is_kept_and_says_what_the_other_costs(monkeypatch):
+def test_a_polynomial_whose_peak_is_lower_is_kept_and_says_what_the_other_costs(monkeypatch, optimal):
     from framework.planning import plan as planning
 
-    robot, path = robots.load("five_bar"), Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4])
-    optimal = plan_crossing(robot, path, duration=1.5, law="optimal")
     monkeypatch.setattr(planning, "max_torque_ratio", lambda plan, _: float(plan.law.kind == "optimal"))
-    plan = plan_crossing(robot, path, duration=1.5)
+    plan = plan_crossing(robots.load("five_bar"), BESIDE, duration=1.5)
     assert plan.law.kind == "polynomial"
     assert plan.reason.endswith(f"; the optimal law's is {peaks(optimal):.4g} N m")
 
@@ -104,7 +107,7 @@ def test_a_polynomial_is_kept_where_the_other_law_is_not_found(error, monkeypatc
         raise error
 
     monkeypatch.setattr(optimal_motion, "optimal_motion", refused)
-    plan = plan_crossing(robots.load("five_bar"), Line([0.1, TOP + 1e-4], [-0.02, TOP + 1e-4]), duration=1.5)
+    plan = plan_crossing(robots.load("five_bar"), BESIDE, duration=1.5)
     assert plan.law.kind == "polynomial"
     assert plan.reason.endswith("; the optimal law is not found: no")
 

@@ -36,6 +36,7 @@ def test_in_least_time_it_is_as_good_as_an_ample_limit():
         assert 1.0 < plan.duration / bound_plan(plan).value < 1.01
 
 
+@pytest.mark.slow
 def test_the_least_energy_is_that_of_an_ample_limit():
     free, ample = (
         plan_crossing(five_bar(0.03, limit), LINE, duration=1.5, optimize="energy") for limit in (None, AMPLE)

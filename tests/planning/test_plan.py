@@ -17,6 +17,7 @@ from framework import (
     Line,
     NoLaw,
     NotConverged,
+    ParallelRobot,
     Spline,
     UnboundedTorque,
     inverse_dynamics,
@@ -221,6 +222,17 @@ def test_a_stop_on_the_locus_is_refused(robot):
     ends_there = Line([0.1, 0.345], locus(float(np.arccos(-0.2))))
     with pytest.raises(NoLaw, match="ends on a Type 2 singularity"):
         plan_crossing(robot, ends_there, duration=1.5)
+
+
+def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8(robot):
+    heavy = ParallelRobot.from_description(replace(robot.description, gravity=(0.0, -9.81, 0.0)))
+    point = locate_singularities(heavy, LINE)[0]
+    with pytest.raises(NoLaw, match="a stop on the locus") as refused:
+        plan_crossing(heavy, Line(LINE.start, point.platform), duration=1.0)
+    proof = refused.value.proof
+    assert proof.stop
+    assert proof.s == pytest.approx(1.0, abs=1e-9)
+    assert abs(proof.gamma) > 0.1  # [N] of the weight along t_s: there is nothing else at rest
 
 
 def test_a_tangential_touch_is_no_case_for_the_polynomial(robot):

@@ -68,8 +68,14 @@ def test_the_law_comes_back_as_it_was_and_so_do_the_torques(written):
     np.testing.assert_allclose(again.crossings[0].speed, 1.5, atol=1e-7)
 
 
-def test_an_optimal_law_comes_back_with_what_it_was_best_at(tmp_path):
-    plan = plan_crossing(robots.load("five_bar"), LINE, optimize="time", torque_limit=0.165, margin=0.1)
+@pytest.fixture(scope="module")
+def quickest():
+    """The quickest law with a tenth of the torque left, on the rigid robot."""
+    return plan_crossing(robots.load("five_bar"), LINE, optimize="time", torque_limit=0.165, margin=0.1)
+
+
+def test_an_optimal_law_comes_back_with_what_it_was_best_at(tmp_path, quickest):
+    plan = quickest
     save_plan(plan, tmp_path)
     again = load_plan(tmp_path)
     times = np.linspace(0.0, plan.duration, 301)
@@ -83,6 +89,7 @@ def test_an_optimal_law_comes_back_with_what_it_was_best_at(tmp_path):
     np.testing.assert_allclose(again.optimality.specification.torque_limit, 0.9 * 0.165)
 
 
+@pytest.mark.slow
 def test_an_optimal_law_on_springs_comes_back(tmp_path):
     robot = robots.load("five_bar", flexibility="flexible_joints")
     plan = plan_crossing(robot, LINE, duration=1.5, law="optimal")
@@ -98,10 +105,9 @@ def test_an_optimal_law_on_springs_comes_back(tmp_path):
     np.testing.assert_allclose(again.deflection(times), plan.deflection(times), atol=1e-12)
 
 
-def test_the_table_of_an_optimal_law_agrees_with_itself(tmp_path):
+def test_the_table_of_an_optimal_law_agrees_with_itself(tmp_path, quickest):
     """motion.csv: s from 0 to 1, its derivatives those of its columns, torques within the limit."""
-    path = Line([0.1, 0.345], [-0.05, 0.195])
-    plan = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=0.165)
+    plan = quickest
     plan.to_csv(tmp_path / "motion.csv", 3001)
     table = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
     assert (table["s"][0], table["s"][-1]) == pytest.approx((0.0, 1.0), abs=1e-12)
@@ -109,11 +115,11 @@ def test_the_table_of_an_optimal_law_agrees_with_itself(tmp_path):
         gained = np.trapezoid(table[slope], table["time"])
         jump = 0.5 * table["time"][1] * np.ptp(table[slope])  # the most that one steep step can hide
         assert gained == pytest.approx(table[value][-1] - table[value][0], abs=jump)
-    expected = path(table["s"])
+    expected = LINE(table["s"])
     np.testing.assert_allclose(table["platform_x"], expected[:, 0], atol=1e-12)
     np.testing.assert_allclose(table["platform_y"], expected[:, 1], atol=1e-12)
     for joint in plan.robot.actuator_names:
-        assert np.abs(table[f"torque_{joint}"]).max() <= 0.165
+        assert np.abs(table[f"torque_{joint}"]).max() <= 0.9 * 0.165
 
 
 @pytest.mark.parametrize(
@@ -221,9 +227,7 @@ def leaves(value, way=()):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "options",
-    [{"times": [1.0], "speeds": [1.5]}, {"optimize": "peak_torque"}],
-    ids=["polynomial", "optimal"],
+    "options", [{"times": [1.0], "speeds": [1.5]}, {"optimize": "peak_torque"}], ids=["polynomial", "optimal"]
 )
 def test_no_edit_of_a_plan_is_a_fault_of_the_program(tmp_path, options):
     """Read back, or refused by its key, or as a law that is no more that of the robot and the path."""

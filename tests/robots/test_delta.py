@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import (
-    assemble,
-)
+from framework import assemble
 from framework.kinematics.frames import frames_at
 from framework.planning.scenes import scene_path
 from tests.oracles import lagrange
@@ -101,11 +99,6 @@ def potential_energy(x):
 def platform_force(x, dx, ddx):
     """Lagrange: what the motors must do on the platform's coordinates (3,) [N]."""
     return lagrange.platform_force(kinetic_energy, potential_energy, x, dx, ddx)
-
-
-def forearm_volume(x):
-    """Zero when the three forearms are parallel to one plane: Type 2."""
-    return float(np.linalg.det(forearms(x, motor_angles(x).real)))
 
 
 def normals(x):

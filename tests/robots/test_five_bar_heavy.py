@@ -23,7 +23,7 @@ from framework.dynamics.finite_differences import finite_difference_torques
 from framework.planning.scenes import scene_path
 from tests.oracles.forward_simulation import forward_simulate
 
-TIMES = np.linspace(0.0, 1.5, 1501)
+TIMES = np.linspace(0.0, 1.5, 151)
 ON_THE_PATH = 1e-10  # [m] at every sample
 
 

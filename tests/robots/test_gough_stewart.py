@@ -10,12 +10,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import (
-    Line,
-    assemble,
-    forward_kinematics,
-    track_path,
-)
+from framework import Line, assemble, forward_kinematics, track_path
 from framework.kinematics.frames import frames_at
 from framework.kinematics.motion_rates import joint_rates, motion_at
 from framework.laws.path import time_derivatives

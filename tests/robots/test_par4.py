@@ -11,9 +11,7 @@ import pinocchio as pin
 import pytest
 
 import robots
-from framework import (
-    assemble,
-)
+from framework import assemble
 from tests.oracles import lagrange
 from tests.oracles.closed_form import Crossing, Kinematics
 

@@ -12,14 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 import robots
-from framework import (
-    Line,
-    assemble,
-    locate_singularities,
-    plan_crossing,
-    plan_scene,
-    velocity_matrices,
-)
+from framework import Line, assemble, locate_singularities, plan_crossing, plan_scene, velocity_matrices
 from framework.planning.scenes import scene_path
 from tests.oracles.planar_work import work_and_jacobian
 

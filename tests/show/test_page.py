@@ -18,10 +18,9 @@ from framework.show.shapes import body_shapes, thin_mesh
 from framework.singularity.drawn_locus import locus_curves
 from tests.show.test_film import filmed
 
-# Their meshes take seconds to read.
-ROBOTS = [
-    pytest.param(name, marks=pytest.mark.slow if name == "two_arms" else ()) for name in robots.CATALOGUE
-]
+# The others, whose meshes may take seconds to read, are slow.
+QUICK = ("five_bar", "slider_crank", "three_rpr", "delta", "gough_stewart", "agile_eye", "humanoid_ankle")
+ROBOTS = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in robots.CATALOGUE]
 
 
 def decoded(text: str) -> np.ndarray:

@@ -69,8 +69,7 @@ def on_a_line_with_its_swing_axis():
     tip = axes @ Rotation.from_euler("XY", [joints["leg_1_swing"], joints["leg_1_tilt"]]).as_matrix() @ axes.T
     ball = Rotation.from_matrix(tip.T @ turn).as_euler("XYZ")
     return configuration(
-        robots.load("gough_stewart"),
-        joints | dict(zip(("ball_x", "ball_y", "ball_z"), ball, strict=True)),
+        robots.load("gough_stewart"), joints | dict(zip(("ball_x", "ball_y", "ball_z"), ball, strict=True))
     )
 
 

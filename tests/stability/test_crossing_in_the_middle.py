@@ -17,7 +17,7 @@ from framework import Line, plan_crossing, simulate
 TOP = np.array([0.0, np.sqrt(0.06)])  # of the 5R's locus
 
 
-@pytest.mark.parametrize("half", [(0.0, 0.1), (0.02, 0.08)])
+@pytest.mark.parametrize("half", [(0.0, 0.1), pytest.param((0.02, 0.08), marks=pytest.mark.slow)])
 def test_the_optimal_law_crosses_there_too(half):
     robot = robots.load("five_bar")
     plan = plan_crossing(robot, Line(TOP + half, TOP - half), duration=1.5, law="optimal")

@@ -16,16 +16,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import (
-    Condition,
-    InvalidInput,
-    Law,
-    Line,
-    NoLaw,
-    NotConverged,
-    UnboundedTorque,
-    plan_crossing,
-)
+from framework import Condition, InvalidInput, Law, Line, NoLaw, NotConverged, UnboundedTorque, plan_crossing
 from tests.oracles import naive
 from tests.oracles.planar import LINE
 

@@ -12,6 +12,8 @@ others. Here are some cells of ours.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,7 @@ CELLS: dict[str, dict[str, tuple[Setting, ...]]] = {
 }
 
 
+@cache
 def error(panel: str, method: str, cell: Setting) -> float:
     """Relative error of a cell; infinite where it is refused."""
     stage = stages.stage("failure")

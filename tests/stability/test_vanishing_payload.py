@@ -16,15 +16,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import (
-    Arc,
-    Condition,
-    Law,
-    ParallelRobot,
-    UnboundedTorque,
-    inverse_dynamics,
-    plan_crossing,
-)
+from framework import Arc, Condition, Law, ParallelRobot, UnboundedTorque, inverse_dynamics, plan_crossing
 from tests.oracles.planar import CROSSING_SPEED, CROSSING_TIME, DURATION, LINE, without_rotors
 
 MASSES = 10.0 ** np.arange(-15, 4, 3)  # [kg]

@@ -21,11 +21,7 @@ def test_a_wrong_law_takes_both_off_the_path_to_the_same_place(name):
     robot, start = FiveBar.of(name, "rigid"), wrong.platform(0.0)
     ends = [
         simulator.simulate(
-            robot,
-            lambda t: np.clip(wrong.torque(t), -limit, limit),
-            start,
-            step=5e-4,
-            duration=DURATION,
+            robot, lambda t: np.clip(wrong.torque(t), -limit, limit), start, step=5e-4, duration=DURATION
         ).platform[-1]
         for simulator in (exudyn, mujoco)
     ]

@@ -16,7 +16,7 @@ from pathlib import Path
 from framework import FrameworkError
 from framework.cli.console import Progress
 from framework.numerics.output import written_together
-from tests.benchmarks.chart import repeated, stages, table
+from tests.benchmarks.chart import stages, table
 from tests.benchmarks.chart.figures import save_chart
 from tests.benchmarks.chart.measure import FULL, QUICK, Effort, Stage, rows_of
 from tests.benchmarks.chart.reading import losses
@@ -31,13 +31,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--row", metavar="ROW", help="one row made again, as the table names it; writes nothing"
     )
-    parser.add_argument(
-        "--compare",
-        nargs="+",
-        type=Path,
-        metavar="DIR",
-        help="whether comparisons of these charts change sign",
-    )
     parser.add_argument("--quick", action="store_true", help="one setting of a series, run once")
     parser.add_argument(
         "--redraw", action="store_true", help="figures and text anew, from the tables of --out"
@@ -45,10 +38,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path(FOLDER), metavar="DIR", help="default: %(default)s")
     options = parser.parse_args(arguments)
     try:
-        if options.compare:
-            words, turned = repeated.report(options.compare)
-            print(words)
-            raise SystemExit(int(turned > 0))
         if options.row is None:
             chosen = [stages.stage(name) for name in dict.fromkeys(options.stage or stages.NAMES)]
             print(write_chart(chosen, options.out, QUICK if options.quick else FULL, redraw=options.redraw))

@@ -71,7 +71,7 @@ def chart_figure(stage: Stage, rows: Sequence[Row]) -> Figure:
                 plot = _plot_work if quantity == "work" else partial(_plot_over, quantity=quantity)
                 plot(ax, finite(rows, method.name), looks[method.name])
         one = next(method for method in stage.methods if method.panel == panel)
-        _scaled(ax, TIME if stage.goals else stage.abscissa or one.unit, linear=stage.linear)
+        _scaled(ax, TIME if stage.goals else stage.abscissa or one.unit)
         if not stage.goals and len(one.settings) <= MOST_TICKS:
             ax.set_xticks([setting[0] for setting in one.settings], minor=False)
         ax.set_ylabel({"time": TIME, "profile": stage.profile_error}.get(quantity, stage.error))
@@ -232,7 +232,7 @@ def _plot_profile(
     ax.set_title(stage.profile_title, loc="left")
 
 
-def _scaled(ax: Axes, label: str, *, linear: bool = False) -> None:
+def _scaled(ax: Axes, label: str) -> None:
     """Logarithmic axes; plain numbers where they span few decades."""
     ax.set_yscale("log")
     low, high = ax.get_ylim()
@@ -242,13 +242,12 @@ def _scaled(ax: Axes, label: str, *, linear: bool = False) -> None:
         ax.set_ylim(*(10.0 ** rounded(np.log10(end)) for rounded, end in ((np.floor, low), (np.ceil, high))))
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel(label)
-    if not linear:
-        ax.set_xscale("log")
-        low, high = ax.get_xlim()
-        if high < FEW * low:
-            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-            ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set_xscale("log")
+    low, high = ax.get_xlim()
+    if high < FEW * low:
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+        ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _plot_map(ax: Axes, method: Method, rows: Sequence[Row]) -> None:

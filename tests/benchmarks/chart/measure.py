@@ -111,7 +111,6 @@ class Stage:
     remark: Callable[[Sequence[Row]], str] = no_remark
     abscissa: str = ""
     shown: tuple[Literal["time", "error", "profile"], ...] = ("error",)
-    linear: bool = False  # the abscissa
     profile: tuple[float, ...] = ()
     profiled: str = ""
     profile_error: str = ""

@@ -166,7 +166,6 @@ def _judged(rods_of: Callable[[Setting], Callable[[], Rods]]) -> Prepare:
 
 _GIVEN, _CELLS = "path and law", pairs(LOADS, MISFITS)
 _TABLE = f"{SAMPLES} samples, spline of degree {DEGREE}"
-_HYBRID = f"hybr to 1e-14, {_TABLE}"
 UNIT = "load / stiffness, misfit [path]"
 METHODS = (
     Declared("proved", "ours, proved", _judged(partial(_proved, geometry="deformed")), _GIVEN, _CELLS),

@@ -14,7 +14,7 @@ from framework.numerics.arrays import Array
 
 FILE = Path(__file__).parent / "data" / "andrews_squeezer" / "andrews_squeezer.yaml"
 TORQUE, DURATION = 0.033, 0.03  # [N m], [s]
-REFERENCE = FILE.with_name("angles.txt")  # at the end, by the two programs in `squeezer`
+REFERENCE = FILE.with_name("angles.txt")  # at the end, by two programs; see tests/benchmarks/README.md
 ANGLES = {  # at the end, as published [rad]: right to nine digits
     "beta": 0.1581077119629904e2,
     "theta": -0.1575637105984298e2,

@@ -16,7 +16,6 @@ NAMES = (
     "closing",
     "singular",
     "forward",
-    "laws",
     "elastic",
     "spatial",
     "growth",

@@ -32,7 +32,6 @@ from tests.benchmarks.chart.reading import best, short
 
 T, T_C = given.DURATION, given.CROSSING_TIME
 DISTANCES = tuple(10.0**-k for k in range(1, 10))  # [s] from the singular instant
-ENDS = np.array([0.0, T])
 DEGREES = (3, 5, 7, 9)  # of the splines
 # No table has a sample on the singular instant, 2/3 of the duration: 2^k intervals are no multiple of three.
 COUNTS = tuple(2**k + 1 for k in range(4, 13))

@@ -8,10 +8,7 @@ import pytest
 import robots
 from framework import InvalidInput, NotAssembled, Type2Singularity, assemble, forward_kinematics, plan_scene
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.continuation.pose_stack import (
-    follow_motors,
-    forward_kinematics_stack,
-)
+from framework.kinematics.continuation.pose_stack import follow_motors, forward_kinematics_stack
 from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.linearised_loops import linearised_at
@@ -69,8 +66,7 @@ def error_against_inverse_kinematics(robot, q, x, rng):
 
 
 @pytest.mark.parametrize(
-    ("name", "poses"),
-    [("five_bar", 40), *(pytest.param(name, 100, marks=pytest.mark.slow) for name in SLOW)],
+    ("name", "poses"), [("five_bar", 40), *(pytest.param(name, 100, marks=pytest.mark.slow) for name in SLOW)]
 )
 def test_random_poses_a_tenth_away_are_found_on_their_branch(name, poses):
     """By the motor that turns most; small steps lead to each, and its loops are closed by other equations."""

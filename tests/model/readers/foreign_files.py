@@ -38,10 +38,7 @@ PLANNED = (
     ForeignFile("ankle_on_balls.xml", {}, 2, 2),
     ForeignFile("sprung_leg.xml", {"base": "hip", "locked": {"shin": None, "heel": None}}, 1, 1),
     ForeignFile(
-        "gripper_on_a_tendon.xml",
-        {"locked": {"right_spring_link": None, "left_spring_link": None}},
-        1,
-        0,
+        "gripper_on_a_tendon.xml", {"locked": {"right_spring_link": None, "left_spring_link": None}}, 1, 0
     ),
     ForeignFile("mirrored_gripper.xml", {"base": "palm"}, 1, 0),
     ForeignFile("sliding_fingers.xml", {}, 1, 0),

@@ -7,7 +7,6 @@ all coordinates.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,7 +20,6 @@ from tests.oracles.equations_of_motion import defects_of
 SAMPLES = 8001  # of a motion
 BEATEN = 1.01  # a law of more than this times the cost of another contradicts it
 ROUNDING = 1e-6  # of durations; of torques, which are sampled here, and there bounded between nodes
-TURN = 1e-3  # of the largest s': smaller swings are no turns
 GOALS = ("time", "peak_torque", "energy")
 
 
@@ -55,14 +53,12 @@ class Answer:
     """A law, or a refusal, with its measures; times in [s]."""
 
     asked: Asked
-    seconds: float  # processor time
     plan: CrossingPlan | None = None
     refusal: NoAnswer | None = None
     failure: Exception | None = None  # no answer at all: a defect
     duration: float = np.nan
     peaks: np.ndarray = field(default_factory=lambda: np.empty(0))  # (n_a,) [N m]
     energy: float = np.nan  # integral of the sum of torque^2
-    turns: int = -1
 
     @property
     def peak(self) -> float:
@@ -91,36 +87,21 @@ class Answer:
 
 def answer(robot: ParallelRobot, path: Path, asked: Asked, **options: Any) -> Answer:
     """Plan, and measure the law."""
-    started = time.process_time()
     try:
         plan = plan_crossing(robot, path, **asked.options(), **options)
     except NoAnswer as refusal:
-        return Answer(asked, time.process_time() - started, refusal=refusal)
+        return Answer(asked, refusal=refusal)
     except Exception as failure:  # noqa: BLE001 - every one is a finding, and the others are to be asked still
-        return Answer(asked, time.process_time() - started, failure=failure)
-    seconds = time.process_time() - started
+        return Answer(asked, failure=failure)
     t = np.linspace(0.0, plan.duration, SAMPLES)
     torque = plan.torque(t)
     return Answer(
         asked,
-        seconds,
         plan,
         duration=plan.duration,
         peaks=np.abs(torque).max(axis=0),
         energy=float(np.trapezoid((torque**2).sum(axis=1), t)),
-        turns=count_turns(plan.law(t, 1)),
     )
-
-
-def count_turns(speed: np.ndarray) -> int:
-    """Count the changes between rising and falling, of swings above a share of the largest."""
-    count, way, last = 0, 1, speed[0]
-    for value in speed:
-        if (value - last) * way > 0:
-            last = value
-        elif abs(value - last) > TURN * speed.max():
-            count, way, last = count + 1, -way, value
-    return count
 
 
 def contradictions(answers: Iterable[Answer]) -> list[str]:

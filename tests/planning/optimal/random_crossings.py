@@ -1,6 +1,4 @@
-"""Sixty random rigid robots under gravity, each on a path across its singular locus.
-
-    python -m tests.planning.optimal.random_crossings [FIRST LAST]  lists robots, paths and crossings
+"""Random rigid robots under gravity, each on a path across its singular locus.
 
 Robot k is of kind k % 5, and its path meets the locus 1 + (k // 5) % 3 times. Five-bars are drawn in all
 their dimensions, stand upright, and have a free line, arc or spline. The others are those of the catalogue
@@ -14,7 +12,6 @@ number of crossings, or has them closer than `CLEAR` to one another and to the e
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -33,7 +30,7 @@ from framework.planning.scenes import scene_path
 from tests.dynamics.random_five_bars import _body, _joint
 from tests.robots.transformed import scaled
 
-COUNT, SEED = 60, 20261126
+SEED = 20261126
 SCENES = {"three_rrr": "crossing", "delta": "cross", "orthoglide": "cross", "par4": "cross"}
 KINDS = ("five_bar", *SCENES)
 G = 9.81  # [m/s^2]
@@ -224,19 +221,3 @@ def _five_bar_description(rng: np.random.Generator, legs: _Legs, start: np.ndarr
         (Folder(folder) / "random_five_bar.urdf").write_text("".join(parts))
         (Folder(folder) / "random_five_bar.yaml").write_text(yaml.safe_dump(file))
         return ParallelRobot.from_file(Folder(folder) / "random_five_bar.yaml").description
-
-
-def main() -> None:
-    """List robots, paths and crossings."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("first", type=int, nargs="?", default=0)
-    parser.add_argument("last", type=int, nargs="?", default=COUNT)
-    arguments = parser.parse_args()
-    for k in range(arguments.first, arguments.last):
-        one = random_crossing(k)
-        where = ", ".join(f"{point.s:.4f}" for point in locate_singularities(one.robot, one.path))
-        print(f"{one.name}: crossings at s = {where}, duration {one.duration} s", flush=True)
-
-
-if __name__ == "__main__":
-    main()

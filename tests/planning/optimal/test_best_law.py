@@ -73,7 +73,7 @@ def test_the_quickest_law_is_within_a_percent_of_the_bound_of_all(quickest):
 LEAST_TIME, LEAST_PEAK = 0.73395, 0.039482  # [s] at PAPERS N m, [N m] in 1.5 s
 
 
-@pytest.mark.parametrize("smoothness", [2, 3, 4, 6])
+@pytest.mark.parametrize("smoothness", [3, 6])  # with 2: the tests above and below
 def test_smoothness_at_the_ends_costs_almost_nothing(robot, smoothness):
     quick = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS, smoothness=smoothness)
     assert LEAST_TIME < quick.duration < 1.015 * LEAST_TIME
@@ -90,7 +90,7 @@ def test_there_is_no_bound_for_a_polynomial(robot):
 def test_the_least_peak_at_the_papers_duration_is_a_quarter_of_its_own(robot):
     plan = plan_crossing(robot, LINE, duration=1.5, law="optimal")
     assert plan.duration == 1.5 == plan.law.duration
-    assert peak(plan) <= 0.0405
+    assert LEAST_PEAK < peak(plan) < 1.015 * LEAST_PEAK
 
 
 def test_any_user_would_find_the_same_torques_for_that_law(robot, quickest):
@@ -273,9 +273,9 @@ def test_a_robot_under_gravity_crosses_where_no_polynomial_advances():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", range(1, 12))
+@pytest.mark.parametrize("k", range(1, 7))
 def test_random_lines_under_gravity(k):
-    check_under_gravity(*random_motions(12, seed=11)[k])
+    check_under_gravity(*random_motions(7, seed=11)[k])
 
 
 def beside_the_locus(robot, distance: float) -> Line:
@@ -285,29 +285,28 @@ def beside_the_locus(robot, distance: float) -> Line:
     return Line(LINE.start, singular.platform + distance * along / np.linalg.norm(along))
 
 
-@pytest.mark.parametrize("distance", [-1e-6, 1e-5, 3e-6])
+@pytest.mark.parametrize("distance", [-1e-6, pytest.param(1e-5, marks=pytest.mark.slow), 3e-6])
 def test_paths_that_end_beside_a_singular_point_keep_the_least_speed_between_all_points(robot, distance):
-    plan = plan_crossing(robot, beside_the_locus(robot, distance), duration=1.5)
+    path = beside_the_locus(robot, distance)
+    plan = plan_crossing(robot, path, duration=1.5)
     assert (plan.law.kind, len(plan.crossings)) == ("optimal", distance > 0)
     assert least_value(plan.law.series) * plan.duration**2 > 0.99 * SQUARED_SPEED_FLOORS[-1]
-
-
-def test_a_path_that_ends_just_short_of_a_singular_point_takes_a_hundredth_of_the_polynomials_torque(robot):
-    path = beside_the_locus(robot, -1e-6)
-    plans = [plan_crossing(robot, path, duration=1.5, law=law) for law in ("auto", "polynomial")]
-    assert peak(plans[0]) < 0.01 * peak(plans[1])
+    if distance < 0:  # just short of the point, the optimal law takes a hundredth of the polynomial's torque
+        assert peak(plan) < 0.01 * peak(plan_crossing(robot, path, duration=1.5, law="polynomial"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("flexibility", "limit"), [("flexible_joints", 5.0), ("flexible_links", 2.0)])
+@pytest.mark.parametrize(
+    ("flexibility", "limit", "longest"),
+    [("flexible_joints", 5.0, 0.3), ("flexible_links", 2.0, None), ("flexible_links", 2.0, 1.0)],
+)
 def test_the_quickest_law_of_an_elastic_robot_is_nearly_that_of_the_rigid_one_whatever_longest(
-    flexibility, limit
+    flexibility, limit, longest
 ):
     path = scene_path(robots.load("five_bar").description.scenes["C"])
     rigid = plan_crossing(robots.load("five_bar"), path, optimize="time", torque_limit=limit)
     elastic = robots.load("five_bar", flexibility=flexibility)
-    for longest in (None, 0.3, 1.0):
-        plan = plan_crossing(elastic, path, optimize="time", torque_limit=limit, longest=longest)
-        # springs of the catalogue are stiff: their motion asks for two percent of time
-        assert rigid.duration < plan.duration < 1.025 * rigid.duration
-        assert 0.995 * limit < max(plan.peak_torque.values()) <= limit
+    plan = plan_crossing(elastic, path, optimize="time", torque_limit=limit, longest=longest)
+    # springs of the catalogue are stiff: their motion asks for two percent of time
+    assert rigid.duration < plan.duration < 1.025 * rigid.duration
+    assert 0.995 * limit < max(plan.peak_torque.values()) <= limit

@@ -7,18 +7,15 @@ import pytest
 
 import robots
 from framework import Line, plan_crossing
-from tests.planning.optimal.best_law_bounds import (
-    BestLaws,
-    conditions_at,
-    least_energy_lasting,
-    torques_along,
-)
+from framework.planning.optimal.peak_bound import bound_plan
+from tests.planning.optimal.best_law_bounds import BestLaws, conditions_at, torques_along
+from tests.planning.optimal.law_contradictions import Asked, answer
 from tests.planning.optimal.random_crossings import random_crossing
 
 TIME, PEAK = 0.73395, 0.039482  # [s] at 0.164918 N m, [N m] over 1.5 s: of the flat 5R, scene C
 
 
-@pytest.mark.parametrize("k", [0, 1, 2, 3, 4])
+@pytest.mark.parametrize("k", [0, 3, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 4))])
 def test_torques_and_condition_8_are_those_of_a_plan(k):
     one = random_crossing(k)
     plan = plan_crossing(*one.plan_arguments(), law="optimal", duration=one.duration)
@@ -40,10 +37,24 @@ def test_estimates_of_the_flat_5r_are_the_known_optima():
     assert laws.least_peak(1.5) == pytest.approx(PEAK, rel=2e-3)
 
 
-def test_a_longer_duration_costs_energy_where_the_motors_hold_a_weight():
-    one = random_crossing(0)
-    laws = BestLaws(one.robot, one.path, 300)
-    least = laws.least_energy(one.duration)
-    lasting = least_energy_lasting(laws, one.duration)
-    power = (torques_along(one.robot, one.path, np.linspace(0.0, 0.75, 50)).constant ** 2).sum(axis=1).min()
-    assert lasting > least + 0.5 * power * one.duration
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [0, 2, 3, 15, 20])
+def test_laws_of_random_robots_are_nearly_the_best(k):
+    """Near, no more: accelerations of the estimates may jump. What is a bound of all laws is below."""
+    one = random_crossing(k)
+    best = BestLaws(one.robot, one.path, 400)
+    plans = {
+        goal: answer(*one.plan_arguments(), Asked(goal, longest=one.duration))
+        for goal in ("peak_torque", "energy")
+    }
+    least = best.least_peak(one.duration)
+    assert plans["peak_torque"].value == pytest.approx(least, rel=0.04)
+    gentle = plans["peak_torque"].plan
+    assert (
+        1.0
+        < plans["peak_torque"].value / (bound_plan(gentle).value * gentle.optimality.reference.max())
+        < 1.02
+    )
+    assert plans["energy"].value == pytest.approx(best.least_energy(one.duration), rel=0.04)
+    quickest = answer(*one.plan_arguments(), Asked("time", torque_limit=1.25 * least))
+    assert quickest.value == pytest.approx(best.least_time(1.25 * least), rel=0.04)

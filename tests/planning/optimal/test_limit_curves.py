@@ -49,7 +49,7 @@ def test_the_highest_speed_with_damping_is_that_of_a_scan(motors):
     limit = rng.uniform(1.0, 2.0, motors)
     demand = MotorDemand(constant, per_speed, per_z, per_u, np.ones_like(constant))
     found = highest_speed(demand, limit, np.full(motors, np.inf))
-    speeds = np.linspace(0.0, 50.0, 100001)
+    speeds = np.linspace(0.0, 50.0, 50001)
     for k, value in enumerate(found):
         rest = constant[k] + np.outer(speeds, per_speed[k]) + np.outer(speeds**2, per_z[k])
         middle, half = -rest / per_u[k], limit / np.abs(per_u[k])

@@ -264,13 +264,16 @@ CASES = {
     ),
     "delta": (lambda: robots.load("delta"), lambda robot: scene_path(robot.description.scenes["cross"]), {}),
     "par4": (lambda: robots.load("par4"), lambda robot: scene_path(robot.description.scenes["cross"]), {}),
+    "six legs": (
+        lambda: robots.load("gough_stewart"),
+        lambda robot: scene_path(robot.description.scenes["turn"]),
+        {},
+    ),
 }
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] * (name not in ("flat", "upright"))) for name in CASES],
-)
+@pytest.mark.slow  # of the flat five-bar at once: test_best_law.py
+@pytest.mark.parametrize("name", CASES)
 def test_no_law_is_below_and_the_best_is_close(name):
     make, path_of, options = CASES[name]
     robot = make()
@@ -316,7 +319,7 @@ def test_where_the_bound_does_not_hold_there_is_none():
     assert prove_no_law(problem_of(robot, duration=1.5, torque_limit=0.01)._replace(response=np.sin)) is None
 
 
-@pytest.mark.parametrize("name", ["flat", "upright"])
+@pytest.mark.parametrize("name", ["upright", pytest.param("flat", marks=pytest.mark.slow)])
 def test_the_multipliers_prove_the_value_on_many_points_of_a_robot(name):
     """By the torques themselves at 300 points of each cell, in place of their series."""
     task, reference = task_of(CASES[name][0](), LINE, duration=1.5), np.array([1.0, 0.7])

@@ -32,13 +32,11 @@ def kept(plan, torque_limit=np.inf, speed_limit=np.inf):
     assert np.all(np.abs(plan.motor_angle(times, 1)).max(axis=0) <= speed_limit)
 
 
+@pytest.mark.slow  # at once: test_limits_of_a_law_of_its_own_change_nothing_and_lower_ones_name_what_would_do
 @pytest.mark.parametrize(
     "limits",
-    [
-        pytest.param({"torque_limit": 0.03}, id="torque"),
-        pytest.param({"speed_limit": 10.0}, id="speed", marks=pytest.mark.slow),
-        pytest.param({"torque_limit": 0.03, "speed_limit": 20.0}, id="both", marks=pytest.mark.slow),
-    ],
+    [{"torque_limit": 0.03}, {"speed_limit": 10.0}, {"torque_limit": 0.03, "speed_limit": 20.0}],
+    ids=["torque", "speed", "both"],
 )
 def test_a_limit_that_is_too_low_is_refused_with_one_that_would_do(limits):
     robot = robots.load("five_bar")
