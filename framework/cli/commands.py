@@ -7,7 +7,6 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
-from importlib.metadata import version
 from typing import Any, NamedTuple, NoReturn
 
 
@@ -270,6 +269,8 @@ class _Version(argparse.Action):
         )
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from importlib.metadata import version  # takes time to import
+
         parser.exit(message=f"crossing {version('parallel-singularity-crossing')}\n")
 
 

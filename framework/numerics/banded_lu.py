@@ -6,6 +6,9 @@ entries are zero. Rows and columns are put in an order of small bandwidth (rever
 legs touch only their neighbours the width is that of a leg and the cost of an instant proportional to
 their number; where all legs meet in one platform the band is nearly full, and still no slower than
 dense solves one by one.
+
+Systems of at most MAX_DENSE unknowns need no band: numpy solves them as quickly, without scipy, whose import
+takes longer than the plan of a small robot.
 """
 
 from __future__ import annotations
@@ -17,6 +20,34 @@ from functools import cached_property
 import numpy as np
 
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+
+
+MAX_DENSE = 8  # unknowns; up to here numpy solves as quickly as LAPACK factors and solves in a band
+
+
+@dataclass(frozen=True, eq=False)
+class DenseFactors:
+    """Square matrices (T, k, k), solved one by one, in the place of `BandFactors`."""
+
+    matrices: Array
+
+    def solve(self, right: Array) -> Array:
+        """Compute solutions (..., T, k) for right-hand sides (..., T, k).
+
+        Raises:
+            numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
+        """
+        columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)  # (T, k, right-hand sides)
+        return np.linalg.solve(self.matrices, columns).transpose(2, 0, 1).reshape(right.shape)
+
+    def solve_transposed(self, right: Array) -> Array:
+        """Compute solutions for the transposed matrices; shapes and error as in `solve`."""
+        return DenseFactors(self.matrices.transpose(0, 2, 1)).solve(right)
+
+    @cached_property
+    def slogdet(self) -> tuple[Array, Array]:
+        """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular."""
+        return np.linalg.slogdet(self.matrices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +99,7 @@ class Band(ReadOnlyArrays):
         unit = np.eye(self.size)
         return float(np.round(np.linalg.det(unit[self.row_order]) * np.linalg.det(unit[self.column_order])))
 
-    def factor(self, values: Array) -> Factors:
+    def factor(self, values: Array) -> BandFactors:
         """Compute the LU factors of the matrices with entries `values` (T, E)."""
         from scipy.linalg.lapack import dgbtrf
 
@@ -76,11 +107,11 @@ class Band(ReadOnlyArrays):
         band = np.zeros((count, self.size * self.height))
         band[:, self.index] = values
         columns = band.reshape(count * self.size, self.height).T
-        return Factors(self, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
+        return BandFactors(self, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
 
 
 @dataclass(frozen=True, eq=False)
-class Factors:
+class BandFactors:
     """LU factors of T matrices (k, k)."""
 
     band: Band
@@ -130,3 +161,6 @@ class Factors:
         with np.errstate(divide="ignore") if self.singular else nullcontext():
             sizes = np.log(np.abs(diagonal)).reshape(-1, self.band.size).sum(axis=1)
         return np.where(sizes > -np.inf, sign, 0.0) if self.singular else sign, sizes
+
+
+Factors = BandFactors | DenseFactors

@@ -10,7 +10,6 @@ import shutil
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -193,4 +192,6 @@ def _remove_empty(folders: list[Path]) -> None:
 
 def package_versions() -> dict[str, str]:
     """Return the versions of packages on which the last bit of results depends."""
+    from importlib.metadata import version  # takes time to import
+
     return {package: version(package) for package in PACKAGES}

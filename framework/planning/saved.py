@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.catalogue import catalogue
+from framework.catalogue import find_entry
 from framework.catalogue import robot_file as robot_file_of
 from framework.dynamics.inverse_dynamics import check_law, resolve_law
 from framework.dynamics.result import Certificate
@@ -171,7 +171,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
 def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:
     """Return the robot's name in the catalogue, or else the path of its file, relative to a folder."""
     name, file = robot.name, robot.description.file
-    entry = catalogue().get(name)
+    entry = find_entry(name)
     if entry is not None and file.exists() and entry.file.samefile(file):
         return name
     if folder is None:
@@ -322,8 +322,8 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
     if robot_file is not None:
         found = robot_file_of(str(robot_file))
     else:
-        entries, name = catalogue(), stated["robot_file"]
-        found = entries[name].file if name in entries else file.parent / name
+        entry = find_entry(stated["robot_file"])
+        found = file.parent / stated["robot_file"] if entry is None else entry.file
         if not os.path.exists(found):
             raise RobotFileError(
                 f"{file}: robot_file: there is no {found}; if it has moved, name it again (--robot-file, or "
