@@ -10,7 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_path_and_motion, add_robot, command
 from framework.fidelity.capacity import Capacity, capacity_request, largest_load_of
-from framework.numerics.output import Document
+from framework.numerics.output import Document, select_fields
 from framework.planning.plan_facts import torque_text
 
 HEAD = """\
@@ -52,10 +52,7 @@ def _document(capacity: Capacity) -> Document:
     return {
         "robot": plan.robot.name,
         "flexibility": plan.robot.flexibility,
-        **{
-            key: getattr(capacity, key)
-            for key in ("multiple", "refused", "proved", "impossible", "undecided")
-        },
+        **select_fields(capacity, "multiple", "refused", "proved", "impossible", "undecided"),
         "binds": capacity.refusal and str(capacity.refusal),
         "failure": capacity.failure and str(capacity.failure),
         "wrenches": plan.request.wrenches,

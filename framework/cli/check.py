@@ -59,7 +59,10 @@ def run(options: Namespace) -> Report:
 
 
 def _refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:
-    """Return the reason why other commands refuse the robot, or None; `reference` is in words."""
+    """Return the reason why other commands refuse the robot, or None.
+
+    `reference` is in words.
+    """
     if not diagnosis.assembled:
         instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"
         return NotAssembled(

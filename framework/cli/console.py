@@ -50,7 +50,10 @@ ERASE = "\r\x1b[K"
 
 
 def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
-    """Return a message as one line of printable letters, at `most` so many, its middle left out."""
+    """Return a message as one printable line of at most `most` letters.
+
+    Its middle is left out.
+    """
     line = printable(" ".join(message.splitlines()))
     if len(line) <= most:
         return line
@@ -63,7 +66,7 @@ def printable(text: str, allowed: str = "\n") -> str:
     """Return a text with control characters, except `allowed`, and lone surrogates as escapes."""
 
     def write(letter: str) -> str:
-        """Return a letter, or a blank or an escape for one that a terminal would obey."""
+        """Return a letter; a blank or an escape for a control character."""
         if letter.isprintable() or letter in allowed:
             return letter
         return " " if letter.isspace() else letter.encode("unicode_escape").decode("ascii")
@@ -72,7 +75,10 @@ def printable(text: str, allowed: str = "\n") -> str:
 
 
 def report(text: str) -> None:
-    """Print a report on stdout, in the width and the colours of its terminal; raises as `tell`."""
+    """Print a report on stdout in the layout of its terminal.
+
+    Raises as `tell`.
+    """
     if sys.stdout is not None:
         visible = printable(text, "\n\t")
         _tell(lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
@@ -101,9 +107,9 @@ def _tell(text: str, stream: TextIO | None) -> None:
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr, wrapped to the width of a terminal and broken before `TRY`.
+    """Print one line on stderr, wrapped and broken before `TRY`.
 
-    If that fails, the exit code alone tells.
+    It is wrapped to the width of a terminal. If that fails, the exit code alone tells.
     """
     stream = sys.stderr
     if stream is None:  # closed by whoever started the program
@@ -172,9 +178,10 @@ def lay_out(text: str, width: int | None, *, colour: bool = False) -> str:
 
 
 def wrap_line(line: str, width: int | None, indent: int | None = None) -> list[str]:
-    """Break a line longer than `width` between words, never within a number and its unit.
+    """Break a line longer than `width` between words.
 
-    `indent`: of all lines but the first; by default that of the text behind a label.
+    A number and its unit stay together. `indent`: of all lines but the first; by default that of the text
+    behind a label.
     """
     if width is None or len(line) <= width:
         return [line]
@@ -223,7 +230,10 @@ def _join_cells(cells: Sequence[list[str]], indent: int) -> list[str]:
 
 
 def _wrap_column(column: Sequence[str], width: int) -> list[list[str]]:
-    """Wrap the cells of a column into lines of one width, numbers to the right."""
+    """Wrap the cells of a column into lines of one width.
+
+    Numbers stand to the right.
+    """
     right = all(NUMBER.match(cell) for cell in column[1:])
     return [
         [line.rjust(width) if right else line.ljust(width) for line in wrap_line(cell, width, 0)]
@@ -259,7 +269,10 @@ class Progress:
         self.end()
 
     def start(self, doing: str, total: float = math.inf, unit: str = "") -> Callable[[float], None]:
-        """Name the current work; return the function to call with the number done of `total`."""
+        """Name the current work; return the function that advances it.
+
+        That is called with the number done of `total`.
+        """
         self._doing, self._total, self._unit = doing, total, unit
         self._done, self._since = 0.0, time.monotonic()
         return self._advance

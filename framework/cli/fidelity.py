@@ -19,6 +19,7 @@ from framework.numerics.output import Document, json_text
 from framework.planning.options import LIMITS
 
 STUDY_FILE = "fidelity.json"
+SAME_LAW, LARGEST_SHARE = 1e-12, 10.0  # in s: rounding; of what is printed as a number
 
 HEAD = """\
 {0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
@@ -70,7 +71,10 @@ def run(options: Namespace) -> Report:
 
 
 def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, list[str]]:
-    """Study the levels; return the study, its document and its report, with the line for a scene."""
+    """Study the levels; return study, document and report.
+
+    The report has the line for a scene.
+    """
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path(options, robot), arguments.motion_options(options, robot)
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
@@ -126,7 +130,7 @@ def _row(study: FidelityStudy, comparison: Comparison) -> str:
     motion = ["-"] * 4
     if comparison.motion is not None:
         bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
-        difference = "same" if law <= 1e-12 else f"{law:.1e}"  # in s
+        difference = "same" if law <= SAME_LAW else f"{law:.1e}"
         motion = [f"{1e3 * comparison.seconds:.0f} ms", _percent(comparison.torque), difference, bent]
     plan, torque, difference, bent = motion
     cells = (plan, torque, _percent(comparison.platform), difference, bent, predicted)
@@ -144,7 +148,7 @@ def _percent(share: float) -> str:
     """Return a share in per cent; rounding is 0."""
     if not np.isfinite(share):
         return "-"
-    if share >= 10.0:
+    if share >= LARGEST_SHARE:
         return "> 1000 %"
     return percent(share if share >= ERROR_ROUNDING else 0.0)
 

@@ -28,7 +28,7 @@ from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.numerics.arrays import Array
-from framework.numerics.output import Document
+from framework.numerics.output import Document, select_fields
 from framework.planning.plan_facts import excess_facts
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
@@ -84,7 +84,10 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Report the pose of given motor angles or of a platform point, springs at rest."""
+    """Report the pose of motor angles or of a platform point.
+
+    Springs are at rest.
+    """
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
         motors = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
@@ -135,9 +138,8 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         lines.append(f"  within ranges     {sentence}")
     if instant is not None:
         torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
-        document["dynamics"] = {
-            key: getattr(instant, key) for key in ("torque", "loop_forces", "reactions", "indeterminate")
-        } | {"torque": torque}
+        dynamics = select_fields(instant, "torque", "loop_forces", "reactions", "indeterminate")
+        document["dynamics"] = dynamics | {"torque": torque}
     return document, lines
 
 
@@ -147,7 +149,10 @@ def _singularity_document(classification: Classification) -> Document:
 
 
 def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
-    """Compute the pose q (nq,) of --motors or --platform; without one, advise --all where this may help."""
+    """Compute the pose q (nq,) of --motors or --platform.
+
+    Without one, advise --all where this may help.
+    """
     motor_joints, point = options.motor_joints, options.point
     try:
         closed = assemble(robot, point) if motor_joints is None else forward_kinematics(robot, motor_joints)
@@ -167,13 +172,16 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
 
 
 def _nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
-    """Find the nearest pose to a platform point; return q (nq,), a sentence and the entry for JSON."""
+    """Find the nearest pose to a platform point.
+
+    Return q (nq,), a sentence and the entry for JSON.
+    """
     nearest = nearest_pose(robot, point)
     motors = robot.actuated_coordinates(nearest.q[None])[0].tolist()
     document = {
         "platform": dict(zip(robot.axis_names, nearest.x.tolist(), strict=True)),
         "motor_joints": dict(zip(robot.actuator_names, motors, strict=True)),
-        **{key: getattr(nearest, key) for key in ("distance", "unit", "stops")},
+        **select_fields(nearest, "distance", "unit", "stops"),
     }
     place = robot.place(nearest.x)
     if not nearest.stops:
@@ -222,7 +230,10 @@ def _limits_document(limits: PlatformLimits | None) -> Document:
 
 
 def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
-    """Compute the forces of motors, loops and joints; None where the options describe no motion."""
+    """Compute the forces of motors, loops and joints.
+
+    None where the options describe no motion.
+    """
     wrenches = arguments.wrenches(options, robot)
     if options.velocity is None and options.acceleration is None and not wrenches:
         return None
@@ -230,7 +241,10 @@ def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instan
 
 
 def _loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
-    """Return lines on the torques of motors, and on the forces of loops and joints; none without loads."""
+    """Return lines on the forces of motors, loops and joints.
+
+    None without loads.
+    """
     if instant is None:
         return []
     torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
@@ -244,13 +258,19 @@ def _loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
 
 
 def _wrench_in_words(wrench: Array) -> str:
-    """Return a force and a moment on base axes in words; `-` for indeterminate parts."""
+    """Return a force and a moment on base axes in words.
+
+    Indeterminate parts are `-`.
+    """
     numbers = ["-" if np.isnan(value) else f"{round(value, 12) + 0.0:.6g}" for value in wrench]
     return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
 def _explain_failure(robot: ParallelRobot, options: Namespace) -> str:
-    """Describe motors that turn more than once, or a platform out of reach, as the end of a sentence."""
+    """Describe mistaken units of motors or platform as a clause.
+
+    Motors turn more than once, or the platform is out of reach.
+    """
     if options.point is not None:
         return remark_on_reach(robot, np.array(options.point)[robot.platform.sliding])
     return remark_on_turns(robot, dict(zip(robot.actuator_names, options.motor_joints, strict=True)))
@@ -267,7 +287,7 @@ def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
-    about = {key: getattr(assembly, key) for key in ("complete", "status", "bound", "method")}
+    about = select_fields(assembly, "complete", "status", "bound", "method")
     paths = assembly.count and asdict(assembly.count)
     return _report(robot, {"assembly_modes": {**about, "paths": paths, "modes": modes}}, lines)
 
@@ -289,7 +309,7 @@ def _working(robot: ParallelRobot, options: Namespace) -> Report:
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = {
         "complete": working.status == "proved",
-        **{key: getattr(working, key) for key in ("status", "solutions", "legs", "proved_legs")},
+        **select_fields(working, "status", "solutions", "legs", "proved_legs"),
         "modes": modes,
     }
     return _report(robot, {"working_modes": about}, lines)
@@ -311,7 +331,10 @@ def _angles(robot: ParallelRobot, classification: Classification) -> str:
 
 
 def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:
-    """Return the line about the worst torques per newton; none for a platform that only turns."""
+    """Return the line about the worst torques per newton.
+
+    None for a platform that only turns.
+    """
     if np.isnan(classification.torque_norm):
         return []
     units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))

@@ -128,7 +128,7 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Do one study for each controller on the same robots, or repeat one run of a study."""
+    """Study each controller on the same robots, or repeat one run."""
     if options.replay is not None:
         return replay_run(options)
     setup = _setup(options)
@@ -173,7 +173,10 @@ def _names(options: Namespace) -> list[str]:
 
 
 def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Document:
-    """Return how many of the first failed runs pass with feedback; empty where a controller was chosen."""
+    """Count the first failed runs that pass with feedback.
+
+    Empty where a controller was chosen.
+    """
     failed = [number for _, number in study.failures[:5]]
     if options.controller or not failed:
         return {}
@@ -352,7 +355,10 @@ def _failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
 
 
 def _describe_replay(document: Document) -> list[str]:
-    """Return the report on a repeated run, and its differences from the study, in words."""
+    """Return the report on a repeated run, in words.
+
+    It has the differences from the study.
+    """
     then, now = document["versions"]["then"], document["versions"]["now"]
     changed = [library for library in now if then.get(library) != now[library]]
     versions = ", ".join(f"{library} {then.get(library)} then, {now[library]} now" for library in changed)

@@ -65,7 +65,10 @@ def run(options: Namespace) -> Report:
 
 
 def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
-    """Write a page to a file and report its scenes; `chosen`: a scene was chosen for want of a name."""
+    """Write a page to a file and report its scenes.
+
+    `chosen`: a scene was chosen for want of a name.
+    """
     from framework.show.captions import display_name, parts
 
     document, (written,) = write_page(FilePath(file), page)
@@ -107,7 +110,10 @@ def _film(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
 
 
 def _telling_film(options: Namespace) -> Film:
-    """Film the first scene that crosses, or else the first that moves: for a file without sliders."""
+    """Film the first scene that crosses, or else that moves.
+
+    It is for a file without sliders.
+    """
     robot = arguments.load(options)
     films: list[Film] = []
     refusals: list[NoAnswer] = []

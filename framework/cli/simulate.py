@@ -93,7 +93,7 @@ def _sensors(options: Namespace) -> Sensors | None:
 
 
 def _unit(result: Simulation) -> tuple[str, float]:
-    """Return the unit of the tracking error, and the error beyond which a motion is off its path."""
+    """Return the unit of tracking errors, and the largest on a path."""
     moves = result.robot.translations.any()
     return ("m", MOTION_OFF_PATH * result.robot.length) if moves else ("rad", MOTION_OFF_PATH)
 

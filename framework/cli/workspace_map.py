@@ -46,6 +46,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
 from framework.numerics.kept import KeptChunks
+from framework.numerics.output import select_fields
 from framework.numerics.tasks import executor_of
 from framework.planning.options import LIMITS, MODEL
 from framework.planning.scenes import scene, scene_path
@@ -207,7 +208,10 @@ def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
 
 
 def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
-    """Return the window of options: given bounds, or the region that a survey finds reached."""
+    """Return the window of given bounds, or of a survey.
+
+    The survey finds the region that is reached.
+    """
     axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
@@ -248,8 +252,7 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
     if margin is not None:
         lines += _margin_lines(robot, margin)
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "twist")
-        nearest = {key: getattr(margin, key) for key in keys}
-        document["nearest_singular_pose"] = nearest | {"platform": margin.x}
+        document["nearest_singular_pose"] = select_fields(margin, *keys) | {"platform": margin.x}
     return document, lines
 
 
@@ -315,7 +318,10 @@ def finite_window(options: Namespace) -> tuple[float, ...]:
 
 
 def _report_study(study: DesignStudy, robot: str) -> Report:
-    """Return the results of all designs as a document, and a table of the first ones."""
+    """Return the results of all designs as a document.
+
+    Its lines are a table of the first ones.
+    """
     names, designs = study.designs.names, study.designs.values
     document = {
         "robot": robot,
@@ -339,7 +345,10 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
 
 
 def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
-    """Return the lines of a table of the first designs: parameters, areas, medians, why no robot."""
+    """Return the lines of a table of the first designs.
+
+    Columns are parameters, areas, medians, and why there is no robot.
+    """
     columns = [key for key in study.columns if key in ("area", "free_area") or key.endswith("_median")]
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
     numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])

@@ -21,7 +21,6 @@ import numpy as np
 
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 
-
 MAX_DENSE = 8  # unknowns; up to here numpy solves as quickly as LAPACK factors and solves in a band
 
 
@@ -38,7 +37,8 @@ class DenseFactors:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
         """
         columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)  # (T, k, right-hand sides)
-        return np.linalg.solve(self.matrices, columns).transpose(2, 0, 1).reshape(right.shape)
+        solution = np.asarray(np.linalg.solve(self.matrices, columns), dtype=float)
+        return solution.transpose(2, 0, 1).reshape(right.shape)
 
     def solve_transposed(self, right: Array) -> Array:
         """Compute solutions for the transposed matrices; shapes and error as in `solve`."""
@@ -47,7 +47,8 @@ class DenseFactors:
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
         """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular."""
-        return np.linalg.slogdet(self.matrices)
+        with np.errstate(all="ignore"):
+            return np.linalg.slogdet(self.matrices)
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,6 +139,11 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def select_fields(record: object, *names: str) -> Document:
+    """Return some attributes of a record, by name."""
+    return {name: getattr(record, name) for name in names}
+
+
 def json_text(document: Mapping[str, Any]) -> str:
     """Return a `plain` document as the text of a file."""
     return json.dumps(plain(document), indent=2, allow_nan=False) + "\n"

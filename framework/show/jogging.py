@@ -13,7 +13,7 @@ from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
 from framework.numerics.arrays import Array
-from framework.numerics.output import Document, plain
+from framework.numerics.output import Document, plain, select_fields
 from framework.show.captions import catalogue_entry, unit, wrench_kind
 from framework.show.scene import drawn_locus, drawn_robot, drawn_sides, floats, why_no_figure
 from framework.show.sight import robot_sight
@@ -176,7 +176,7 @@ def _document(robot: ParallelRobot, pose: JoggedPose) -> Document:
             "origin": platform_positions(robot, poses)[0],
             "platform": pose.x,
             "motor": pose.motors,
-            **{key: getattr(pose, key) for key in ("g", "smallest", "level", "kind", "verdict", "stopped")},
+            **select_fields(pose, "g", "smallest", "level", "kind", "verdict", "stopped"),
             "words": _words(pose),
             "t_s": [twist[:3], twist[3:]],
             "wobble": _wobble(robot, pose),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from framework.numerics.banded_lu import Band
+from framework.numerics.banded_lu import Band, DenseFactors
 
 COUNT = 5
 
@@ -51,6 +51,22 @@ def test_solutions_and_determinants_are_those_of_each_matrix_alone(shape, size):
     sign, size_of = np.linalg.slogdet(matrices)
     np.testing.assert_array_equal(factors.slogdet[0], sign)
     np.testing.assert_allclose(factors.slogdet[1], size_of, atol=error)
+
+
+@pytest.mark.parametrize("size", [1, 2, 7])
+@pytest.mark.parametrize("shape", [(), (3,), (2, 3)])
+def test_small_systems_are_solved_as_the_banded_ones(size, shape):
+    """For any number of right-hand sides; against the definition A x = b and the product of eigenvalues."""
+    _, matrices, _, rng = stacked(full, size)
+    factors = DenseFactors(matrices)
+    right = rng.standard_normal((*shape, COUNT, size))
+    error = 1e-14 * np.linalg.cond(matrices).max() * size
+    products = np.einsum("tij,...tj->...ti", matrices, factors.solve(right))
+    np.testing.assert_allclose(products, right, rtol=0, atol=error)
+    products = np.einsum("tji,...tj->...ti", matrices, factors.solve_transposed(right))
+    np.testing.assert_allclose(products, right, rtol=0, atol=error)
+    determinant = np.linalg.eigvals(matrices).prod(axis=1).real
+    np.testing.assert_allclose(factors.slogdet[0] * np.exp(factors.slogdet[1]), determinant, rtol=error)
 
 
 def test_a_chain_has_a_narrow_band_however_it_is_written():
