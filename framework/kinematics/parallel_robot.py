@@ -26,7 +26,7 @@ from framework.kinematics.platform import PlatformCoordinates
 from framework.kinematics.rounded_loops import assembled_mechanism
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
-from framework.numerics.banded_lu import MAX_DENSE, Band, DenseFactors, Factors
+from framework.numerics.banded_lu import Band, Factors
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -262,24 +262,19 @@ class Equations(ReadOnlyArrays):
 class SquarePart(ReadOnlyArrays):
     """The entries of a square part of matrices, in the memory of the whole and in a band matrix."""
 
-    size: int  # k, of rows and of columns
     entries: IntArray  # (E,) places in the memory of a whole matrix
-    band: Band | None  # None of a small part, of which all k^2 are entries
+    band: Band
 
     @staticmethod
     def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
         """Return the entries of a pattern in some rows and columns; None unless square."""
         if not len(rows) == len(columns) > 0:
             return None
-        size = len(rows)
-        i, j = np.nonzero(pattern[rows][:, columns] | (size <= MAX_DENSE))
+        i, j = np.nonzero(pattern[rows][:, columns])
         entries = rows[i] * pattern.shape[1] + columns[j]
-        return SquarePart(size, entries, Band.of(i, j, size) if size > MAX_DENSE else None)
+        return SquarePart(entries, Band.of(i, j, len(rows)))
 
     def factor(self, matrices: Array) -> Factors:
         """Compute the LU factors of the part of matrices (T, r, c)."""
         count, rows, columns = matrices.shape
-        values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)
-        if self.band is None:
-            return DenseFactors(values.reshape(count, self.size, self.size))
-        return self.band.factor(values)
+        return self.band.factor(matrices.reshape(count, rows * columns).take(self.entries, axis=1))

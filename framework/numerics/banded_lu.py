@@ -13,7 +13,6 @@ takes longer than the plan of a small robot.
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -36,6 +35,8 @@ class DenseFactors:
         Raises:
             numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
         """
+        if not right.size:
+            return np.empty(right.shape)
         columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)  # (T, k, right-hand sides)
         solution = np.asarray(np.linalg.solve(self.matrices, columns), dtype=float)
         return solution.transpose(2, 0, 1).reshape(right.shape)
@@ -56,6 +57,8 @@ class Band(ReadOnlyArrays):
     """The places in a band of the entries of matrices (k, k) of one sparsity."""
 
     size: int  # k
+    row: IntArray  # (E,) of each entry
+    column: IntArray  # (E,)
     lower: int  # diagonals below the main one
     upper: int  # above it
     row_order: IntArray  # (k,) the rows as they stand in the band
@@ -67,15 +70,7 @@ class Band(ReadOnlyArrays):
     @staticmethod
     def of(row: IntArray, column: IntArray, size: int) -> Band:
         """Return the band of matrices (size, size) whose entries stand at (row, column), each (E,)."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import reverse_cuthill_mckee
-
-        # the graph whose nodes are the rows, then the columns; an entry joins its row and its column
-        entry_row = row
-        entry_column = size + column
-        ends = (np.concatenate([entry_row, entry_column]), np.concatenate([entry_column, entry_row]))
-        graph = coo_array((np.ones(2 * len(row)), ends), shape=(2 * size, 2 * size)).tocsr()
-        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
+        order = np.arange(2 * size) if size <= MAX_DENSE else _order_by_bandwidth(row, column, size)
         row_order = order[order < size]
         column_order = order[order >= size] - size
         row_position = np.argsort(row_order)
@@ -87,28 +82,32 @@ class Band(ReadOnlyArrays):
         # LAPACK stores entry (i, j) in column j of the band, at lower + upper + i - j; the first `lower`
         # numbers of a column are room for its pivots
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
-        return Band(size, lower, upper, row_order, column_order, row_position, column_position, index)
+        return Band(
+            size, row, column, lower, upper, row_order, column_order, row_position, column_position, index
+        )
 
     @property
     def height(self) -> int:
         """Numbers in one column of the band."""
         return 2 * self.lower + self.upper + 1
 
-    @cached_property
-    def orientation(self) -> float:
-        """Sign of the determinant of the two orders as permutations."""
-        unit = np.eye(self.size)
-        return float(np.round(np.linalg.det(unit[self.row_order]) * np.linalg.det(unit[self.column_order])))
+    def fill(self, values: Array) -> Array:
+        """Return the matrices (T, k, k) with entries `values` (T, E)."""
+        matrices = np.zeros((len(values), self.size, self.size))
+        matrices[:, self.row, self.column] = values
+        return matrices
 
-    def factor(self, values: Array) -> BandFactors:
+    def factor(self, values: Array) -> Factors:
         """Compute the LU factors of the matrices with entries `values` (T, E)."""
+        if self.size <= MAX_DENSE:
+            return DenseFactors(self.fill(values))
         from scipy.linalg.lapack import dgbtrf
 
         count = len(values)
         band = np.zeros((count, self.size * self.height))
         band[:, self.index] = values
         columns = band.reshape(count * self.size, self.height).T
-        return BandFactors(self, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
+        return BandFactors(self, values, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +115,7 @@ class BandFactors:
     """LU factors of T matrices (k, k)."""
 
     band: Band
+    values: Array  # (T, E)
     lu: Array  # (height, T k)
     pivots: IntArray  # (T k,)
     singular: int  # 0, or one more than the column of the first pivot that is zero
@@ -150,18 +150,22 @@ class BandFactors:
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
-        """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular.
+        """Signs and logarithms of the sizes of the determinants, as of `DenseFactors`."""
+        return DenseFactors(self.band.fill(self.values)).slogdet
 
-        A determinant is the product of the pivots of U, times -1 for each exchange of rows, times the signs
-        of the orders of rows and columns.
-        """
-        diagonal = self.lu[self.band.lower + self.band.upper]
-        is_exchanged = self.pivots != np.arange(len(self.pivots))
-        is_odd = np.logical_xor.reduce(((diagonal < 0) ^ is_exchanged).reshape(-1, self.band.size), axis=1)
-        sign = self.band.orientation * (1.0 - 2.0 * is_odd)
-        with np.errstate(divide="ignore") if self.singular else nullcontext():
-            sizes = np.log(np.abs(diagonal)).reshape(-1, self.band.size).sum(axis=1)
-        return np.where(sizes > -np.inf, sign, 0.0) if self.singular else sign, sizes
+
+def _order_by_bandwidth(row: IntArray, column: IntArray, size: int) -> IntArray:
+    """Order the rows, then the columns (2 k,), of entries at (row, column) for a small bandwidth.
+
+    They are the nodes of a graph, in which an entry joins its row and its column.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    column_node = size + column
+    ends = (np.concatenate([row, column_node]), np.concatenate([column_node, row]))
+    graph = coo_array((np.ones(2 * len(row)), ends), shape=(2 * size, 2 * size)).tocsr()
+    return reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
 
 
 Factors = BandFactors | DenseFactors

@@ -77,7 +77,7 @@ def test_a_chain_has_a_narrow_band_however_it_is_written():
 
 @pytest.mark.parametrize("instant", [0, 2, COUNT - 1])
 def test_one_singular_matrix_is_named_and_the_signs_of_the_others_stand(instant):
-    band, matrices, values, _ = stacked(chain, 8)
+    band, matrices, values, _ = stacked(chain, 12)
     column = np.flatnonzero(matrices[0].any(axis=0))[3]
     _, columns = np.nonzero(matrices[0])
     values[instant, columns == column] = 0.0
@@ -87,7 +87,7 @@ def test_one_singular_matrix_is_named_and_the_signs_of_the_others_stand(instant)
     np.testing.assert_array_equal(factors.slogdet[0], sign)
     for solve in (factors.solve, factors.solve_transposed):
         with pytest.raises(np.linalg.LinAlgError, match=f"instant {instant}"):
-            solve(np.ones((COUNT, 8)))
+            solve(np.ones((COUNT, 12)))
 
 
 def test_an_empty_stack_has_empty_solutions():
