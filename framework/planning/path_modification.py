@@ -207,10 +207,10 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     c = singular.s
     size, length = coordinate_sizes(robot), path_length(robot, path)
     direction = _coordinates_of_twist(robot, path(c), singular.twist)  # d of the head of this file
-    bump = _bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
+    bump = _evaluate_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
     largest = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m], of the bend b(s) d
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
-    unit = _bump(s, c)[:, None] * direction * (length / largest)
+    unit = _evaluate_bump(s, c)[:, None] * direction * (length / largest)
     return _Modification(robot, request, s, unit, size, length)
 
 
@@ -234,7 +234,7 @@ def _largest_norm(rows: Array) -> float:
     return float(np.linalg.norm(rows, axis=1).max())
 
 
-def _bump(s: Array, c: float) -> Array:
+def _evaluate_bump(s: Array, c: float) -> Array:
     """Evaluate b(s) of the head of this file for a crossing at c.
 
     N = 10: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE].

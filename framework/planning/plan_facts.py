@@ -70,7 +70,7 @@ def motion_facts(plan: CrossingPlan) -> list[Fact]:
     wrenches = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
     torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
     left_out = [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
-    proof, warnings = _certificate_facts(plan), _warnings(plan)
+    proof, warnings = _certificate_facts(plan), _warning_facts(plan)
     return [*wrenches, *_crossing_facts(plan), torque, *proof, *left_out, *warnings]
 
 
@@ -159,7 +159,7 @@ def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
     return facts
 
 
-def _warnings(plan: CrossingPlan) -> list[Fact]:
+def _warning_facts(plan: CrossingPlan) -> list[Fact]:
     """Return the warnings on effects left out, limits exceeded, ends in motion and overshoot."""
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):

@@ -429,32 +429,32 @@ def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
     document, best = _compared_document(plan), plan.optimality
     document["certificate"] = {"monotone": plan.certificate.monotone}
     document["optimality"] = best and {"optimize": best.specification.goal}
-    stated, sizes = dict(_leaves(saved)), _rounding_sizes(plan)
-    for key, computed in _leaves(plain(document)):
-        if key not in stated or not _agree(stated[key], computed, sizes.get(key)):
+    stated, sizes = dict(_yield_leaves(saved)), _rounding_sizes(plan)
+    for key, computed in _yield_leaves(plain(document)):
+        if key not in stated or not _values_agree(stated[key], computed, sizes.get(key)):
             raise InvalidInput(
                 f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
                 f"{short(computed)}: the robot has changed since; plan again"
             )
 
 
-def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the key and the value of each leaf of a document.
 
     A list of mappings also has its length.
     """
     if isinstance(value, Mapping):
         for name, part in value.items():
-            yield from _leaves(part, below(key, name))
+            yield from _yield_leaves(part, below(key, name))
     elif isinstance(value, list) and all(isinstance(part, Mapping) for part in value):
         yield key, len(value)
         for k, part in enumerate(value):
-            yield from _leaves(part, f"{key}[{k}]")
+            yield from _yield_leaves(part, f"{key}[{k}]")
     else:
         yield key, value
 
 
-def _agree(stated: Any, computed: Any, size: float | None) -> bool:
+def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
     """Return whether two values agree within rounding of a size.
 
     The rounding is FILE_ROUNDING of the size, or of the values themselves.

@@ -41,6 +41,7 @@ from framework.numerics.cone_program import (
     AffineRows,
     ConeProgram,
     Unsolved,
+    linear_rows,
     product_cone,
     solve_cone_program,
 )
@@ -223,9 +224,7 @@ class DualProgram:
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
             t = sparse.csr_array(sparse.kron(np.eye(1, m, j), sparse.identity(count)))  # of motor j
-            draft.nonnegative += [
-                AffineRows({"x": sign * nu, "t": t}, np.zeros(count)) for sign in (-1.0, 1.0)
-            ]
+            draft.nonnegative += [linear_rows(x=sign * nu, t=t) for sign in (-1.0, 1.0)]
         norm = np.full(count * m, 1.0 / count)  # of t: the integral of |nu|_1
         if self.timed:
             draft.cost["t"] = norm
@@ -247,7 +246,7 @@ class DualProgram:
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
         identity = sparse.identity(n * count, format="csr")
-        draft.nonnegative.append(AffineRows({"mu": identity}, np.zeros(n * count)))
+        draft.nonnegative.append(linear_rows(mu=identity))
 
     def _add_damping(self, draft: _Draft) -> None:
         """Add bounds of the damping term (nu . d) sqrt(z).
@@ -264,10 +263,13 @@ class DualProgram:
         draft.cost["loss"] = width
         draft.factor["phi"] = -self.p_unit * on_cells @ sparse.diags_array(width)
         in_unit = np.sqrt(self.p_unit) * on_cells
-        damping = {"x": self._x_rows(self.series.damping.coefficients), "omega": in_unit, "drag": -in_unit}
-        draft.nonnegative.append(AffineRows(damping, np.zeros(count * SIZE)))
-        draft.nonnegative += [AffineRows({name: identity}, np.zeros(count)) for name in ("omega", "drag")]
-        omega = AffineRows({"omega": identity}, np.zeros(count))
+        damping = self._x_rows(self.series.damping.coefficients)
+        omega = linear_rows(omega=identity)
+        draft.nonnegative += [
+            linear_rows(x=damping, omega=in_unit, drag=-in_unit),
+            omega,
+            linear_rows(drag=identity),
+        ]
         draft.cones.append(product_cone({"loss": identity}, {"phi": identity}, [omega]))
 
     def _add_duration(self, draft: _Draft) -> None:
@@ -293,11 +295,9 @@ class DualProgram:
             draft.sizes |= {"share": len(width), "dragged": len(width)}
             half_lambda["share"] = -0.5 * sparse.kron(cell, np.ones((2, 1)), format="csr")
             draft.cost["dragged"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
-            dragged = AffineRows({"dragged": cell}, np.zeros(len(width)))
-            draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [dragged]))
-        zero = np.zeros(count)
-        root = AffineRows({"root": identity}, zero)
-        slow = AffineRows({"slow": identity}, zero)
+            draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [linear_rows(dragged=cell)]))
+        root = linear_rows(root=identity)
+        slow = linear_rows(slow=identity)
         draft.cones.append(product_cone({"minorant": identity}, {"slow": 0.5 * identity}, [root]))
         draft.cones.append(product_cone({"root": 0.5 * identity}, half_lambda, [slow]))
         if self.timed:  # multipliers have no size of their own: lambda is 1

@@ -62,9 +62,9 @@ class LawProblem(NamedTuple):
     def specification(self) -> Specification:
         return self.task.specification
 
-    def with_goal(self, goal: str) -> LawProblem:
-        """Return the problem with another goal."""
-        task = self.task._replace(specification=replace(self.specification, goal=goal))
+    def with_goal(self, goal: str, **changes: Any) -> LawProblem:
+        """Return the problem with another goal and other changes of its specification but limits."""
+        task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
 
     @property

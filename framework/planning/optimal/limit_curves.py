@@ -60,8 +60,8 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
     Without limits, they are for its own peak torque.
     """
-    torque_limit, speed_limit = _limits(plan)
-    times = _instants(plan)
+    torque_limit, speed_limit = _choose_limits(plan)
+    times = _choose_instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
     s = np.clip(s, 0.0, 1.0)
     required = _motor_demand(plan, s)
@@ -83,7 +83,7 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     return MotorDemand(constant + friction, required.damping, per_z, per_u, np.abs(required.speed))
 
 
-def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
+def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
     """Return limits (n_a,) of torque [N m] and speed [rad/s].
 
     Without any, the plan's peak torque is the limit.
@@ -95,7 +95,7 @@ def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
     return (specification.torque_limit if specification.limited else unlimited), specification.speed_limit
 
 
-def _instants(plan: CrossingPlan) -> Array:
+def _choose_instants(plan: CrossingPlan) -> Array:
     """Return instants (T,) [s], dense beside crossings and never on one."""
     times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
     for crossing in plan.crossings:

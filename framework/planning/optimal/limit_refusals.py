@@ -114,9 +114,7 @@ def _find_quickest(problem: LawProblem) -> float | None:
 
     None where no law was found.
     """
-    specification = replace(problem.specification, duration=None, longest=None)
-    free = problem._replace(task=problem.task._replace(specification=specification))
-    best = find_best_law(free.with_goal("time"))
+    best = find_best_law(problem.with_goal("time", duration=None, longest=None))
     return best.law.duration if isinstance(best, Best) else None
 
 

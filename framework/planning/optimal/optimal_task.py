@@ -33,11 +33,6 @@ class Task(NamedTuple):
         return self.request.geometry
 
     @property
-    def speeds(self) -> Sequence[float] | None:
-        """Requested s' at each target [1/s], if any."""
-        return self.request.speeds
-
-    @property
     def branch(self) -> Branch:
         """The poses along the path."""
         return self.to_cross.branch
@@ -105,7 +100,8 @@ def conditions_at(
         conditions = crossing_rows(task.branch, task.phi, point, acting_deflections, z0)
         rows += list(conditions.rows)
         sigmas += [conditions.sigma] * len(conditions.rows)
-    for point, speed in zip(points, task.speeds or (), strict=bool(task.speeds)):
+    speeds = task.request.speeds or ()
+    for point, speed in zip(points, speeds, strict=bool(speeds)):
         sigma = float(task.phi.inverse(point.s))
         rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
         sigmas.append(sigma)

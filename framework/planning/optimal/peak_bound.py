@@ -92,9 +92,9 @@ def find_refuting_bound(task: Task) -> PeakBound | None:
 
 
 def bound_plan(plan: CrossingPlan) -> PeakBound | None:
-    """Compute a bound of what a plan's law minimises.
+    """Compute a bound of the duration or peak that a plan's law minimises.
 
-    It is of the duration [s] or the peak; None for other goals.
+    None for other goals.
     """
     if plan.optimality is None or plan.optimality.specification.goal == "energy":
         return None

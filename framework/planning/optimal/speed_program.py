@@ -29,6 +29,7 @@ from framework.numerics.cone_program import (
     AffineRows,
     ConeProgram,
     Unsolved,
+    linear_rows,
     product_cone,
     solve_cone_program,
 )
@@ -108,14 +109,13 @@ class SpeedProgram:
         crossings = np.unique(problem.crossing_xi)
         counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
-        xi, xi_weights = _gauss_points(cells, counts)
-        sigma_weights = xi_weights / problem.task.stretch(problem.sigma(xi), 1)  # d sigma = d xi / xi'
+        xi, weights = _integration_points(problem, cells, counts)
         conditions = condition_rows(problem, basis)
         rows = motor_rows(problem, basis, conditions, xi)
         limit_weights = _weigh_limits(xi, cells, counts, crossings)
         if limit_weights:
             rows = rows.stack(rows.combine(sparse.csr_array(np.array(limit_weights))))
-        return SpeedProgram(problem, basis, cells, xi, sigma_weights, rows, conditions)
+        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions)
 
     @property
     def space(self) -> SpeedSpace:
@@ -163,7 +163,7 @@ class SpeedProgram:
         )
         rows = sparse.diags_array(np.sqrt(self._inner_weights)) @ curvature
         size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
-        return AffineRows({"y": rows / size}, np.zeros(rows.shape[0]))
+        return linear_rows(y=rows / size)
 
     @cached_property
     def _fine(self) -> tuple[Any, Array]:
@@ -173,10 +173,9 @@ class SpeedProgram:
         """
         parts = np.linspace(0.0, 1.0, FINE_PARTS + 1)[:-1]
         starts = (self.cells[:-1, None] + np.diff(self.cells)[:, None] * parts).ravel()
-        xi, xi_weights = _gauss_points(np.append(starts, 1.0), np.full(len(starts), FINE_POINTS))
-        inside = slice(1, -1)  # without the ends of the path, whose weights are zero
-        sigma = self.problem.sigma(xi)[inside]
-        return self.basis.matrix(xi[inside]), xi_weights[inside] / self.problem.task.stretch(sigma, 1)
+        counts = np.full(len(starts), FINE_POINTS)
+        xi, weights = _integration_points(self.problem, np.append(starts, 1.0), counts)
+        return self.basis.matrix(xi[1:-1]), weights[1:-1]  # without the ends, whose weights are zero
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with rows at further places xi (R,)."""
@@ -199,10 +198,6 @@ class SpeedProgram:
         squared_speeds = [float((rows @ y).max()) for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
         return Speed(y, duration, peak, peak_speed, energy, value)
-
-    def meet_conditions(self, y: Array) -> Array:
-        """Return the coefficients (n,) nearest to y that meet condition (8) to rounding."""
-        return self.space.adjust(y, self.conditions) if len(self.conditions.offset) else y
 
     def minimise(
         self,
@@ -253,7 +248,9 @@ class SpeedProgram:
         optimum = solve_cone_program(program)
         if isinstance(optimum, Unsolved):
             return optimum
-        y = self.meet_conditions(optimum["y"] / scale)
+        y = optimum["y"] / scale
+        if len(conditions.offset):  # met to rounding by the nearest coefficients
+            y = self.space.adjust(y, self.conditions)
         duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
         return self.speed(y, duration * units.time)._replace(floor=floor)
 
@@ -363,7 +360,7 @@ class SpeedProgram:
         cones: list[list[AffineRows]] = []
         if timed or powered:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
-            twice_r = AffineRows({"r": 2.0 * sparse.identity(count, format="csr")}, np.zeros(count))
+            twice_r = linear_rows(r=2.0 * sparse.identity(count, format="csr"))
             cones.append([*z_plus_and_minus_1, twice_r])
         identity = sparse.identity(count, format="csr")
         if timed:
@@ -399,18 +396,19 @@ def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> l
     return weights
 
 
-def _gauss_points(cells: Array, counts: Array) -> tuple[Array, Array]:
-    """Return Gauss points (M,) of the cells, and weights (M,).
+def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tuple[Array, Array]:
+    """Return Gauss points xi (M,) of the cells and weights (M,) in sigma.
 
-    Points -1 and 1 have the weight zero.
+    Points -1 and 1 have the weight zero. The weights are those in xi over xi' = d xi / d sigma.
     """
-    xi = [np.array([-1.0])]
-    weights = [np.zeros(1)]
+    points_of = [np.array([-1.0])]
+    weights_of = [np.zeros(1)]
     for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
         points, point_weights = _gauss_legendre(int(count))
-        xi.append(0.5 * (low + high) + 0.5 * (high - low) * points)
-        weights.append(0.5 * (high - low) * point_weights)
-    return np.concatenate([*xi, [1.0]]), np.concatenate([*weights, [0.0]])
+        points_of.append(0.5 * (low + high) + 0.5 * (high - low) * points)
+        weights_of.append(0.5 * (high - low) * point_weights)
+    xi = np.concatenate([*points_of, [1.0]])
+    return xi, np.concatenate([*weights_of, [0.0]]) / problem.task.stretch(problem.sigma(xi), 1)
 
 
 @lru_cache(maxsize=8)

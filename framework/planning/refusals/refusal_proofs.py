@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from framework.errors import format_distinct, round_up
@@ -16,8 +15,7 @@ from framework.tolerances import LIMIT_MARGIN
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
 
 
-@dataclass(frozen=True)
-class UnmetCondition:
+class UnmetCondition(NamedTuple):
     """Condition (8) at s that no motion can meet.
 
     It is alpha s" + beta s'^2 + gamma = 0. `stop`: the path ends at s, with s' = s" = 0, and gamma is not
@@ -91,8 +89,7 @@ def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) ->
     )
 
 
-@dataclass(frozen=True)
-class HoldingTorque:
+class HoldingTorque(NamedTuple):
     """A holding torque above a motor's limit at an end of the path.
 
     The motor is at `joint`, the end at s. torque, limit: motor side [N m], or [N] of a motor that slides.
@@ -109,8 +106,7 @@ def _ratio_text(ratio: float | None) -> str:
     return "" if ratio is None else format_distinct(ratio, 1.0)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class SearchEvidence:
+class SearchEvidence(NamedTuple):
     """Numbers of a search without a law; no proof that none exists.
 
     cells: number of intervals of the piecewise polynomial that the squared speed was sought as.
