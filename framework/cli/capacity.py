@@ -43,10 +43,10 @@ def run(options: argparse.Namespace) -> Report:
     capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
-    return _document(capacity), capacity_lines(capacity)
+    return _make_document(capacity), capacity_lines(capacity)
 
 
-def _document(capacity: Capacity) -> Document:
+def _make_document(capacity: Capacity) -> Document:
     """Return the capacity for JSON, in which infinite numbers are null."""
     plan = capacity.plan
     return {

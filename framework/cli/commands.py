@@ -271,21 +271,6 @@ def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
     return numbers if numbers and all(map(NUMBER.fullmatch, numbers)) else None
 
 
-class _Version(argparse.Action):
-    """The option --version, whose value is looked up on demand."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
-        """Set up an option that takes no value and stores none."""
-        super().__init__(
-            option_strings, dest=argparse.SUPPRESS, default=argparse.SUPPRESS, nargs=0, help=help
-        )
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        from importlib.metadata import version  # takes time to import
-
-        parser.exit(message=f"crossing {version('parallel-singularity-crossing')}\n")
-
-
 def _check_first(arguments: Sequence[str]) -> None:
     """Refuse arguments that begin with neither a command nor a general option.
 
@@ -318,7 +303,12 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
         examples=FIRST_EXAMPLES,
     )
     parser.set_defaults(json=False)
-    parser.add_argument("--version", action=_Version, help="say the version and end")
+    version_text = ""
+    if arguments and arguments[0] == "--version":
+        from importlib.metadata import version  # takes time to import
+
+        version_text = f"crossing {version('parallel-singularity-crossing')}"
+    parser.add_argument("--version", action="version", version=version_text, help="say the version and end")
     commands = parser.add_subparsers(
         title="commands", prog="crossing", metavar="COMMAND", required=True, parser_class=OneLineParser
     )

@@ -76,7 +76,7 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
 
     It has its shift by deflections and condition (8).
     """
-    robot, shift = searched.branch.robot, _shift(searched, singular)
+    robot, shift = searched.branch.robot, _compute_shift(searched, singular)
     condition = feasibility_at(searched.branch, singular)
     keys = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
     entry = select_fields(singular, *keys) | {"shift": shift, "condition": None}
@@ -96,7 +96,7 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
     return entry, lines
 
 
-def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
+def _compute_shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
     """Compute ds for each m or rad of deflection, by spring.
 
     None where deflections do not move the point.

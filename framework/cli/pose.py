@@ -105,14 +105,15 @@ def run(options: Namespace) -> Report:
             dict.fromkeys(stated)
         )
     if options.every:
-        return (_working if options.motor_joints is None else _assembly)(robot, options)
-    return _pose_report(robot, _close(robot, options, advise_all=not stated), options)
+        report_all = _report_working_modes if options.motor_joints is None else _report_assembly_modes
+        return report_all(robot, options)
+    return _pose_report(robot, _close_pose(robot, options, advise_all=not stated), options)
 
 
 def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     """Report the pose q (nq,): coordinates, modes, singularity, limits and loads."""
     pose, classification = describe_pose(robot, q), classify(robot, q)
-    limits, instant = _limits(robot, q, options), _compute_loads(robot, q, options)
+    limits, instant = _compute_limits(robot, q, options), _compute_loads(robot, q, options)
     facts = asdict(pose)
     words = {
         key: _format_values(facts[key]) for key in ("platform", "motor_joints", "motor_angles", "joints")
@@ -122,7 +123,7 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         HEAD.format_map(facts | words),
         f"  singularity       {classification.sentence}",
         *(f"  t_s               {_format_values(twist, 6)}" for twist in twists),
-        DISTANCES.format(classification, _angles(robot, classification)),
+        DISTANCES.format(classification, _format_angles(robot, classification)),
         *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
         *_loads_in_words(robot, instant),
@@ -134,12 +135,13 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         "limits": _limits_document(limits),
     }
     if pose.exceeded and options.point is not None:
-        _, sentence, document["nearest"] = _nearest(robot, options.point)
+        _, sentence, document["nearest"] = _find_nearest(robot, options.point)
         lines.append(f"  within ranges     {sentence}")
     if instant is not None:
-        torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
-        dynamics = select_fields(instant, "torque", "loop_forces", "reactions", "indeterminate")
-        document["dynamics"] = dynamics | {"torque": torque}
+        document["dynamics"] = {
+            "torque": dict(zip(robot.actuator_names, instant.torque, strict=True)),
+            **select_fields(instant, "loop_forces", "reactions", "indeterminate"),
+        }
     return document, lines
 
 
@@ -148,7 +150,7 @@ def _singularity_document(classification: Classification) -> Document:
     return {"regular": classification.regular, **vars(classification)}
 
 
-def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
+def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
     """Compute the pose q (nq,) of --motors or --platform.
 
     Without one, advise --all where this may help.
@@ -159,7 +161,7 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
     except (NotAssembled, Type1Singularity) as failure:  # another mode may have such a pose
         impossible = addition = _explain_failure(robot, options)
         if point is not None:
-            q, sentence, failure.nearest = _nearest(robot, point)
+            q, sentence, failure.nearest = _find_nearest(robot, point)
             if not failure.nearest["stops"]:
                 options.warnings.append(
                     "no straight path from the reference leads there, but another one does"
@@ -171,7 +173,7 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
     return closed.q
 
 
-def _nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
+def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
     """Find the nearest pose to a platform point.
 
     Return q (nq,), a sentence and the entry for JSON.
@@ -193,7 +195,7 @@ def _nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Docu
     return nearest.q, sentence, document
 
 
-def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
+def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
     """Compute the platform's limits; None where the platform does not determine the motors."""
     try:
         return platform_limits(robot, q, **arguments.typed_options(options))
@@ -276,7 +278,7 @@ def _explain_failure(robot: ParallelRobot, options: Namespace) -> str:
     return remark_on_turns(robot, dict(zip(robot.actuator_names, options.motor_joints, strict=True)))
 
 
-def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
+def _report_assembly_modes(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all poses for the motor angles asked for."""
     assembly = assembly_modes(robot, options.motor_joints)
     degrees = "" if assembly.modes else _explain_failure(robot, options)
@@ -289,10 +291,10 @@ def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
     about = select_fields(assembly, "complete", "status", "bound", "method")
     paths = assembly.count and asdict(assembly.count)
-    return _report(robot, {"assembly_modes": {**about, "paths": paths, "modes": modes}}, lines)
+    return _report_modes(robot, {"assembly_modes": {**about, "paths": paths, "modes": modes}}, lines)
 
 
-def _working(robot: ParallelRobot, options: Namespace) -> Report:
+def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all working modes of a platform point; refuse without any."""
     working = working_modes(robot, options.point)
     if not working.modes:
@@ -312,16 +314,16 @@ def _working(robot: ParallelRobot, options: Namespace) -> Report:
         **select_fields(working, "status", "solutions", "legs", "proved_legs"),
         "modes": modes,
     }
-    return _report(robot, {"working_modes": about}, lines)
+    return _report_modes(robot, {"working_modes": about}, lines)
 
 
-def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
+def _report_modes(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
     """Return a report on all modes of a robot."""
     head = {"robot": robot.name, "flexibility": robot.flexibility}
     return head | facts, [", ".join(head.values()), *lines]
 
 
-def _angles(robot: ParallelRobot, classification: Classification) -> str:
+def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
     """Return the transmission angles in words; empty where undefined."""
     angles = np.rad2deg(classification.transmission_angle)
     if not np.isfinite(angles).all():

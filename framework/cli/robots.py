@@ -37,7 +37,7 @@ def run(options: Namespace) -> Report:
             cells = ["-", "-", "-", f"not installed: pip install {missing.package}"]
         else:
             robots.append(robot)
-            figures = _figures(robot)
+            figures = _count_parts(robot)
             *numbers, scenes = figures.values()
             cells = [*map(str, numbers), ", ".join(scenes)]
         about = select_fields(entry, "summary", "singularities", "source")
@@ -56,7 +56,7 @@ def run(options: Namespace) -> Report:
     return {"robots": rows}, lines
 
 
-def _figures(robot: ParallelRobot) -> Document:
+def _count_parts(robot: ParallelRobot) -> Document:
     """Count freedoms, loops and springs of a robot, and list its scenes."""
     description, diagnosis = robot.description, check_robot(robot)
     return {
