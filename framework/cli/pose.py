@@ -223,9 +223,7 @@ def _limits_document(limits: PlatformLimits | None) -> Document:
         name: {
             "alone": polytope.axis_ranges(),
             "bounds": polytope.bounds(),
-            "vertices": polytope.vertices,
-            "normals": polytope.normals,
-            "offsets": polytope.offsets,
+            **select_fields(polytope, "vertices", "normals", "offsets"),
         }
         for name, polytope in (limits.polytopes.items() if limits else ())
     }

@@ -37,8 +37,15 @@ from framework.numerics.tasks import executor_of
 
 DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
 COLUMNS = (
-    *("controller", "study_seed", "run", "passed"),
-    *("tracking_error", "end_error", "peak_torque", "payload", "why"),
+    "controller",
+    "study_seed",
+    "run",
+    "passed",
+    "tracking_error",
+    "end_error",
+    "peak_torque",
+    "payload",
+    "why",
 )
 DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("payload", 0.05, "share of the payload, uniform in +-"),
@@ -299,8 +306,16 @@ _RUNS: Table = {
     "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
 }
 OF_A_REPLAY = (
-    *("robot", "robot_file", "replay", "controller", "json"),
-    *("warnings", "refusal", "progress", "parser", "written"),
+    "robot",
+    "robot_file",
+    "replay",
+    "controller",
+    "json",
+    "warnings",
+    "refusal",
+    "progress",
+    "parser",
+    "written",
 )
 
 

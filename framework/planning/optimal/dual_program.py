@@ -211,9 +211,9 @@ class DualProgram:
         series = self.series
         m = self.series.v.error.shape[2]
         count = len(series.width) * SIZE  # coefficients of a function on all cells
-        draft.sizes |= {"x": int(self._x_columns[-1][-1, -1]) + 1, "t": count * m}
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
+        draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
         draft.cost["x"] = -np.repeat(series.width / SIZE, SIZE) @ nu_c
         # the factor nu . cz - p'
         nu_cz = self._x_rows(series.width[:, None, None] * series.per_z.coefficients)
@@ -257,7 +257,7 @@ class DualProgram:
         """
         width = self.series.width
         count = len(width)
-        identity = sparse.identity(len(width), format="csr")
+        identity = sparse.identity(count, format="csr")
         on_cells = sparse.kron(identity, np.ones((SIZE, 1)), format="csr")
         draft.sizes |= {"omega": count, "drag": count, "phi": count, "loss": count}
         draft.cost["loss"] = width
@@ -281,7 +281,7 @@ class DualProgram:
         drag z^(1/2) + share z^(-1/2).
         """
         width = self.series.width
-        count = 2 * len(self.series.width)
+        count = 2 * len(width)
         ends = np.arange(count).reshape(-1, 2)
         identity = sparse.identity(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width[:, None] * self._slowness**3)[:, None]
