@@ -10,7 +10,6 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from runpy import run_path
 from typing import Never
@@ -57,10 +56,17 @@ def own_robots() -> Mapping[str, CatalogueEntry]:
 
 def catalogue() -> Mapping[str, CatalogueEntry]:
     """Return all registered robots, by name."""
+    from importlib.metadata import entry_points  # takes time to import
+
     entries = dict(own_robots())
     for point in entry_points(group="crossing.catalogue"):
         entries.update(point.load())
     return dict(sorted(entries.items()))
+
+
+def find_entry(name: str) -> CatalogueEntry | None:
+    """Return the robot of a name, first of our own: to look for packages with others takes time."""
+    return own_robots().get(name) or catalogue().get(name)
 
 
 def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Path:
@@ -73,7 +79,7 @@ def robot_file(name_or_path: str | os.PathLike[str], *, others: str = "") -> Pat
         InvalidInput: neither a known name nor a robot file; names a file in the folder that is alike.
     """
     if isinstance(name_or_path, str):
-        entry = own_robots().get(name_or_path) or catalogue().get(name_or_path)
+        entry = find_entry(name_or_path)
         if entry is not None:
             return entry.file
     if isinstance(name_or_path, str | os.PathLike):

@@ -628,6 +628,16 @@ def test_python_m_framework_is_the_same_program(tmp_path, arguments, code):
         assert done.stderr.count("\n") == 1
 
 
+def test_a_plan_of_a_small_robot_waits_for_no_scipy():
+    """Its import takes longer than the plan."""
+    command = [sys.executable, "-X", "importtime", "-m", "framework", *PLAN, "--scene", "C"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert done.returncode == 0
+    assert "framework.planning.plan" in imported
+    assert not {name for name in imported if name.startswith("scipy")}
+
+
 def test_a_reader_that_has_seen_enough_gets_no_traceback():
     command = [sys.executable, "-m", "framework", "check", "five_bar"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:

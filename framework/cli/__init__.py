@@ -15,6 +15,7 @@ Commands
     locate, pose             singular points on a path; all joints of a pose
     workspace_map            `map`, and `map --study`
     plan                     `plan`, and `plan --raw`
+    capacity                 the largest multiple of a wrench
     fidelity, simulate       how good the model and the plan are
     robustness               `robustness`, and `robustness STUDY --replay K`
     calibrate, identify      the geometry, and parameters of torques, from recorded data

@@ -39,9 +39,10 @@ WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
 
 
 def take_level(options: Namespace) -> ChosenLevel | None:
-    """Choose the level of fidelity and set its options where --flexibility is auto; None otherwise.
+    """Choose the level of --flexibility auto and set its options.
 
-    The level that the scene keeps of a study, where the motion is the scene's unchanged; else the predicted.
+    It is the level that the scene keeps of a study, where the motion is the scene's unchanged; else the
+    predicted one. None with another flexibility.
 
     Raises:
         InvalidInput: --geometry beside it, or no motion.
@@ -88,7 +89,7 @@ def load_mechanism(options: Namespace) -> Mechanism:
 
 
 def parse_file(options: Namespace, *, propose: Propose | None = None) -> ParsedRobot:
-    """Read a robot file, or a file of a foreign dialect completed by the options."""
+    """Read a robot file, or a foreign file completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
 
@@ -107,7 +108,7 @@ def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, flo
 
 
 def _missing_fields(options: Namespace) -> MotionOptions:
-    """Return the fields that options add to a foreign file, as keyword arguments of `parse_any`."""
+    """Return the fields that options add to a foreign file, for `parse_any`."""
     values = vars(options)
     fields = {key: values.get(key) for key in ("platform", "axes", "motors", "base", "platform_joints")}
     form, locked = "JOINT=VALUE", dict[str, float | None]()
@@ -155,7 +156,7 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
 
 
 def options_with_wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
-    """Return the options of the motion that were typed, and the scene's wrenches if none were."""
+    """Return typed options of the motion, with the scene's wrenches by default."""
     of_scene = {} if options.scene is None else {"wrenches": scene(robot, options.scene).wrenches}
     return of_scene | motion_options(options, robot)
 
@@ -177,7 +178,9 @@ def typed_options(options: Namespace) -> MotionOptions:
 
 
 def wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
-    """Return the wrenches of --wrench and --wrench-on, as an option of `plan_crossing`; empty for none.
+    """Return the wrenches of --wrench and --wrench-on; empty without any.
+
+    They are an option of `plan_crossing`.
 
     Raises:
         InvalidInput: they are no numbers, or two on the same frame.
@@ -219,7 +222,7 @@ def share(name: str, text: str) -> float:
 
 
 def load_or_plan(options: Namespace) -> CrossingPlan:
-    """Load the plan if ROBOT is a folder of a plan, else plan as the options ask.
+    """Load the plan of a folder, else plan as the options ask.
 
     Raises:
         InvalidInput: options of the motion beside a folder, which has a motion already.

@@ -10,6 +10,7 @@ from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
 LISTED_UNSEEN = 12  # directions that the report has; the document has all
+MIN_CHANGE = 1e-3  # of a parameter over its deviation: with less, it has not changed
 
 HEAD = """\
 {0.robot.name}: {0.combinations.rank} combinations of {1} parameters are determined (gap of singular values \
@@ -90,8 +91,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         *("  {}\t{:.2e}\t{:.2e}".format(*row) for row in list(errors)[measured.driven :]),
         "  parameters [m, rad]",
         "  name\toff by\tdeviation",
-        # others have not changed
-        *("  {}\t{:.2e}\t{:.1e}".format(*row) for row in values if abs(row[1]) > 1e-3 * row[2]),
+        *("  {}\t{:.2e}\t{:.1e}".format(*row) for row in values if abs(row[1]) > MIN_CHANGE * row[2]),
     ]
     unseen = calibration.unseen
     if unseen:

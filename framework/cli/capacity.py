@@ -10,7 +10,7 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_path_and_motion, add_robot, command
 from framework.fidelity.capacity import Capacity, capacity_request, largest_load_of
-from framework.numerics.output import Document
+from framework.numerics.output import Document, select_fields
 from framework.planning.plan_facts import torque_text
 
 HEAD = """\
@@ -43,19 +43,16 @@ def run(options: argparse.Namespace) -> Report:
     capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
-    return _document(capacity), capacity_lines(capacity)
+    return _make_document(capacity), capacity_lines(capacity)
 
 
-def _document(capacity: Capacity) -> Document:
+def _make_document(capacity: Capacity) -> Document:
     """Return the capacity for JSON, in which infinite numbers are null."""
     plan = capacity.plan
     return {
         "robot": plan.robot.name,
         "flexibility": plan.robot.flexibility,
-        **{
-            key: getattr(capacity, key)
-            for key in ("multiple", "refused", "proved", "impossible", "undecided")
-        },
+        **select_fields(capacity, "multiple", "refused", "proved", "impossible", "undecided"),
         "binds": capacity.refusal and str(capacity.refusal),
         "failure": capacity.failure and str(capacity.failure),
         "wrenches": plan.request.wrenches,

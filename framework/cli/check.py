@@ -42,7 +42,7 @@ def run(options: Namespace) -> Report:
     """Examine a robot and report its mobility, its masses, its pose and advice."""
     mechanism = arguments.load_mechanism(options)
     diagnosis = check_robot(mechanism)
-    options.refusal = _refusal(diagnosis, reference_in_words(mechanism))
+    options.refusal = _find_refusal(diagnosis, reference_in_words(mechanism))
     facts, smallest = asdict(diagnosis), diagnosis.smallest_singular_value
     idle, redundant = diagnosis.idle_joints, diagnosis.redundant_rows
     words = {key: ", ".join(facts[key]) or "none" for key in LISTS}
@@ -58,8 +58,11 @@ def run(options: Namespace) -> Report:
     return facts, [REPORT.format_map(facts | words), *notes]
 
 
-def _refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:
-    """Return the reason why other commands refuse the robot, or None; `reference` is in words."""
+def _find_refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:
+    """Return the reason why other commands refuse the robot, or None.
+
+    `reference` is in words.
+    """
     if not diagnosis.assembled:
         instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"
         return NotAssembled(

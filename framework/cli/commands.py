@@ -7,7 +7,6 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
-from importlib.metadata import version
 from typing import Any, NamedTuple, NoReturn
 
 
@@ -132,13 +131,13 @@ class Misuse(Exception):
         *,
         mend: Callable[[str], list[str] | None] | None = None,
     ) -> None:
-        """Keep the message, and a command to try instead or the words that mend the typed one."""
+        """Keep the message and its remedy: a command, or words that mend."""
         super().__init__(message)
         self.instead, self.mend = instead, mend
 
 
 class _Help(argparse.HelpFormatter):
-    """Help with a usage of one line; texts of several lines, such as examples, unchanged."""
+    """Help with a usage of one line; texts of several lines unchanged."""
 
     def add_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None = None) -> None:
         """Write the usage with needed arguments alone; options follow as [options]."""
@@ -171,7 +170,10 @@ class OneLineParser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def topic(self, title: str) -> argparse._ArgumentGroup:
-        """Return the group of options of this title; options without one stand last, under `output`."""
+        """Return the option group of a title.
+
+        Options without one stand last, under `output`.
+        """
         groups = [group for group in self._action_groups if group.title == title]
         return groups[0] if groups else self.add_argument_group(title)
 
@@ -209,7 +211,7 @@ class OneLineParser(argparse.ArgumentParser):
         return f"; did you mean {' or '.join(meant)}?" if meant else ""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse a value that is none of the choices, as argparse does, with the nearest one."""
+        """Refuse a value that is no choice, with the nearest one."""
         if action.choices is not None and value not in action.choices:
             from framework.errors import did_you_mean
 
@@ -217,7 +219,10 @@ class OneLineParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """Return a value; refuse a number with its unit, or numbers with commas, with the plain numbers."""
+        """Return a value; refuse a number with its unit, or with commas.
+
+        The refusal says the plain numbers.
+        """
         try:
             return super()._get_value(action, arg_string)
         except argparse.ArgumentError as error:
@@ -237,7 +242,10 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def _move_last(words: Sequence[str], flag: str) -> list[str]:
-    """Move an option to the end of a command line, with its values NAME=VALUE and no other words."""
+    """Move an option with its values to the end of a command line.
+
+    Its values are words NAME=VALUE.
+    """
     others: list[str] = []
     moved: list[str] = []
     takes_values = False
@@ -249,7 +257,10 @@ def _move_last(words: Sequence[str], flag: str) -> list[str]:
 
 
 def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
-    """Return the numbers that a text stands for: without the unit that the help has, or without commas."""
+    """Return the numbers that a text with units or commas stands for.
+
+    The units are those of the help.
+    """
     units = re.findall(r"\[([^\]]+)\]", action.help or "")
     listed = [unit.strip() for listed in units for unit in listed.split(",")]
     several = action.nargs is not None
@@ -260,21 +271,11 @@ def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
     return numbers if numbers and all(map(NUMBER.fullmatch, numbers)) else None
 
 
-class _Version(argparse.Action):
-    """The option --version, whose value is looked up on demand."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
-        """Set up an option that takes no value and stores none."""
-        super().__init__(
-            option_strings, dest=argparse.SUPPRESS, default=argparse.SUPPRESS, nargs=0, help=help
-        )
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        parser.exit(message=f"crossing {version('parallel-singularity-crossing')}\n")
-
-
 def _check_first(arguments: Sequence[str]) -> None:
-    """Raise Misuse where the arguments begin neither with a command nor with an option of all."""
+    """Refuse arguments that begin with neither a command nor a general option.
+
+    Raises Misuse.
+    """
     first = arguments[0] if arguments else "--help"
     meant = next((word for word in arguments if word in COMMANDS), None)
     if first == "help":
@@ -291,9 +292,9 @@ def _check_first(arguments: Sequence[str]) -> None:
 
 
 def parser_of(arguments: Sequence[str]) -> OneLineParser:
-    """Return the parser of the command that the arguments begin with, or else one that lists all commands.
+    """Return the parser of a command, or else of the list of commands.
 
-    Only the module of that command is imported.
+    The arguments begin with the command. Only the module of that command is imported.
     """
     parser = OneLineParser(
         prog="crossing",
@@ -302,7 +303,12 @@ def parser_of(arguments: Sequence[str]) -> OneLineParser:
         examples=FIRST_EXAMPLES,
     )
     parser.set_defaults(json=False)
-    parser.add_argument("--version", action=_Version, help="say the version and end")
+    version_text = ""
+    if arguments and arguments[0] == "--version":
+        from importlib.metadata import version  # takes time to import
+
+        version_text = f"crossing {version('parallel-singularity-crossing')}"
+    parser.add_argument("--version", action="version", version=version_text, help="say the version and end")
     commands = parser.add_subparsers(
         title="commands", prog="crossing", metavar="COMMAND", required=True, parser_class=OneLineParser
     )

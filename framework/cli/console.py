@@ -50,7 +50,10 @@ ERASE = "\r\x1b[K"
 
 
 def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
-    """Return a message as one line of printable letters, at `most` so many, its middle left out."""
+    """Return a message as one printable line of at most `most` letters.
+
+    Its middle is left out.
+    """
     line = printable(" ".join(message.splitlines()))
     if len(line) <= most:
         return line
@@ -63,7 +66,7 @@ def printable(text: str, allowed: str = "\n") -> str:
     """Return a text with control characters, except `allowed`, and lone surrogates as escapes."""
 
     def write(letter: str) -> str:
-        """Return a letter, or a blank or an escape for one that a terminal would obey."""
+        """Return a letter; a blank or an escape for a control character."""
         if letter.isprintable() or letter in allowed:
             return letter
         return " " if letter.isspace() else letter.encode("unicode_escape").decode("ascii")
@@ -72,10 +75,13 @@ def printable(text: str, allowed: str = "\n") -> str:
 
 
 def report(text: str) -> None:
-    """Print a report on stdout, in the width and the colours of its terminal; raises as `tell`."""
+    """Print a report on stdout in the layout of its terminal.
+
+    Raises as `tell`.
+    """
     if sys.stdout is not None:
         visible = printable(text, "\n\t")
-        _tell(lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
+        _print_answer(lay_out(visible, width_of(sys.stdout), colour=shows_colours(sys.stdout)), sys.stdout)
 
 
 def tell(text: str, *, aside: bool = False) -> None:
@@ -84,26 +90,26 @@ def tell(text: str, *, aside: bool = False) -> None:
     Raises:
         OutputError: the text cannot be written, for a full disk say; later texts get lost.
     """
-    _tell(printable(text), sys.stderr if aside else sys.stdout)
+    _print_answer(printable(text), sys.stderr if aside else sys.stdout)
 
 
-def _tell(text: str, stream: TextIO | None) -> None:
+def _print_answer(text: str, stream: TextIO | None) -> None:
     """Print a text; close a stream whose reader has gone."""
     if stream is None:  # closed by whoever started the program
         return
     try:
-        _print(text, stream)
+        _print_text(text, stream)
     except BrokenPipeError:  # whoever reads has seen enough, as `head` does
-        _close(stream)
+        _close_stream(stream)
     except OSError as error:
-        _close(stream)
+        _close_stream(stream)
         raise OutputError(f"cannot write the answer: {error.strerror or error}") from None
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr, wrapped to the width of a terminal and broken before `TRY`.
+    """Print one line on stderr, wrapped and broken before `TRY`.
 
-    If that fails, the exit code alone tells.
+    It is wrapped to the width of a terminal. If that fails, the exit code alone tells.
     """
     stream = sys.stderr
     if stream is None:  # closed by whoever started the program
@@ -116,15 +122,15 @@ def complain(message: str) -> None:
     if colour:
         line = line.replace(PROGRAM, add_colour(PROGRAM, RED), 1).replace(TRY, add_colour(TRY, GREEN))
     with suppress(OSError):
-        _print(line, stream)
+        _print_text(line, stream)
 
 
-def _print(text: str, stream: TextIO) -> None:
+def _print_text(text: str, stream: TextIO) -> None:
     encoding = stream.encoding or "utf-8"
     print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
 
 
-def _close(stream: TextIO) -> None:
+def _close_stream(stream: TextIO) -> None:
     """Redirect a stream to the null device, which the interpreter can flush on exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
@@ -160,7 +166,7 @@ def lay_out(text: str, width: int | None, *, colour: bool = False) -> str:
             columns = list(itertools.zip_longest(*cells, fillvalue=""))
             indent = len(columns[0][0]) - len(columns[0][0].lstrip())
             stripped = [[cell.strip() for cell in column] for column in columns]
-            lines += _table(stripped, width, indent, colour)
+            lines += _lay_out_table(stripped, width, indent, colour)
             continue
         for row in rows:
             pieces = wrap_line(row, width)
@@ -172,9 +178,10 @@ def lay_out(text: str, width: int | None, *, colour: bool = False) -> str:
 
 
 def wrap_line(line: str, width: int | None, indent: int | None = None) -> list[str]:
-    """Break a line longer than `width` between words, never within a number and its unit.
+    """Break a line longer than `width` between words.
 
-    `indent`: of all lines but the first; by default that of the text behind a label.
+    A number and its unit stay together. `indent`: of all lines but the first; by default that of the text
+    behind a label.
     """
     if width is None or len(line) <= width:
         return [line]
@@ -192,18 +199,22 @@ def wrap_line(line: str, width: int | None, indent: int | None = None) -> list[s
     return [piece.replace("\xa0", " ") for piece in pieces]
 
 
-def _table(columns: Sequence[Sequence[str]], width: int | None, indent: int, colour: bool) -> list[str]:
+def _lay_out_table(
+    columns: Sequence[Sequence[str]], width: int | None, indent: int, colour: bool
+) -> list[str]:
     """Lay out a table by columns, its cells wrapped to fit the width.
 
     Columns beyond the width stand in a second table below, behind the first column once more.
     """
     room = math.inf if width is None else width - indent
-    least = [max(len(word) for cell in column for word in _words(cell)) for column in columns]
+    least = [max(len(word) for cell in column for word in _split_words(cell)) for column in columns]
     ends = itertools.accumulate(least, lambda end, most: end + len(GAP) + most)
     fitting = max(2, sum(end <= room for end in ends))
     if fitting < len(columns):
         rest = [columns[0], *columns[fitting:]]
-        return _table(columns[:fitting], width, indent, colour) + _table(rest, width, indent, colour)
+        return _lay_out_table(columns[:fitting], width, indent, colour) + _lay_out_table(
+            rest, width, indent, colour
+        )
     widths = [max(map(len, column)) for column in columns]
     while sum(widths) + len(GAP) * (len(widths) - 1) > room and widths != least:
         widths[max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
@@ -223,7 +234,10 @@ def _join_cells(cells: Sequence[list[str]], indent: int) -> list[str]:
 
 
 def _wrap_column(column: Sequence[str], width: int) -> list[list[str]]:
-    """Wrap the cells of a column into lines of one width, numbers to the right."""
+    """Wrap the cells of a column into lines of one width.
+
+    Numbers stand to the right.
+    """
     right = all(NUMBER.match(cell) for cell in column[1:])
     return [
         [line.rjust(width) if right else line.ljust(width) for line in wrap_line(cell, width, 0)]
@@ -231,7 +245,7 @@ def _wrap_column(column: Sequence[str], width: int) -> list[list[str]]:
     ]
 
 
-def _words(cell: str) -> list[str]:
+def _split_words(cell: str) -> list[str]:
     """Return the unbreakable parts of a cell: words, and numbers with their units."""
     return GLUED.sub("\xa0", cell).split(" ")
 
@@ -259,7 +273,10 @@ class Progress:
         self.end()
 
     def start(self, doing: str, total: float = math.inf, unit: str = "") -> Callable[[float], None]:
-        """Name the current work; return the function to call with the number done of `total`."""
+        """Name the current work; return the function for its progress.
+
+        That is called with the number done of `total`.
+        """
         self._doing, self._total, self._unit = doing, total, unit
         self._done, self._since = 0.0, time.monotonic()
         return self._advance

@@ -52,7 +52,10 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _dry_friction(parsed: ParsedRobot) -> str:
-    """Return each size of dry friction of joints without a motor, its unit and the joints, as text."""
+    """Return the dry friction of joints without a motor, as text.
+
+    Each size has its unit and its joints.
+    """
     slides = {joint.get("name") for joint in parsed.urdf.findall("joint") if joint.get("type") == "prismatic"}
     joints = defaultdict[str, list[str]](list)
     for name, acting in parsed.description.joints.items():

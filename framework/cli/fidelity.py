@@ -19,6 +19,7 @@ from framework.numerics.output import Document, json_text
 from framework.planning.options import LIMITS
 
 STUDY_FILE = "fidelity.json"
+SAME_LAW, LARGEST_SHARE = 1e-12, 10.0  # in s: rounding; of what is printed as a number
 
 HEAD = """\
 {0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
@@ -70,7 +71,10 @@ def run(options: Namespace) -> Report:
 
 
 def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, list[str]]:
-    """Study the levels; return the study, its document and its report, with the line for a scene."""
+    """Study the levels; return study, document and report.
+
+    The report has the line for a scene.
+    """
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path(options, robot), arguments.motion_options(options, robot)
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
@@ -90,16 +94,16 @@ def fidelity_lines(study: FidelityStudy) -> list[str]:
     plan = study.highest
     places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
     lines = [
-        HEAD.format(study, len(study.levels), _percent(study.tolerance)),
-        *(_row(study, comparison) for comparison in study.levels),
-        *(note for comparison in study.levels for note in _notes(comparison)),
+        HEAD.format(study, len(study.levels), _format_percent(study.tolerance)),
+        *(_format_row(study, comparison) for comparison in study.levels),
+        *(note for comparison in study.levels for note in _format_remarks(comparison)),
         f"  crossing          {f's = {places}' if places else 'none'}",
     ]
     if study.fall >= 1.0:
         judged = "so the motors have controllers" if study.has_control else "and nothing corrects them"
         lines.append(GROWTH.format(plan.duration / study.fall, study.fall, judged))
     if study.neglected_work:
-        lines.append(FRICTION.format(plan.neglected_friction, _percent(study.neglected_work)))
+        lines.append(FRICTION.format(plan.neglected_friction, _format_percent(study.neglected_work)))
     lines += [f"  in no level       {what}" for what in study.robot.description.left_out]
     return [*lines, *_enough_lines(study)]
 
@@ -119,32 +123,31 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
     return [*lines, f"  predicted         {study.indicated.level.name}, by the indicators alone"]
 
 
-def _row(study: FidelityStudy, comparison: Comparison) -> str:
+def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
     """Return the row of the table for one level."""
     name, law, spring = comparison.level.name, study.law_difference(comparison), comparison.deflection
-    predicted = _percent(study.indicators.error[name])
+    predicted = _format_percent(study.indicators.error[name])
     motion = ["-"] * 4
     if comparison.motion is not None:
         bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
-        difference = "same" if law <= 1e-12 else f"{law:.1e}"  # in s
-        motion = [f"{1e3 * comparison.seconds:.0f} ms", _percent(comparison.torque), difference, bent]
+        difference = "same" if law <= SAME_LAW else f"{law:.1e}"
+        motion = [f"{1e3 * comparison.seconds:.0f} ms", _format_percent(comparison.torque), difference, bent]
     plan, torque, difference, bent = motion
-    cells = (plan, torque, _percent(comparison.platform), difference, bent, predicted)
+    cells = (plan, torque, _format_percent(comparison.platform), difference, bent, predicted)
     return "\t".join([f"  {name}", *cells, study.indicators.words[name]])
 
 
-def _notes(comparison: Comparison) -> list[str]:
+def _format_remarks(comparison: Comparison) -> list[str]:
     """Return remarks on one level, for below the table."""
-    notes = [f"the torques of {comparison.same_as}"] if comparison.same_as else []
-    notes += [comparison.reason] if comparison.reason else []
-    return [f"  remark            {comparison.level.name}: {note}" for note in notes]
+    notes = (comparison.same_as and f"the torques of {comparison.same_as}", comparison.reason)
+    return [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
 
 
-def _percent(share: float) -> str:
+def _format_percent(share: float) -> str:
     """Return a share in per cent; rounding is 0."""
     if not np.isfinite(share):
         return "-"
-    if share >= 10.0:
+    if share >= LARGEST_SHARE:
         return "> 1000 %"
     return format_percent(share if share >= ERROR_ROUNDING else 0.0)
 
@@ -152,4 +155,4 @@ def _percent(share: float) -> str:
 def _largest_error(study: FidelityStudy, errors: Array) -> str:
     """Return the largest error and its s, in words."""
     place = study.place(errors)
-    return _percent(np.nanmax(errors)) + ("" if place is None else f" (at s = {place:.4g})")
+    return _format_percent(np.nanmax(errors)) + ("" if place is None else f" (at s = {place:.4g})")

@@ -85,8 +85,8 @@ def identification_lines(identification: Identification) -> list[str]:
     base, joints = identification.base, identification.robot.actuator_names
     words = {
         "parameters": len(base.parameters),
-        "before": _errors(joints, identification.error_before),
-        "after": _errors(joints, identification.error_after),
+        "before": _format_errors(joints, identification.error_before),
+        "after": _format_errors(joints, identification.error_after),
         "unseen": len(base.without_effect),
         "massless": f"; massless, left out: {', '.join(base.left_out)}" if base.left_out else "",
     }
@@ -101,7 +101,7 @@ def identification_lines(identification: Identification) -> list[str]:
     return lines
 
 
-def _errors(joints: tuple[str, ...], errors: np.ndarray) -> str:
+def _format_errors(joints: tuple[str, ...], errors: np.ndarray) -> str:
     """Return the errors (n,) of the joints in per cent, in words."""
     if not np.isfinite(errors).all():
         return "not known (all at Type 2)"

@@ -17,7 +17,7 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.numerics.output import Document
+from framework.numerics.output import Document, select_fields
 from framework.planning.feasibility import feasibility_at, optimal_durations
 from framework.planning.plan_facts import twist_text
 from framework.planning.request import Request
@@ -72,13 +72,14 @@ def run(options: Namespace) -> Report:
 
 
 def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Document, list[str]]:
-    """Return a singular point with its shift by deflections and condition (8), as a document and in lines."""
-    robot, shift = searched.branch.robot, _shift(searched, singular)
+    """Describe a singular point as a document and in lines.
+
+    It has its shift by deflections and condition (8).
+    """
+    robot, shift = searched.branch.robot, _compute_shift(searched, singular)
     condition = feasibility_at(searched.branch, singular)
-    entry = {
-        key: getattr(singular, key)
-        for key in ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
-    } | {"shift": shift, "condition": None}
+    keys = ("s", "kind", "contact", "corank", "twist", "platform", "slope", "resolution")
+    entry = select_fields(singular, *keys) | {"shift": shift, "condition": None}
     lines = [POINT.format(singular, robot.place(singular.platform), twist_text(robot, singular.twist))]
     if singular.resolution is not None:
         lines.append(UNRESOLVED.format(singular))
@@ -89,14 +90,17 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
         entry["condition"] = {
             **condition.condition._asdict(),
             "acceleration": condition.acceleration and condition.acceleration[:2],
-            **{key: getattr(condition, key) for key in ("weight_share", "tangent_share", "pace")},
+            **select_fields(condition, "weight_share", "tangent_share", "pace"),
         }
         lines.append(f"  {condition.sentence}")
     return entry, lines
 
 
-def _shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
-    """Compute ds for each m or rad of deflection by spring; None where deflections do not move the point."""
+def _compute_shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
+    """Compute ds for each m or rad of deflection, by spring.
+
+    None where deflections do not move the point.
+    """
     rates = spring_shift(searched.branch, singular)
     names = searched.branch.robot.elastic_names
     return None if np.isnan(rates).any() else dict(zip(names, rates, strict=True))

@@ -35,7 +35,10 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
 
 
 def command(commands: Any, name: str, run: Callable[[Namespace], Report], details: str = "") -> Any:
-    """Add a command with --json; `run` gives its report, `details` are for its own help alone."""
+    """Add a command with --json.
+
+    `run` gives its report, `details` are for its own help alone.
+    """
     text, examples = COMMANDS[name].text, COMMANDS[name].examples
     described = f"{text}. {details}" if details else text
     parser = commands.add_parser(name, help=text, description=described, examples=examples)

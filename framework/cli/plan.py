@@ -25,14 +25,13 @@ from framework.cli.parser import (
 )
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
-from framework.kinematics.diagnostics.diagnosis import remarks_on_bodies
+from framework.kinematics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
-from framework.numerics.output import Document, json_text, write_csv, written_together
+from framework.numerics.output import Document, json_text, select_fields, write_csv, written_together
 from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
-from framework.planning.path_modification import plan_request_with_modified_path
 from framework.planning.plan import (
     ADVANCES,
     NEARLY_STOPS,
@@ -136,7 +135,7 @@ def _check_options(options: Namespace, level: ChosenLevel | None) -> None:
 
 
 def _describe_replaced(folder: FilePath) -> str:
-    """Return the plan that --out replaces, as the end of a sentence; empty without one."""
+    """Return the plan that --out replaces, as a clause; empty without one."""
     with suppress(InvalidInput):
         saved = read_document(folder / FILE, "plan")
         if {"robot", "duration"} <= saved.keys():
@@ -157,7 +156,10 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
 def _make_plan(
     options: Namespace, robot: ParallelRobot, request: Request, level: ChosenLevel | None
 ) -> tuple[CrossingPlan, Document, list[str]]:
-    """Plan; return also a document and lines on the level of --flexibility auto or the bend of --bend."""
+    """Plan; return also a document and lines on the choices made.
+
+    These are the level of --flexibility auto, or the bend of --bend.
+    """
     bend, progress = options.bend, options.progress
     progress.start("planning")
     if bend is None:
@@ -166,6 +168,8 @@ def _make_plan(
         if level is None:
             return plan, {}, []
         return plan, {"fidelity": level._asdict()}, [f"  fidelity          {level.sentence}"]
+    from framework.planning.path_modification import plan_request_with_modified_path  # most plans need none
+
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
     size = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
@@ -180,7 +184,10 @@ def _make_plan(
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the bound of all laws and the plan's gap to the bound, if any."""
+    """Return the fact on the bound of all laws, if any.
+
+    It also has the plan's gap to the bound.
+    """
     best = plan.optimality
     if best is None:
         return []
@@ -248,7 +255,7 @@ def report_raw(
         "samples": len(raw.time),
         # a sample at the singular instant itself can be infinite, for which JSON has no number
         "largest_sample": largest,
-        "crossings": [{key: getattr(each, key) for key in ("s", "time", "wrench")} for each in crossings],
+        "crossings": [select_fields(each, "s", "time", "wrench") for each in crossings],
     }
     if folder is not None:
         _write_raw(raw, robot, [crossing.time for crossing in crossings], document, folder)

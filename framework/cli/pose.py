@@ -28,7 +28,7 @@ from framework.kinematics.mistaken_units import remark_on_reach, remark_on_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.numerics.arrays import Array
-from framework.numerics.output import Document
+from framework.numerics.output import Document, select_fields
 from framework.planning.plan_facts import excess_facts
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
@@ -84,7 +84,10 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Report the pose of given motor angles or of a platform point, springs at rest."""
+    """Report the pose of motor angles or of a platform point.
+
+    Springs are at rest.
+    """
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
         motors = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
@@ -102,14 +105,15 @@ def run(options: Namespace) -> Report:
             dict.fromkeys(stated)
         )
     if options.every:
-        return (_working if options.motor_joints is None else _assembly)(robot, options)
-    return _pose_report(robot, _close(robot, options, advise_all=not stated), options)
+        report_all = _report_working_modes if options.motor_joints is None else _report_assembly_modes
+        return report_all(robot, options)
+    return _pose_report(robot, _close_pose(robot, options, advise_all=not stated), options)
 
 
 def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     """Report the pose q (nq,): coordinates, modes, singularity, limits and loads."""
     pose, classification = describe_pose(robot, q), classify(robot, q)
-    limits, instant = _limits(robot, q, options), _compute_loads(robot, q, options)
+    limits, instant = _compute_limits(robot, q, options), _compute_loads(robot, q, options)
     facts = asdict(pose)
     words = {
         key: _format_values(facts[key]) for key in ("platform", "motor_joints", "motor_angles", "joints")
@@ -119,7 +123,7 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         HEAD.format_map(facts | words),
         f"  singularity       {classification.sentence}",
         *(f"  t_s               {_format_values(twist, 6)}" for twist in twists),
-        DISTANCES.format(classification, _angles(robot, classification)),
+        DISTANCES.format(classification, _format_angles(robot, classification)),
         *_worst_torques(robot, classification),
         *_limits_in_words(robot, limits),
         *_loads_in_words(robot, instant),
@@ -131,13 +135,13 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
         "limits": _limits_document(limits),
     }
     if pose.exceeded and options.point is not None:
-        _, sentence, document["nearest"] = _nearest(robot, options.point)
+        _, sentence, document["nearest"] = _find_nearest(robot, options.point)
         lines.append(f"  within ranges     {sentence}")
     if instant is not None:
-        torque = dict(zip(robot.actuator_names, instant.torque, strict=True))
         document["dynamics"] = {
-            key: getattr(instant, key) for key in ("torque", "loop_forces", "reactions", "indeterminate")
-        } | {"torque": torque}
+            "torque": dict(zip(robot.actuator_names, instant.torque, strict=True)),
+            **select_fields(instant, "loop_forces", "reactions", "indeterminate"),
+        }
     return document, lines
 
 
@@ -146,15 +150,18 @@ def _singularity_document(classification: Classification) -> Document:
     return {"regular": classification.regular, **vars(classification)}
 
 
-def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
-    """Compute the pose q (nq,) of --motors or --platform; without one, advise --all where this may help."""
+def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
+    """Compute the pose q (nq,) of --motors or --platform.
+
+    Without one, advise --all where this may help.
+    """
     motor_joints, point = options.motor_joints, options.point
     try:
         closed = assemble(robot, point) if motor_joints is None else forward_kinematics(robot, motor_joints)
     except (NotAssembled, Type1Singularity) as failure:  # another mode may have such a pose
         impossible = addition = _explain_failure(robot, options)
         if point is not None:
-            q, sentence, failure.nearest = _nearest(robot, point)
+            q, sentence, failure.nearest = _find_nearest(robot, point)
             if not failure.nearest["stops"]:
                 options.warnings.append(
                     "no straight path from the reference leads there, but another one does"
@@ -166,14 +173,17 @@ def _close(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Arr
     return closed.q
 
 
-def _nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
-    """Find the nearest pose to a platform point; return q (nq,), a sentence and the entry for JSON."""
+def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
+    """Find the nearest pose to a platform point.
+
+    Return q (nq,), a sentence and the entry for JSON.
+    """
     nearest = nearest_pose(robot, point)
     motors = robot.actuated_coordinates(nearest.q[None])[0].tolist()
     document = {
         "platform": dict(zip(robot.axis_names, nearest.x.tolist(), strict=True)),
         "motor_joints": dict(zip(robot.actuator_names, motors, strict=True)),
-        **{key: getattr(nearest, key) for key in ("distance", "unit", "stops")},
+        **select_fields(nearest, "distance", "unit", "stops"),
     }
     place = robot.place(nearest.x)
     if not nearest.stops:
@@ -185,7 +195,7 @@ def _nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Docu
     return nearest.q, sentence, document
 
 
-def _limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
+def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
     """Compute the platform's limits; None where the platform does not determine the motors."""
     try:
         return platform_limits(robot, q, **arguments.typed_options(options))
@@ -213,16 +223,17 @@ def _limits_document(limits: PlatformLimits | None) -> Document:
         name: {
             "alone": polytope.axis_ranges(),
             "bounds": polytope.bounds(),
-            "vertices": polytope.vertices,
-            "normals": polytope.normals,
-            "offsets": polytope.offsets,
+            **select_fields(polytope, "vertices", "normals", "offsets"),
         }
         for name, polytope in (limits.polytopes.items() if limits else ())
     }
 
 
 def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
-    """Compute the forces of motors, loops and joints; None where the options describe no motion."""
+    """Compute the forces of motors, loops and joints.
+
+    None where the options describe no motion.
+    """
     wrenches = arguments.wrenches(options, robot)
     if options.velocity is None and options.acceleration is None and not wrenches:
         return None
@@ -230,7 +241,10 @@ def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instan
 
 
 def _loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
-    """Return lines on the torques of motors, and on the forces of loops and joints; none without loads."""
+    """Return lines on the forces of motors, loops and joints.
+
+    None without loads.
+    """
     if instant is None:
         return []
     torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
@@ -244,19 +258,25 @@ def _loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
 
 
 def _wrench_in_words(wrench: Array) -> str:
-    """Return a force and a moment on base axes in words; `-` for indeterminate parts."""
+    """Return a force and a moment on base axes in words.
+
+    Indeterminate parts are `-`.
+    """
     numbers = ["-" if np.isnan(value) else f"{round(value, 12) + 0.0:.6g}" for value in wrench]
     return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
 def _explain_failure(robot: ParallelRobot, options: Namespace) -> str:
-    """Describe motors that turn more than once, or a platform out of reach, as the end of a sentence."""
+    """Describe mistaken units of motors or platform as a clause.
+
+    Motors turn more than once, or the platform is out of reach.
+    """
     if options.point is not None:
         return remark_on_reach(robot, np.array(options.point)[robot.platform.sliding])
     return remark_on_turns(robot, dict(zip(robot.actuator_names, options.motor_joints, strict=True)))
 
 
-def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
+def _report_assembly_modes(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all poses for the motor angles asked for."""
     assembly = assembly_modes(robot, options.motor_joints)
     degrees = "" if assembly.modes else _explain_failure(robot, options)
@@ -267,12 +287,12 @@ def _assembly(robot: ParallelRobot, options: Namespace) -> Report:
         pose, kind = describe_pose(robot, mode.q), classify(robot, mode.q)
         lines.append(f"  platform          {_format_values(pose.platform)}; g {kind.g:.3g}, {kind.sentence}")
         modes.append(asdict(pose) | {"proved": mode.proved, "singularity": _singularity_document(kind)})
-    about = {key: getattr(assembly, key) for key in ("complete", "status", "bound", "method")}
+    about = select_fields(assembly, "complete", "status", "bound", "method")
     paths = assembly.count and asdict(assembly.count)
-    return _report(robot, {"assembly_modes": {**about, "paths": paths, "modes": modes}}, lines)
+    return _report_modes(robot, {"assembly_modes": {**about, "paths": paths, "modes": modes}}, lines)
 
 
-def _working(robot: ParallelRobot, options: Namespace) -> Report:
+def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
     """Report all working modes of a platform point; refuse without any."""
     working = working_modes(robot, options.point)
     if not working.modes:
@@ -289,19 +309,19 @@ def _working(robot: ParallelRobot, options: Namespace) -> Report:
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
     about = {
         "complete": working.status == "proved",
-        **{key: getattr(working, key) for key in ("status", "solutions", "legs", "proved_legs")},
+        **select_fields(working, "status", "solutions", "legs", "proved_legs"),
         "modes": modes,
     }
-    return _report(robot, {"working_modes": about}, lines)
+    return _report_modes(robot, {"working_modes": about}, lines)
 
 
-def _report(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
+def _report_modes(robot: ParallelRobot, facts: Document, lines: list[str]) -> Report:
     """Return a report on all modes of a robot."""
     head = {"robot": robot.name, "flexibility": robot.flexibility}
     return head | facts, [", ".join(head.values()), *lines]
 
 
-def _angles(robot: ParallelRobot, classification: Classification) -> str:
+def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
     """Return the transmission angles in words; empty where undefined."""
     angles = np.rad2deg(classification.transmission_angle)
     if not np.isfinite(angles).all():
@@ -311,7 +331,10 @@ def _angles(robot: ParallelRobot, classification: Classification) -> str:
 
 
 def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:
-    """Return the line about the worst torques per newton; none for a platform that only turns."""
+    """Return the line about the worst torques per newton.
+
+    None for a platform that only turns.
+    """
     if np.isnan(classification.torque_norm):
         return []
     units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))

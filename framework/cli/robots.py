@@ -11,7 +11,7 @@ from framework.cli.parser import Report, command, not_empty
 from framework.errors import MissingPackage
 from framework.kinematics.diagnostics.diagnosis import check_robot
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.output import Document, write_file
+from framework.numerics.output import Document, select_fields, write_file
 
 REMARK = "  {0:18s}  {1.summary}; singularities: {2}; {1.source}"
 
@@ -37,10 +37,10 @@ def run(options: Namespace) -> Report:
             cells = ["-", "-", "-", f"not installed: pip install {missing.package}"]
         else:
             robots.append(robot)
-            figures = _figures(robot)
+            figures = _count_parts(robot)
             *numbers, scenes = figures.values()
             cells = [*map(str, numbers), ", ".join(scenes)]
-        about = {key: getattr(entry, key) for key in ("summary", "singularities", "source")}
+        about = select_fields(entry, "summary", "singularities", "source")
         rows.append({"name": name, **figures, **about, "file": str(entry.file)})
         lines.append("\t".join([name, *cells]))
         kinds = ", ".join(entry.singularities) or "none on its scenes"
@@ -56,8 +56,8 @@ def run(options: Namespace) -> Report:
     return {"robots": rows}, lines
 
 
-def _figures(robot: ParallelRobot) -> Document:
-    """Return the freedoms and the numbers of loops and springs of a robot, and its scenes."""
+def _count_parts(robot: ParallelRobot) -> Document:
+    """Count freedoms, loops and springs of a robot, and list its scenes."""
     description, diagnosis = robot.description, check_robot(robot)
     return {
         "degrees_of_freedom": diagnosis.mobility - len(diagnosis.idle_joints),

@@ -38,8 +38,15 @@ from framework.numerics.tasks import executor_of
 
 DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
 COLUMNS = (
-    *("controller", "study_seed", "run", "passed"),
-    *("tracking_error", "end_error", "peak_torque", "payload", "why"),
+    "controller",
+    "study_seed",
+    "run",
+    "passed",
+    "tracking_error",
+    "end_error",
+    "peak_torque",
+    "payload",
+    "why",
 )
 DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("payload", 0.05, "share of the payload, uniform in +-"),
@@ -129,12 +136,14 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Do one study for each controller on the same robots, or repeat one run of a study."""
+    """Study each controller on the same robots, or repeat one run."""
     if options.replay is not None:
         return replay_run(options)
-    setup = _setup(options)
+    setup = _make_setup(options)
     out = None if options.out is None else Path(options.out)
-    stores = {name: run_store(out, setup.to_dict(), name) for name in _names(options) if out is not None}
+    stores = {
+        name: run_store(out, setup.to_dict(), name) for name in _controller_names(options) if out is not None
+    }
 
     def count_runs() -> int:
         kept = (arrays for store in stores.values() for arrays in store.read().values())
@@ -142,25 +151,25 @@ def run(options: Namespace) -> Report:
 
     unit = f"of {options.runs * len(stores)} runs"
     with written_stepwise(options, FILE, count_runs, unit) as folder:
-        studies = _studies(options, setup, stores)
-        document, lines = _report(options, setup, studies, out)
+        studies = _run_studies(options, setup, stores)
+        document, lines = _report_studies(options, setup, studies, out)
         if folder is not None:
             options.progress.start("drawing the figure")
-            _write(setup, studies, document, folder)
+            _write_studies(setup, studies, document, folder)
     return document, lines
 
 
-def _setup(options: Namespace) -> StudySetup:
+def _make_setup(options: Namespace) -> StudySetup:
     """Return the plan and the settings of a study."""
     spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
     limit = None if options.limit is None else tuple(options.limit)
     plan = arguments.load_or_plan(options)
-    tolerance = _tolerance(options.tolerance, plan.robot.length)
+    tolerance = _parse_tolerance(options.tolerance, plan.robot.length)
     loop = ControlLoop(tolerance=tolerance, end=tolerance, limit=limit, sensors=options.sensors)
     return StudySetup.of(plan, period=options.period, loop=loop, spread=spread, seed=options.seed)
 
 
-def _tolerance(text: str, length: float) -> float:
+def _parse_tolerance(text: str, length: float) -> float:
     """Parse a number of robot lengths (`length` [m]) and radians, or of millimetres."""
     try:
         number = float(text.removesuffix("mm"))
@@ -169,13 +178,16 @@ def _tolerance(text: str, length: float) -> float:
     return number / (1e3 * length) if text.endswith("mm") else number
 
 
-def _names(options: Namespace) -> list[str]:
+def _controller_names(options: Namespace) -> list[str]:
     """Return the names of the controllers, each once."""
     return list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
 
 
 def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Document:
-    """Return how many of the first failed runs pass with feedback; empty where a controller was chosen."""
+    """Count the first failed runs that pass with feedback.
+
+    Empty where a controller was chosen.
+    """
     failed = [number for _, number in study.failures[:5]]
     if options.controller or not failed:
         return {}
@@ -186,7 +198,9 @@ def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Docum
     return {"with_feedback": {"controller": FEEDBACK, "runs": len(failed), "passed": passed}}
 
 
-def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder: Path | None) -> Report:
+def _report_studies(
+    options: Namespace, setup: StudySetup, studies: list[Study], folder: Path | None
+) -> Report:
     """Return all studies as a document and as text."""
     robot = setup.plan.robot
     document = {
@@ -194,15 +208,15 @@ def _report(options: Namespace, setup: StudySetup, studies: list[Study], folder:
         "length": robot.length,
         "runs": len(studies[0].passed),
         **setup.to_dict(folder),
-        "studies": [_document(study) for study in studies],
+        "studies": [_describe_study(study) for study in studies],
         **_with_feedback(options, setup, studies[0]),
     }
-    return document, _lines(document)
+    return document, _format_studies(document)
 
 
-def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks]) -> list[Study]:
+def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks]) -> list[Study]:
     """Run one study for each controller, by several processes."""
-    controllers = {name: setup.controller(name) for name in _names(options)}
+    controllers = {name: setup.controller(name) for name in _controller_names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
     count = options.progress.start("simulating", options.runs * len(controllers), "runs")
@@ -224,21 +238,21 @@ def _studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks
     return studies
 
 
-def _document(study: Study) -> Document:
+def _describe_study(study: Study) -> Document:
     """Return a study as a document: probability, quantiles of errors, and failed runs."""
     return {
         "controller": study.controller,
         "probability": study.probability,
         "interval": study.interval,
-        "tracking_error": _quantiles(study.tracking_error),
-        "end_error": _quantiles(study.end_error),
+        "tracking_error": _compute_quantiles(study.tracking_error),
+        "end_error": _compute_quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),
-        "failures": [_failure(study, seed[1], seed) for seed in study.failures],
+        "failures": [_describe_failure(study, seed[1], seed) for seed in study.failures],
         "seconds": study.seconds,
     }
 
 
-def _quantiles(values: np.ndarray) -> dict[str, float]:
+def _compute_quantiles(values: np.ndarray) -> dict[str, float]:
     return dict(zip(("median", "95 %", "largest"), np.quantile(values, [0.5, 0.95, 1.0]), strict=True))
 
 
@@ -253,7 +267,7 @@ ROW = (
 )
 
 
-def _lines(document: Document) -> list[str]:
+def _format_studies(document: Document) -> list[str]:
     """Return the table of studies in text, with the first failures of each."""
     lines = [HEAD.format_map(document), *map(ROW.format_map, document["studies"])]
     for study in document["studies"]:
@@ -266,7 +280,7 @@ def _lines(document: Document) -> list[str]:
     return lines
 
 
-def _write(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
+def _write_studies(setup: StudySetup, studies: list[Study], document: Document, folder: Path) -> None:
     """Write studies into a folder: document, table of runs, and figure."""
     from framework.show.plots import save_figure
     from framework.show.study_figures import plot_robustness
@@ -292,8 +306,16 @@ _RUNS: Table = {
     "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
 }
 OF_A_REPLAY = (
-    *("robot", "robot_file", "replay", "controller", "json"),
-    *("warnings", "refusal", "progress", "parser", "written"),
+    "robot",
+    "robot_file",
+    "replay",
+    "controller",
+    "json",
+    "warnings",
+    "refusal",
+    "progress",
+    "parser",
+    "written",
 )
 
 
@@ -330,7 +352,7 @@ def replay_run(options: Namespace) -> Report:
         **{key: getattr(run, key)[0] for key in ("passed", "why", "tracking_error", "end_error")},
         "peak_torque": run.peak_torque.max(),
         "payload": run.payload[0],
-        "as_written": written == ([] if run.passed[0] else [_failure(run, 0, seed)]),
+        "as_written": written == ([] if run.passed[0] else [_describe_failure(run, 0, seed)]),
         "versions": {"then": stated["versions"], "now": library_versions()},
     }
     return document, _describe_replay(document)
@@ -348,13 +370,16 @@ def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str
     return chosen[0], failures[chosen[0]]
 
 
-def _failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
+def _describe_failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Document:
     """Return the entry of a run among the failures in robustness.json."""
     return {"seed": seed, "why": runs.why[number], "tracking_error": runs.tracking_error[number]}
 
 
 def _describe_replay(document: Document) -> list[str]:
-    """Return the report on a repeated run, and its differences from the study, in words."""
+    """Return the report on a repeated run, in words.
+
+    It has the differences from the study.
+    """
     then, now = document["versions"]["then"], document["versions"]["now"]
     changed = [library for library in now if then.get(library) != now[library]]
     versions = ", ".join(f"{library} {then.get(library)} then, {now[library]} now" for library in changed)

@@ -75,7 +75,10 @@ def exit_code_of(error: Exception) -> int:
 
 
 def report_refusal(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
-    """Print one sentence on stderr, with --json also a document on stdout; return the exit code."""
+    """Print one sentence on stderr; return the exit code.
+
+    With --json also print a document on stdout.
+    """
     line, entry = describe_error(error, message, arguments)
     complain(line)
     if "--json" in arguments:
@@ -84,7 +87,7 @@ def report_refusal(error: BaseException, message: str, code: int, arguments: Seq
 
 
 def _describe_fault(error: Exception) -> str:
-    """Return the sentence for a fault of the program: the error, its place, the remedy."""
+    """Return the sentence for a fault: the error, its place, the remedy."""
     package = Path(__file__).parents[1]
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename]
     ours = [frame for frame in frames if package in Path(frame.filename).parents]
@@ -100,7 +103,10 @@ def _describe_fault(error: Exception) -> str:
 
 
 def describe_error(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
-    """Return the line about an error with its advice, and the entry for JSON with its numbers."""
+    """Return the line about an error, and its entry for JSON.
+
+    The line has the advice, the entry the numbers.
+    """
     instead = advise(error, arguments)
     advice = "" if instead is None else f"; {TRY}{instead}"
     line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
@@ -139,7 +145,10 @@ def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
 
 
 def _mend_words(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:
-    """Replace words, alone or behind an option's `=`, by the words of `mend`, if any."""
+    """Replace the words of a command line that `mend` has others for.
+
+    They stand alone or behind an option's `=`.
+    """
     words: list[str] = []
     for word in arguments:
         flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)

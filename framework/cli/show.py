@@ -46,7 +46,7 @@ def run(options: Namespace) -> Report:
 
     if options.html is not None and options.picture is not None:
         raise InvalidInput("--picture: give either --picture or --html").advising({"picture": None})
-    films = _films(options)
+    films = _make_films(options)
     file = options.picture or options.html
     if file is not None:
         filmed = films or [_telling_film(options)]
@@ -59,13 +59,16 @@ def run(options: Namespace) -> Report:
             page = film_picture(filmed, FilePath(file).suffix[1:])
         return _report_file(file, page, filmed, chosen=not films)
     if films:
-        return _serve(options, film_page(films), None)
+        return _serve_page(options, film_page(films), None)
     robot = arguments.load(options)
-    return _serve(options, hand_page(robot), robot)
+    return _serve_page(options, hand_page(robot), robot)
 
 
 def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
-    """Write a page to a file and report its scenes; `chosen`: a scene was chosen for want of a name."""
+    """Write a page to a file and report its scenes.
+
+    `chosen`: a scene was chosen for want of a name.
+    """
     from framework.show.captions import describe_flexibility, display_name
 
     document, (written,) = write_page(FilePath(file), page)
@@ -80,7 +83,7 @@ def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: boo
     return document | {"films": entries}, lines
 
 
-def _films(options: Namespace) -> list[Film]:
+def _make_films(options: Namespace) -> list[Film]:
     """Film the motions asked for; return none where the robot is moved by hand."""
     from framework.show.captions import describe_saved_plan
     from framework.show.film import film_plan
@@ -96,10 +99,10 @@ def _films(options: Namespace) -> list[Film]:
                 raise InvalidInput(f"{flag}: needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
-    return [_film(options, robot, name) for name in options.scenes or [None]]
+    return [_film_scene(options, robot, name) for name in options.scenes or [None]]
 
 
-def _film(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
+def _film_scene(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
     """Film the motion of a scene, or of the options alone."""
     from framework.show.film import film_motion
 
@@ -109,13 +112,16 @@ def _film(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
 
 
 def _telling_film(options: Namespace) -> Film:
-    """Film the first scene that crosses, or else the first that moves: for a file without sliders."""
+    """Film the first scene that crosses, or else that moves.
+
+    It is for a file without sliders.
+    """
     robot = arguments.load(options)
     films: list[Film] = []
     refusals: list[NoAnswer] = []
     for name in robot.description.scenes:
         try:
-            films.append(_film(options, robot, name))
+            films.append(_film_scene(options, robot, name))
         except NoAnswer as error:
             refusals.append(error)
             continue
@@ -127,7 +133,7 @@ def _telling_film(options: Namespace) -> Film:
     raise next(iter(refusals), none)
 
 
-def _serve(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
+def _serve_page(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
     """Serve a page on this machine, open in the browser, until interrupted."""
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer

@@ -61,7 +61,7 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> Report:
     """Plan or read a plan, simulate its torques and report the tracking error."""
-    sensors = _sensors(options)
+    sensors = _read_sensors(options)
     plan = arguments.load_or_plan(options)
     result = simulate(
         plan.robot,
@@ -83,7 +83,7 @@ def run(options: Namespace) -> Report:
     return document, simulation_lines(result)
 
 
-def _sensors(options: Namespace) -> Sensors | None:
+def _read_sensors(options: Namespace) -> Sensors | None:
     """Return the sensors of --sensors; None without."""
     if options.sensors is None:
         return None
@@ -92,15 +92,15 @@ def _sensors(options: Namespace) -> Sensors | None:
     return make_sensors(arguments.named_numbers("--sensors", options.sensors, "NAME=VALUE"))
 
 
-def _unit(result: Simulation) -> tuple[str, float]:
-    """Return the unit of the tracking error, and the error beyond which a motion is off its path."""
+def _unit_and_limit(result: Simulation) -> tuple[str, float]:
+    """Return the unit of tracking errors, and the largest on a path."""
     moves = result.robot.translations.any()
     return ("m", MOTION_OFF_PATH * result.robot.length) if moves else ("rad", MOTION_OFF_PATH)
 
 
 def _check_on_path(result: Simulation) -> None:
     """Refuse a simulation whose platform leaves the path by more than is allowed."""
-    unit, allowed = _unit(result)
+    unit, allowed = _unit_and_limit(result)
     tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
     if tracking <= allowed and turning <= MOTION_OFF_PATH:
         return
@@ -110,7 +110,7 @@ def _check_on_path(result: Simulation) -> None:
 
 def simulation_lines(result: Simulation) -> list[str]:
     """Return the report on a simulation, in words."""
-    unit, _ = _unit(result)
+    unit, _ = _unit_and_limit(result)
     iterations = "" if METHODS[result.method].settings.stages == 0 else f", {result.iterations} iterations"
     lines = [HEAD.format(result, iterations)]
     if result.tracking_error is not None:

@@ -44,13 +44,12 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
-from framework.cli.writing import written_stepwise
+from framework.cli.writing import mapped_stepwise
 from framework.errors import InvalidInput, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.kept import KeptChunks
-from framework.numerics.tasks import executor_of
+from framework.numerics.output import select_fields
 from framework.planning.options import LIMITS, MODEL
 from framework.planning.scenes import scene, scene_path
 
@@ -167,8 +166,8 @@ def run(options: Namespace) -> Report:
     if options.keep_limits:
         check_reference(robot)
     path = None if options.scene is None else scene_path(scene(robot, options.scene))
-    quantities = choose_quantities(robot, _quantities(options, robot), options.wrench)
-    window = _window(options, robot, path)
+    quantities = choose_quantities(robot, _quantity_names(options, robot), options.wrench)
+    window = _choose_window(options, robot, path)
     if options.keep_limits:
         check_window(robot, window)
     margin = None
@@ -179,30 +178,26 @@ def run(options: Namespace) -> Report:
     if options.nearest is not None:
         pose = assemble(robot, options.nearest)
         margin = nearest_singular_pose(robot, pose.q, within=options.within)
-    store = None
-    if options.out is not None:
-        store = KeptChunks.of(FilePath(options.out), setup_document(robot, window, quantities))
-    with written_stepwise(options, DOCUMENT, lambda: len(store.read()) if store else 0, "bands") as folder:
-        progress = options.progress.start("mapping", float(np.prod(window.shape)), "poses")
-        with executor_of(workers=options.workers, dask=options.dask) as executor:
-            workspace = workspace_map(
-                robot,
-                window,
-                [quantity.key for quantity in quantities],
-                wrench=options.wrench,
-                executor=executor,
-                keeper=store,
-                progress=progress,
-            )
+    setup = setup_document(robot, window, quantities)
+    with mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store, executor):
+        workspace = workspace_map(
+            robot,
+            window,
+            [quantity.key for quantity in quantities],
+            wrench=options.wrench,
+            executor=executor,
+            keeper=store,
+            progress=options.progress.start("mapping", float(np.prod(window.shape)), "poses"),
+        )
         if options.keep_limits:
             workspace = restrict_to_ranges(workspace)
         if folder is not None:
             options.progress.start("drawing the figures")
-            _write(workspace, path, folder)
-    return _report(workspace, margin)
+            _write_map(workspace, path, folder)
+    return _report_map(workspace, margin)
 
 
-def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
+def _quantity_names(options: Namespace, robot: ParallelRobot) -> list[str] | None:
     """Return the quantities' names, by default all that apply; with --keep-limits also `holding`."""
     names = None if options.quantity is None else list(options.quantity)
     if not options.keep_limits or not has_torque_limits(robot):
@@ -210,8 +205,11 @@ def _quantities(options: Namespace, robot: ParallelRobot) -> list[str] | None:
     return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
 
 
-def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
-    """Return the window of options: given bounds, or the region that a survey finds reached."""
+def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
+    """Return the window of given bounds, or of a survey.
+
+    The survey finds the region that is reached.
+    """
     axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
@@ -221,7 +219,7 @@ def _window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Wind
     return Window(map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
 
 
-def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
+def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
     """Write a map into a folder: numbers, figures and page."""
     from framework.show.map import map_page, save_map_figures
 
@@ -230,12 +228,12 @@ def _write(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None
     (folder / "map.html").write_text(map_page(workspace, path=path), encoding="utf-8")
 
 
-def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
+def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     """Return a map as a document, and in text its counts, locus and statistics."""
     robot, window = workspace.robot, workspace.window
     document = {**map_document(workspace), "seconds": workspace.seconds}
     lines = [
-        HEAD.format(workspace, robot.name, window.shape, _spans(robot, window)),
+        HEAD.format(workspace, robot.name, window.shape, _format_spans(robot, window)),
         "  poses\tcount",
         *(f"  {why}\t{count}" for why, count in workspace.counts.items() if count),
         *(f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count),
@@ -250,12 +248,11 @@ def _report(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Repo
     if margin is not None:
         lines += _margin_lines(robot, margin)
         keys = ("status", "distance", "at_least", "leg_end", "unit", "within", "twist")
-        nearest = {key: getattr(margin, key) for key in keys}
-        document["nearest_singular_pose"] = nearest | {"platform": margin.x}
+        document["nearest_singular_pose"] = select_fields(margin, *keys) | {"platform": margin.x}
     return document, lines
 
 
-def _spans(robot: ParallelRobot, window: Window) -> str:
+def _format_spans(robot: ParallelRobot, window: Window) -> str:
     """Return the ends of a window in words."""
     ends = zip(window.axes, window.lower, window.upper, strict=True)
     return ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in ends)
@@ -290,15 +287,10 @@ def report_design_study(options: Namespace) -> Report:
         size=options.size or STUDY_EDGE_POSES,
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
-    store = None
-    if options.out is not None:
-        store = KeptChunks.of(FilePath(options.out), study_setup(task, designs))
-    with written_stepwise(
-        options, STUDY_DOCUMENT, lambda: len(store.read()) if store else 0, "chunks"
-    ) as folder:
+    setup = study_setup(task, designs)
+    with mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store, executor):
         progress = options.progress.start("mapping", len(designs.values), "designs")
-        with executor_of(workers=options.workers, dask=options.dask) as executor:
-            study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
+        study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:
             from framework.show.plots import save_figure
             from framework.show.study_figures import plot_study
@@ -317,7 +309,10 @@ def finite_window(options: Namespace) -> tuple[float, ...]:
 
 
 def _report_study(study: DesignStudy, robot: str) -> Report:
-    """Return the results of all designs as a document, and a table of the first ones."""
+    """Return the results of all designs as a document.
+
+    Its lines are a table of the first ones.
+    """
     names, designs = study.designs.names, study.designs.values
     document = {
         "robot": robot,
@@ -341,7 +336,10 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
 
 
 def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
-    """Return the lines of a table of the first designs: parameters, areas, medians, why no robot."""
+    """Return the lines of a table of the first designs.
+
+    Columns are parameters, areas, medians, and why there is no robot.
+    """
     columns = [key for key in study.columns if key in ("area", "free_area") or key.endswith("_median")]
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
     numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
 from framework.cli.parser import Report
-from framework.numerics.kept import remove_stores
-from framework.numerics.output import write_file, written_together
+from framework.numerics.kept import KeptChunks, remove_stores
+from framework.numerics.output import Document, write_file, written_together
+from framework.numerics.tasks import executor_of
 
 
 def write_page(file: Path, page: str | bytes) -> Report:
@@ -28,6 +30,19 @@ def written_out(options: Namespace, document: str) -> Iterator[Path | None]:
     with written_together(Path(options.out), document=document) as folder:
         yield folder
     options.written = options.out
+
+
+@contextmanager
+def mapped_stepwise(
+    options: Namespace, document: str, setup: Document, unit: str
+) -> Iterator[tuple[Path | None, KeptChunks | None, Executor | None]]:
+    """Yield a folder as `written_stepwise`, its store of finished chunks, and the executor of the options."""
+    store = None if options.out is None else KeptChunks.of(Path(options.out), setup)
+    with (
+        written_stepwise(options, document, lambda: len(store.read()) if store else 0, unit) as folder,
+        executor_of(workers=options.workers, dask=options.dask) as executor,
+    ):
+        yield folder, store, executor
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from random import Random
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -183,12 +184,12 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     """
     joints = mechanism.joints
     allowed = _loop_null_space(mechanism, reference)  # (f, joints)
-    random = np.random.default_rng(0)
+    draw = Random(0)  # numpy's takes time to import
     configurations: list[Array] = []
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
         # projected on the allowed motions, so that it does not depend on their basis
-        motion = (allowed @ random.standard_normal(len(joints))) @ allowed
+        motion = (allowed @ np.array([draw.gauss() for _ in joints])) @ allowed
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
         offset = difference(mechanism, reference, closing.q) / mechanism.column_scale

@@ -150,13 +150,16 @@ def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 
 
 
 def pivot_rows(matrix: Array) -> IntArray:
-    """Order the rows of a matrix by QR with pivots.
-
-    Each row is the farthest from the span of its predecessors.
-    """
-    from scipy.linalg import qr
-
-    return qr(matrix.T, mode="r", pivoting=True)[1]
+    """Order the rows of a matrix, each the farthest from the span of its predecessors."""
+    outside = matrix.copy()  # the part of each row outside of the span of the rows before `chosen`
+    order = np.arange(len(matrix))
+    for chosen in range(min(matrix.shape)):
+        sizes = np.linalg.norm(outside[order[chosen:]], axis=1)
+        farthest = chosen + sizes.argmax()
+        order[[chosen, farthest]] = order[[farthest, chosen]]
+        direction = outside[order[chosen]] / max(sizes.max(), LEAST_DIVISOR)
+        outside -= np.outer(outside @ direction, direction)
+    return order
 
 
 def _row_sizes(loops: Array) -> Array:

@@ -1,14 +1,21 @@
-"""Remarks on points in millimetres and angles in degrees: no link reaches them, they are many turns."""
+"""Remarks on what looks like another unit: points in mm, angles in degrees, sizes and masses of bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from framework.errors import point
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.numerics.arrays import Array
+
+LIGHT_PART_RATIO = 1e-6  # of the heaviest part: lighter, and its unit is doubted
+HEAVY_PART = 1e5  # [kg] likewise
+SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] likewise, of the longest
+GYRATION_RATIO = 5.0  # of a part's radius of gyration in its size; 2.4 at most in the catalogue
+SMALL_PART_RATIO = 0.2  # of the longest link: a part without joints or frames is taken to be as large
 
 
 def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
@@ -55,3 +62,54 @@ def remark_on_reach(robot: Mechanism, position: Array) -> str:
         f"{distance / robot.length:.3g} times the size of the robot, and its links in one line reach "
         f"{reach:.3g} m"
     )
+
+
+def remarks_on_bodies(robot: Mechanism) -> list[str]:
+    """Return remarks on sizes, masses and inertias of bodies that are in no usual unit."""
+    bodies, advice = moving_bodies(robot), []
+    masses = {name: body.mass for name, body in bodies.items()}
+    longest = max((body.size for body in bodies.values()), default=1.0)
+    if longest and not SMALL_LINK < longest < LARGE_LINK:  # without any, slides alone move
+        advice.append(f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
+    for name, body in bodies.items():
+        if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
+            advice.append(
+                f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
+                f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
+            )
+    if sum(masses.values()) == 0.0:
+        advice.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
+    heaviest = max(masses.values(), default=0.0)
+    for name, mass in masses.items():
+        if 0 < mass < LIGHT_PART_RATIO * heaviest:
+            advice.append(
+                f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
+                f"wrong unit? Leave <inertial> out for a massless part"
+            )
+    if heaviest > HEAVY_PART:
+        advice.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
+    return advice
+
+
+class _Body(NamedTuple):
+    """The body that a joint carries: mass [kg], radius of gyration [m] and size [m]."""
+
+    mass: float
+    gyration: float
+    size: float
+
+
+def moving_bodies(robot: Mechanism) -> dict[str, _Body]:
+    """Compute the bodies of all moving joints, by the joint's name."""
+    # springs part a joint from its mass
+    model = (Mechanism.from_description(robot.description) if robot.n_e else robot).model
+    bodies = {}
+    for j in range(1, model.njoints):
+        inertia = model.inertias[j]
+        largest = max(float(np.linalg.eigvalsh(inertia.inertia)[-1]), 0.0)
+        gyration = np.sqrt(largest / inertia.mass) if inertia.mass > 0.0 else 0.0
+        points = [inertia.lever, *(f.placement.translation for f in model.frames if f.parentJoint == j)]
+        points += [model.jointPlacements[k].translation for k in model.children[j]]
+        size = max(float(np.linalg.norm(point)) for point in points)
+        bodies[str(model.names[j])] = _Body(float(inertia.mass), float(gyration), size)
+    return bodies

@@ -11,7 +11,6 @@ import sysconfig
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
@@ -118,6 +117,8 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     """
     if not reference.startswith(PACKAGE):
         return folder / reference
+    from importlib.metadata import PackageNotFoundError, files  # takes time to import
+
     package, _, rest = reference.removeprefix(PACKAGE).partition("/")
     if not package or not rest:
         raise RobotFileError(f"urdf: needs {PACKAGE}NAME/FILE, got {reference!r}")

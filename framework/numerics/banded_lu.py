@@ -6,11 +6,13 @@ entries are zero. Rows and columns are put in an order of small bandwidth (rever
 legs touch only their neighbours the width is that of a leg and the cost of an instant proportional to
 their number; where all legs meet in one platform the band is nearly full, and still no slower than
 dense solves one by one.
+
+Systems of at most MAX_DENSE unknowns need no band: numpy solves them as quickly, without scipy, whose import
+takes longer than the plan of a small robot.
 """
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,12 +20,45 @@ import numpy as np
 
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 
+MAX_DENSE = 8  # unknowns; up to here numpy solves as quickly as LAPACK factors and solves in a band
+
+
+@dataclass(frozen=True, eq=False)
+class DenseFactors:
+    """Square matrices (T, k, k), solved one by one, in the place of `BandFactors`."""
+
+    matrices: Array
+
+    def solve(self, right: Array) -> Array:
+        """Compute solutions (..., T, k) for right-hand sides (..., T, k).
+
+        Raises:
+            numpy.linalg.LinAlgError: one of the matrices is singular to the last bit.
+        """
+        if not right.size:
+            return np.empty(right.shape)
+        columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)  # (T, k, right-hand sides)
+        solution = np.asarray(np.linalg.solve(self.matrices, columns), dtype=float)
+        return solution.transpose(2, 0, 1).reshape(right.shape)
+
+    def solve_transposed(self, right: Array) -> Array:
+        """Compute solutions for the transposed matrices; shapes and error as in `solve`."""
+        return DenseFactors(self.matrices.transpose(0, 2, 1)).solve(right)
+
+    @cached_property
+    def slogdet(self) -> tuple[Array, Array]:
+        """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular."""
+        with np.errstate(all="ignore"):
+            return np.linalg.slogdet(self.matrices)
+
 
 @dataclass(frozen=True, eq=False)
 class Band(ReadOnlyArrays):
     """The places in a band of the entries of matrices (k, k) of one sparsity."""
 
     size: int  # k
+    row: IntArray  # (E,) of each entry
+    column: IntArray  # (E,)
     lower: int  # diagonals below the main one
     upper: int  # above it
     row_order: IntArray  # (k,) the rows as they stand in the band
@@ -35,15 +70,7 @@ class Band(ReadOnlyArrays):
     @staticmethod
     def of(row: IntArray, column: IntArray, size: int) -> Band:
         """Return the band of matrices (size, size) whose entries stand at (row, column), each (E,)."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import reverse_cuthill_mckee
-
-        # the graph whose nodes are the rows, then the columns; an entry joins its row and its column
-        entry_row = row
-        entry_column = size + column
-        ends = (np.concatenate([entry_row, entry_column]), np.concatenate([entry_column, entry_row]))
-        graph = coo_array((np.ones(2 * len(row)), ends), shape=(2 * size, 2 * size)).tocsr()
-        order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
+        order = np.arange(2 * size) if size <= MAX_DENSE else _order_by_bandwidth(row, column, size)
         row_order = order[order < size]
         column_order = order[order >= size] - size
         row_position = np.argsort(row_order)
@@ -55,35 +82,40 @@ class Band(ReadOnlyArrays):
         # LAPACK stores entry (i, j) in column j of the band, at lower + upper + i - j; the first `lower`
         # numbers of a column are room for its pivots
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
-        return Band(size, lower, upper, row_order, column_order, row_position, column_position, index)
+        return Band(
+            size, row, column, lower, upper, row_order, column_order, row_position, column_position, index
+        )
 
     @property
     def height(self) -> int:
         """Numbers in one column of the band."""
         return 2 * self.lower + self.upper + 1
 
-    @cached_property
-    def orientation(self) -> float:
-        """Sign of the determinant of the two orders as permutations."""
-        unit = np.eye(self.size)
-        return float(np.round(np.linalg.det(unit[self.row_order]) * np.linalg.det(unit[self.column_order])))
+    def fill(self, values: Array) -> Array:
+        """Return the matrices (T, k, k) with entries `values` (T, E)."""
+        matrices = np.zeros((len(values), self.size, self.size))
+        matrices[:, self.row, self.column] = values
+        return matrices
 
     def factor(self, values: Array) -> Factors:
         """Compute the LU factors of the matrices with entries `values` (T, E)."""
+        if self.size <= MAX_DENSE:
+            return DenseFactors(self.fill(values))
         from scipy.linalg.lapack import dgbtrf
 
         count = len(values)
         band = np.zeros((count, self.size * self.height))
         band[:, self.index] = values
         columns = band.reshape(count * self.size, self.height).T
-        return Factors(self, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
+        return BandFactors(self, values, *dgbtrf(columns, self.lower, self.upper, overwrite_ab=1))
 
 
 @dataclass(frozen=True, eq=False)
-class Factors:
+class BandFactors:
     """LU factors of T matrices (k, k)."""
 
     band: Band
+    values: Array  # (T, E)
     lu: Array  # (height, T k)
     pivots: IntArray  # (T k,)
     singular: int  # 0, or one more than the column of the first pivot that is zero
@@ -118,15 +150,22 @@ class Factors:
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
-        """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular.
+        """Signs and logarithms of the sizes of the determinants, as of `DenseFactors`."""
+        return DenseFactors(self.band.fill(self.values)).slogdet
 
-        A determinant is the product of the pivots of U, times -1 for each exchange of rows, times the signs
-        of the orders of rows and columns.
-        """
-        diagonal = self.lu[self.band.lower + self.band.upper]
-        is_exchanged = self.pivots != np.arange(len(self.pivots))
-        is_odd = np.logical_xor.reduce(((diagonal < 0) ^ is_exchanged).reshape(-1, self.band.size), axis=1)
-        sign = self.band.orientation * (1.0 - 2.0 * is_odd)
-        with np.errstate(divide="ignore") if self.singular else nullcontext():
-            sizes = np.log(np.abs(diagonal)).reshape(-1, self.band.size).sum(axis=1)
-        return np.where(sizes > -np.inf, sign, 0.0) if self.singular else sign, sizes
+
+def _order_by_bandwidth(row: IntArray, column: IntArray, size: int) -> IntArray:
+    """Order the rows, then the columns (2 k,), of entries at (row, column) for a small bandwidth.
+
+    They are the nodes of a graph, in which an entry joins its row and its column.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    column_node = size + column
+    ends = (np.concatenate([row, column_node]), np.concatenate([column_node, row]))
+    graph = coo_array((np.ones(2 * len(row)), ends), shape=(2 * size, 2 * size)).tocsr()
+    return reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.intp)
+
+
+Factors = BandFactors | DenseFactors

@@ -42,6 +42,12 @@ class AffineRows(NamedTuple):
     offset: Array  # (k,)
 
 
+def linear_rows(**parts: Any) -> AffineRows:
+    """Return the linear function (k,) of sparse matrices (k, size) by names of unknowns."""
+    count, _ = next(iter(parts.values())).shape
+    return AffineRows(parts, np.zeros(count))
+
+
 @dataclass(frozen=True, eq=False)
 class ConeProgram:
     """Minimise a linear cost plus a sum of squares over unknowns that satisfy rows and cones.

@@ -10,7 +10,6 @@ import shutil
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +146,11 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def select_fields(record: object, *names: str) -> Document:
+    """Return some attributes of a record, by name."""
+    return {name: getattr(record, name) for name in names}
+
+
 def json_text(document: Mapping[str, Any]) -> str:
     """Return a `plain` document as the text of a file."""
     return json.dumps(plain(document), indent=2, allow_nan=False) + "\n"
@@ -203,4 +207,6 @@ def _remove_empty(folders: list[Path]) -> None:
 
 def package_versions() -> dict[str, str]:
     """Return the versions of packages on which the last bit of results depends."""
+    from importlib.metadata import version  # takes time to import
+
     return {package: version(package) for package in PACKAGES}

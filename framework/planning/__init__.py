@@ -11,6 +11,8 @@ Open `plan` first: `plan_crossing` in four steps.
 
 Beside them: `refusals/` has every reason to say no; `feasibility` says what a singular point asks of any
 law, and the least duration of one; `path_modification` bends a path where nothing else helps;
-`scenes` plans the scenes of a robot file; `saved` and `motion_table` are plan.json and motion.csv;
-`plan_facts` is a plan in words; `motion_scales` has the sizes that errors are relative to.
+`neglected_effects` is what a plan leaves out, measured by `model_on_motion`, the torques of another model;
+`scenes` plans the scenes of a robot file, `plan_study` one motion for many values of its parameters; `saved`
+and `motion_table` are plan.json and motion.csv; `plan_facts` is a plan in words; `planar_crossing` samples
+one crossing for the lesson; `motion_scales` has the sizes that errors are relative to.
 """

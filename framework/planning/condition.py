@@ -37,7 +37,7 @@ Speed = TypeVar("Speed", float, Array)
 
 
 class Condition8(NamedTuple):
-    """Coefficients of condition (8), of t_s . W_p = alpha s" + beta s'^2 + delta s' + gamma.
+    """Coefficients of condition (8), t_s . W_p = alpha s" + beta s'^2 + delta s' + gamma.
 
     In N, or N m where t_s is a pure turn.
     A coefficient that is no more than rounding of its own terms is zero.
@@ -50,11 +50,17 @@ class Condition8(NamedTuple):
 
     @property
     def holds_anyway(self) -> bool:
-        """Whether t_s . W_p vanishes for all s' and s": a straight path across t_s, no weight along t_s."""
+        """Whether t_s . W_p vanishes for all s' and s".
+
+        So it does on a straight path across t_s, with no weight along t_s.
+        """
         return not any(self)
 
     def acceleration(self, speed: Speed) -> Speed:
-        """Return the s" [1/s^2] that makes t_s . W_p vanish at each s' [1/s]; 0 when any does."""
+        """Return the s" [1/s^2] that makes t_s . W_p vanish at each s'.
+
+        The speeds s' are in 1/s. Where any s" does, it is 0.
+        """
         if self.holds_anyway:
             return 0.0 * speed
         return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
@@ -101,7 +107,7 @@ def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoin
 def crossing_point(
     branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, s_guess: float
 ) -> CrossingPoint:
-    """Find the singular point of the (deflected) robot on its path, near s = `s_guess`.
+    """Find the singular point of the (deflected) robot on its path near `s_guess`.
 
     An imposed point is returned as it is.
 
@@ -139,13 +145,16 @@ class _DeflectedPoses:
         return self._closed[1]
 
     def predicted_pose(self, s: float) -> ClosedStack:
-        """Return the pose so near the closed ones that the step along the tangent keeps the loops closed."""
+        """Predict the pose at s from the poses closed last.
+
+        A step along their tangent is so short that it keeps the loops closed.
+        """
         branch, places = self._branch, np.array([s])
         q, x = self._predict(places), branch.path(places)
         return ClosedStack(q, x, linearised_at(branch.robot, q, x))
 
     def _predict(self, s: Array) -> Array:
-        """Predict configurations (k, nq) at s (k,), along the tangent of the poses closed last."""
+        """Predict configurations (k, nq) at s (k,) along the last tangent."""
         branch, robot = self._branch, self._branch.robot
         if self._closed is None:
             return integrate(robot, branch.guess(s), np.repeat(self._spring_step, len(s), axis=0))
@@ -155,7 +164,7 @@ class _DeflectedPoses:
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """Return the point of the path at s as a crossing point, whether singular or not.
+    """Return the crossing point at a path coordinate s, singular or not.
 
     Rounded data impose points beside the singular one.
     """
@@ -167,13 +176,13 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 def _orient_along_path(
     branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
 ) -> CrossingPoint:
-    """Return the crossing point, its twist and motion with the sign that points along the path."""
+    """Return the crossing point with twist and motion oriented along the path."""
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
 
 
 def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
-    """Compute the coefficients of condition (8) at a crossing point; refuse where s" has no effect.
+    """Compute the coefficients of a condition (8) on which s" has an effect.
 
     Raises:
         NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
@@ -185,7 +194,10 @@ def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection
 def require_effect(
     branch: Branch, crossing: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """Return a condition that some s" meets, or that holds anyway; raise as `condition_at` otherwise."""
+    """Return a condition that some s" meets, or that holds anyway.
+
+    Raises as `condition_at`.
+    """
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
@@ -247,7 +259,10 @@ def _unit_motions(
     deflection: Deflection | None,
     pace: float,
 ) -> Motion:
-    """Compute five motions: s" = 1; s' = 1; the deflections' with s' = 0, with pace and with -pace."""
+    """Compute five motions that separate the terms of condition (8).
+
+    They are: s" = 1; s' = 1; that of the deflections with s' = 0, with pace and with -pace.
+    """
     robot = branch.robot
     elastic = np.zeros((2, 5, robot.n_e))  # rates and accelerations
     if deflection is not None:
@@ -273,7 +288,7 @@ def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
 
 
 def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Array:
-    """Bound the sizes of the terms (4,) of alpha, beta, gamma and delta, before any cancel.
+    """Bound the sizes (4,) of the terms of alpha, beta, gamma and delta.
 
     Joint forces do not show the terms that cancelled before: on massless legs, all forces of a payload across
     t_s. So the mass of all bodies is taken to move as the platform does and, for beta, as joints of the
@@ -292,7 +307,10 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
 
 
 def _equal_pace(branch: Branch, crossing: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
-    """Return the s' that moves the joints as fast as the rates (n_e,) of the deflections do; 1 at rest."""
+    """Compute the s' at which path and deflections move joints equally fast.
+
+    It is 1 where either is at rest. The deflections have rates (n_e,).
+    """
     robot = branch.robot
     scale = robot.column_scale
     twist = robot.platform.path_twist(branch.path, crossing.s)

@@ -25,7 +25,7 @@ from framework.tolerances import SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class PathToCross:
-    """A path with its singular points, and the points where condition (8) is to hold."""
+    """A path, its singular points, and the points where condition (8) shall hold."""
 
     searched: SearchedPath
     crossing_points: Sequence[SingularPoint | CrossingPoint]
@@ -77,7 +77,10 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
-    """Return the number of imposed or singular points in words, with s of singular ones."""
+    """Return the number of imposed or singular points in words.
+
+    The singular ones are listed by s.
+    """
     if imposed is not None:
         return f"{len(imposed)} imposed by `at`"
     text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"

@@ -25,12 +25,13 @@ from framework.planning.request import Request
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
+LARGE_CURVATURE = 4.0  # |s"| / s'^2; what a polynomial has at its most
 VECTOR_ROUNDING = 1e-12  # of a motion of unit size along a path, in robot lengths and radians
 
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Condition (8) of the undeformed robot at the singular point `s`, and the origin of its terms.
+    """Condition (8) of the undeformed robot at a singular point, and its origin.
 
     weight_share: |cos| of the angle between gravity and the motion of the centre of mass in the uncontrolled
     motion; on massless legs the share of the weight along t_s. tangent_share: |cos| of that between the
@@ -67,7 +68,7 @@ class Feasibility:
 
     @property
     def steady_speed(self) -> float | None:
-        """The least s' > 0 [1/s] with beta s'^2 + delta s' + gamma = 0, or None."""
+        """The least s' > 0 [1/s] that meets condition (8) without s", or None."""
         _, beta, gamma, delta = self.condition
         if beta == 0.0:
             roots = [-gamma / delta] if delta else []
@@ -79,7 +80,7 @@ class Feasibility:
 
     @property
     def pace(self) -> float | None:
-        """The time [s] in which the s" that the weight asks for covers the whole path from rest.
+        """The time [s] that the path takes from rest with the weight's s".
 
         With a constant s" that is (2 / |s"|)^(1/2). None where s" has no effect, or without weight.
         """
@@ -94,7 +95,7 @@ class Feasibility:
 
     @property
     def sentence(self) -> str:
-        """The condition, the s" that is asked for, and consequences for path and speed, in one line."""
+        """The condition, its s", and consequences for path and speed, in one line."""
         alpha, beta, gamma, delta = self.condition
         damping = f", delta = {delta:.6g}" if delta else ""
         return (
@@ -142,7 +143,7 @@ class Feasibility:
         else:
             clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
         curvature = abs(self.acceleration[1])  # |s"| over s'^2
-        if curvature > 4.0:  # what a polynomial has at its most
+        if curvature > LARGE_CURVATURE:
             clauses.append(
                 f"s' changes e-fold over {1 / curvature:.2g} of the path there: make it smoother "
                 f"(straighter), or nearer to t_s"
@@ -179,7 +180,10 @@ def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...
 
 
 def _cosine(a: Array, b: Array) -> float:
-    """Compute |cos| of the angle between two vectors; 0 if the first is zero or the second rounding."""
+    """Compute |cos| of the angle between two vectors.
+
+    It is 0 if the first is zero or the second rounding.
+    """
     size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     if size_a == 0.0 or size_b <= VECTOR_ROUNDING:
         return 0.0
@@ -198,12 +202,13 @@ def is_crossable(searched: SearchedPath) -> bool:
 
 
 class OptimalDurations(NamedTuple):
-    """The least duration [s] found of a law of free shape within the limits of the motors, 0 without limits.
+    """The least duration [s] found of a law of free shape within the limits.
 
-    None where none was found, with the reason. There is never a longest: the squared speeds z of laws of free
-    shape that meet condition (8) and the limits are a convex set, and near an end of the path, where a smooth
-    law needs little more than the weight, z may be scaled by a factor close to zero. Without limits quicker
-    ones exist, too, since condition (8) concerns z and z' at the crossing alone.
+    It is 0 without limits, and None where none was found, with the reason. There is never a longest: the
+    squared speeds z of laws of free shape that meet condition (8) and the limits are a convex set, and near
+    an end of the path, where a smooth law needs little more than the weight, z may be scaled by a factor
+    close to zero. Without limits quicker ones exist, too, since condition (8) concerns z and z' at the
+    crossing alone.
     """
 
     shortest: float | None
@@ -223,10 +228,10 @@ class OptimalDurations(NamedTuple):
 
 
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
-    """Return the durations of laws of free shape through all singular points of a path, springs at rest.
+    """Compute the durations of laws of free shape through all singular points.
 
-    The limits and the smoothness are those of the request. None where no law can cross, and beyond the
-    smoothness that such a law can have.
+    The springs are at rest. The limits and the smoothness are those of the request. None where no law can
+    cross, and beyond the smoothness that such a law can have.
     """
     from framework.planning.optimal.optimal_task import Task  # which most plans do not need
     from framework.planning.optimal.undeformed_law import find_undeformed_law

@@ -48,9 +48,10 @@ class CorrectedLaw(ExactLaw):
 
     @staticmethod
     def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
-        """Change s, s' and s" of a law at times (k,) [s] by `changes` (k, 3).
+        """Change s, s' and s" of a law at times (k,) [s] by `changes`.
 
-        At the ends of the polynomials, derivatives up to order `smoothness` vanish.
+        The changes have the shape (k, 3). At the ends of the polynomials, derivatives up to order
+        `smoothness` vanish.
         """
         corrections = {}
         for start, end in _correction_intervals(law, times):
@@ -84,7 +85,7 @@ class CorrectedLaw(ExactLaw):
 
 @dataclass(frozen=True, eq=False)
 class ModelOnMotion:
-    """A motion with its torques, and its path searched with another model of the robot.
+    """A motion with its torques, and its path searched with another model.
 
     friction: dry friction (nv,) of the joints [N m or N] of that model, None without.
     """
@@ -116,7 +117,10 @@ class ModelOnMotion:
         return TimeGrid(torques.edges, torques.coefficients.shape[1])
 
     def known_deflections(self) -> Array:
-        """Return the deflections (T, n_e) of a fuller model at which the motion's forces were computed."""
+        """Return the deflections (T, n_e) that caused the forces of the motion.
+
+        Springs of a fuller model that the motion leaves rigid have none.
+        """
         dynamics, robot = self.dynamics, self.robot
         deflections = np.zeros((len(self.grid.times), robot.n_e))
         if dynamics.geometry == "deformed":
@@ -147,11 +151,13 @@ class ModelOnMotion:
 
     @property
     def planned_torque(self) -> Array:
-        """The motors' torques (T, n_a) [N m or N] of the motion on the nodes, without dry friction."""
+        """The planned torques (T, n_a) [N m or N] without dry friction, on the nodes."""
         return self.dynamics.torque_without_friction(self.grid.times)
 
     def compute_pass(self, deflections: Array) -> Pass:
-        """Compute motion and forces on the nodes with deflections (T, n_e), under the corrected law.
+        """Compute motion and forces on the nodes at deflections (T, n_e).
+
+        The law is corrected for them.
 
         Raises:
             NoAnswer: no correction of the law makes the torques bounded.
@@ -161,7 +167,7 @@ class ModelOnMotion:
         return evaluate_pass(self.searched.branch, self.grid, law, function, None)
 
     def torque(self, evaluated: Pass) -> Array:
-        """Compute the motors' torques (T, n_a) [N m or N], motor side, on the nodes.
+        """Compute the motors' torques (T, n_a) [N m or N] on the nodes.
 
         Torques with dry friction jump where a joint changes direction, and no tail tells a pole from a jump.
         So a pole is looked for with smooth friction: of each joint, the polynomial through the signs of its
@@ -196,7 +202,7 @@ class ModelOnMotion:
         return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
 
     def _rate_signs(self, times: Array) -> Array:
-        """Compute the signs (k, nv) of the joints' rates at instants (k,) of the motion [s]."""
+        """Compute the signs (k, nv) of the joint rates at instants (k,) [s]."""
         return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
     def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
@@ -225,7 +231,7 @@ class ModelOnMotion:
     def _correct_crossing(
         self, crossing: SingularityCrossing, planned: Array, function: TimeFunction
     ) -> tuple[float, float, float]:
-        """Compute s, s' and s" with which the model crosses at the instant of a crossing.
+        """Compute s, s' and s" of the model at the instant of a crossing.
 
         s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
 
@@ -254,11 +260,12 @@ class ModelOnMotion:
 
 
 def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
-    """Return start and end [s] of each polynomial that corrects a law at its crossings at times (k,).
+    """Return the start and end [s] of each polynomial that corrects a law.
 
-    A law without panels, as the polynomial, has one over the whole motion, so that the sum is what the model
-    would be planned with. Another law has one about each crossing, up to the next crossing or end: a single
-    one would be large far from a crossing that is near an end.
+    The law is corrected at its crossings at times (k,). A law without panels, as the polynomial, has one over
+    the whole motion, so that the sum is what the model would be planned with. Another law has one about each
+    crossing, up to the next crossing or end: a single one would be large far from a crossing that is near an
+    end.
     """
     if not len(edges_of(law)):
         return [(0.0, law.duration)]

@@ -13,7 +13,10 @@ from framework.numerics.arrays import Array
 
 
 def coordinate_sizes(robot: ParallelRobot) -> Array:
-    """Return the length (n,) [m] of each platform coordinate's unit: 1 for m, the robot's length for rad."""
+    """Return the length (n,) [m] of each platform coordinate's unit.
+
+    It is 1 for m, the robot's length for rad.
+    """
     return np.where(robot.translations, 1.0, robot.length)
 
 
@@ -24,7 +27,10 @@ def path_length(robot: ParallelRobot, path: Path) -> float:
 
 
 def largest_by_unit(robot: ParallelRobot, torques: Array) -> Array:
-    """Return, for each motor (n_a,), the largest of the torques (n_a,) >= 0 of all motors of its unit."""
+    """Compute for each motor the largest torque (n_a,) of motors of its unit.
+
+    The torques (n_a,) are not negative.
+    """
     units = np.array(robot.torque_units)
     largest = np.array([torques[units == unit].max() for unit in units])
     return np.maximum(largest, np.finfo(float).tiny)

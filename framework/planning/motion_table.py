@@ -52,7 +52,7 @@ class MotionTable(NamedTuple):
         return text.getvalue()
 
     def metadata(self, file: str) -> str:
-        """Describe the columns of a file as W3C's CSV on the Web asks for (JSON)."""
+        """Describe the columns by W3C's CSV on the Web (JSON)."""
         columns = [
             {
                 "name": column.name,
@@ -116,7 +116,9 @@ def motion_table(
 
 
 def select_columns(every: Sequence[Column], wanted: Sequence[str] | None) -> list[int]:
-    """Return the indices of the columns with given names or beginnings of names; of all when None.
+    """Return the indices of columns by their names or beginnings of names.
+
+    All of them when None.
 
     Raises:
         InvalidInput: an unknown column; lists those that there are.
@@ -165,7 +167,7 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
 def _quantity_columns(
     prefix: str, named_units: Iterable[tuple[str, str]], order: int, description: str
 ) -> list[Column]:
-    """Return a column for each name and unit, of the quantity or its derivative of an order."""
+    """Return a column for each name and unit, of a derivative's order."""
     return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in named_units]
 
 

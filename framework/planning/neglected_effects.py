@@ -47,11 +47,11 @@ class NeglectedEffect(NamedTuple):
 
 
 def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
-    """Compute the effects that the torques of a motion leave out, the largest first, unknown ones last.
+    """Compute the effects that the torques of a motion leave out.
 
-    Effects smaller than the tail of the torques are not listed. Each number is of first order, for one effect
-    alone. Near the largest torque or above it, as of springs under a load across a crossing, a number is an
-    order of magnitude.
+    The largest is first, unknown ones are last. Effects smaller than the tail of the torques are not listed.
+    Each number is of first order, for one effect alone. Near the largest torque or above it, as of springs
+    under a load across a crossing, a number is an order of magnitude.
     """
     torques = np.abs(dynamics.torque(np.linspace(0.0, dynamics.duration, 501))).max(axis=0)
     peaks = largest_by_unit(dynamics.robot, torques)
@@ -69,7 +69,10 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
 def _measure_effect(
     robot: ParallelRobot, peaks: Array, effect: str, difference: Callable[[], Array]
 ) -> NeglectedEffect:
-    """Return the effect with its largest torque over peaks (n_a,), or the reason why none is known."""
+    """Measure the largest torque of an effect over peaks (n_a,).
+
+    Where none is known, the effect has the reason.
+    """
     try:
         largest = np.abs(difference()).max(axis=0)
     except NoAnswer as failure:
@@ -86,7 +89,10 @@ def _measure_effect(
 
 
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield springs left rigid, by part, and geometry and inertia of deflections where left out."""
+    """Yield the effects of springs that the motion leaves out.
+
+    They are springs left rigid, by part, and geometry and inertia of deflections.
+    """
     robot, description = dynamics.robot, dynamics.robot.description
 
     @cache
@@ -148,7 +154,7 @@ def _friction_differences(dynamics: InverseDynamics) -> Differences:
 
 
 def neglected_friction(dynamics: InverseDynamics) -> Array:
-    """Return the joints' dry friction (nv,) that is not in the torques [N m or N]."""
+    """Return the joints' dry friction (nv,) [N m or N] missing in the torques."""
     friction = dynamics.robot.joint_friction.copy()
     if dynamics.friction is not None:
         friction[dynamics.robot.actuated] = 0.0
@@ -156,7 +162,10 @@ def neglected_friction(dynamics: InverseDynamics) -> Array:
 
 
 def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[NeglectedEffect]:
-    """Yield the torque that would hold idle turns as planned, as an estimate of the motors' error."""
+    """Yield the torque that would hold idle turns as planned.
+
+    It estimates the error of the motors' torques.
+    """
     robot, holding = dynamics.robot, dynamics.certificate.max_held_torque
     if not holding:
         return

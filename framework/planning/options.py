@@ -123,7 +123,7 @@ def _option(
     typed: Mapping[str, Any] | None = None,
     topic: str = LAW,
 ) -> Any:
-    """Return a field of `PlanOptions`: its default, its help, and the check of its values."""
+    """Return a field of `PlanOptions` with default, help and check."""
     meaning = {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
     return field(default=default, metadata=meaning)
 
@@ -267,13 +267,14 @@ def _with_parameters_of(
 ) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
     """Return a decorator that gives **options the signature and the help of `PlanOptions`."""
 
+    named = inspect.signature(PlanOptions).parameters.values()
+    listed = "\n".join(option.documentation for option in OPTIONS.values())
+
     def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
-        """Replace the last parameter by the options, and {options} in the docstring by their help."""
+        """Replace the last parameter by the options, {options} by their help."""
         signature = inspect.signature(function)
         *positional, _ = signature.parameters.values()
-        named = inspect.signature(PlanOptions).parameters.values()
         function.__signature__ = signature.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]
-        listed = "\n".join(option.documentation for option in OPTIONS.values())
         function.__doc__ = (inspect.getdoc(function) or "").replace("    {options}", listed)
         return function
 

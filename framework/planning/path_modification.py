@@ -33,17 +33,21 @@ from framework.singularity.points_on_path import search_path
 MAX_BEND_SHARE = 0.05  # of the path's length: a bend beyond that makes another path
 END_SHARE = 0.15  # in s: nearer to an end the bump would not vanish smoothly there
 BEND_SAMPLES = 1001  # equidistant places at which the size of a bend is measured
+# bends to each side, each twice the last, from 0.04 % of the path on: less is a matter of making the robot
+DOUBLED_BENDS, COMPARED_BENDS = 8, 6  # the latter from the least sufficient one to the largest
+BISECTIONS, RESERVE = 3, 1.1  # the least bend is then known to 2^(1/8), 9 %; factor on it
+MIN_INTERVALS = 9  # of the bent spline
 
 
 class BendChoice(NamedTuple):
-    """A bend, as a share of the path's length, and the torque peaks of its plan [N m], by joint."""
+    """A bend over the path's length, and torque peaks [N m] by joint."""
 
     share: float
     peak_torque: dict[str, float]
 
 
 class ModifiedPathPlan(NamedTuple):
-    """A plan and how far its path is from the one asked for; its path is `plan.path`.
+    """A plan, and the distance of its path from the path asked for.
 
     moved, turned: the largest distance [m], and the largest norm of the difference of rotation vectors
     [rad], between points of the same s; both 0 where no bend was needed.
@@ -61,12 +65,12 @@ class ModifiedPathPlan(NamedTuple):
 def plan_request_with_modified_path(
     robot: ParallelRobot, request: Request, *, bend: float | None = None
 ) -> ModifiedPathPlan:
-    """Plan a request; where no law can cross, bend the path at its crossing most orthogonal to t_s.
+    """Plan a request; bend the path where no law can cross.
 
-    Bends are tried to both sides, each twice the last, until the request is planned, within its limits if it
-    has any. The least bend is bisected between that and the last refused one, and a tenth of it added.
-    Without a torque limit the least bend may well need a large torque: `choices` has the torques of larger
-    bends.
+    The crossing most orthogonal to t_s is bent. Bends are tried to both sides, each twice the last, until the
+    request is planned, within its limits if it has any. The least bend is bisected between that and the last
+    refused one, and a tenth of it added. Without a torque limit the least bend may well need a large torque:
+    `choices` has the torques of larger bends.
 
     Args:
         bend: this share of the path's length instead of the least, to the side with the smaller torques.
@@ -101,7 +105,10 @@ def plan_request_with_modified_path(
 
 
 class _Modification(NamedTuple):
-    """A request and the unit bend of its path: a share of 1 moves the path by its own length."""
+    """A request and the unit bend of its path.
+
+    A bend of 1 moves the path by its own length.
+    """
 
     robot: ParallelRobot
     request: Request
@@ -111,7 +118,10 @@ class _Modification(NamedTuple):
     length: float  # [m]
 
     def plan_bent(self, share: float) -> CrossingPlan | None:
-        """Plan on the path bent by a share of its length; None without a plan."""
+        """Plan on the path bent by this part of its length.
+
+        None without a plan.
+        """
         path = self.request.path
         points = path(self.s) + share * self.unit
         points[[0, -1]] = path(self.s[[0, -1]])
@@ -129,25 +139,27 @@ class _Modification(NamedTuple):
         return self._measure(best, choices=())
 
     def plan_with_least(self) -> ModifiedPathPlan | None:
-        """Plan with the least sufficient bend, and with larger ones to compare; None without a plan."""
+        """Plan with the least sufficient bend, and with larger ones to compare.
+
+        None without a plan.
+        """
         least = self._find_least()
         if least is None:
             return None
         share, plan = least
         choices = [BendChoice(abs(share), plan.peak_torque)]
         if abs(share) < MAX_BEND_SHARE:
-            for size in np.geomspace(abs(share), MAX_BEND_SHARE, 6)[1:].tolist():
+            for size in np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS)[1:].tolist():
                 larger = self.plan_bent(float(np.copysign(size, share)))
                 choices += [] if larger is None else [BendChoice(size, larger.peak_torque)]
         return self._measure(plan, tuple(choices))
 
     def _find_least(self) -> tuple[float, CrossingPlan] | None:
-        """Find the least sufficient share, signed by its side and with the reserve, and its plan.
+        """Find the least sufficient bend, signed by its side, and its plan.
 
-        The reserve is left out where the request is not planned with it.
+        A reserve is added. The reserve is left out where the request is not planned with it.
         """
-        # from 0.04 % on: less is a matter of making the robot
-        sizes = MAX_BEND_SHARE / 2.0 ** np.arange(8)[::-1]
+        sizes = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]
         for share in (side * float(size) for size in sizes for side in (1.0, -1.0)):
             plan = self.plan_bent(share)
             if plan is not None:
@@ -155,19 +167,19 @@ class _Modification(NamedTuple):
         else:
             return None
         refused = 0.5 * share
-        for _ in range(3 if abs(share) > sizes[0] else 0):  # the least share is then known to 2^(1/8), 9 %
+        for _ in range(BISECTIONS if abs(share) > sizes[0] else 0):
             middle = float(np.copysign(np.sqrt(refused * share), share))
             middle_plan = self.plan_bent(middle)
             if middle_plan is None:
                 refused = middle
             else:
                 share, plan = middle, middle_plan
-        with_reserve = 1.1 * share
+        with_reserve = RESERVE * share
         reserved = self.plan_bent(with_reserve)
         return (share, plan) if reserved is None else (with_reserve, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
-        """Measure the distance and the turn by which a plan's path differs from the one asked for."""
+        """Measure the distance and the turn between a plan's path and the original."""
         s = np.linspace(0.0, 1.0, BEND_SAMPLES)
         change = plan.path(s) - self.request.path(s)
         is_translation = self.robot.translations
@@ -178,7 +190,10 @@ class _Modification(NamedTuple):
 
 
 def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modification | None:
-    """Return the bend at the crossing most orthogonal to t_s; None without room for a bend."""
+    """Return the bend at the crossing most orthogonal to t_s.
+
+    None without room for a bend.
+    """
     path = request.path
     searched = search_path(robot, path)
     candidates = [
@@ -192,25 +207,25 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     c = singular.s
     size, length = coordinate_sizes(robot), path_length(robot, path)
     direction = _coordinates_of_twist(robot, path(c), singular.twist)  # d of the head of this file
-    bump = _bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
+    bump = _evaluate_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
     largest = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m], of the bend b(s) d
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
-    unit = _bump(s, c)[:, None] * direction * (length / largest)
+    unit = _evaluate_bump(s, c)[:, None] * direction * (length / largest)
     return _Modification(robot, request, s, unit, size, length)
 
 
 def _coordinates_of_twist(robot: ParallelRobot, x: Array, twist: Array) -> Array:
-    """Return the rates (n,) of the platform coordinates x (n,) that move the platform along a twist (n,)."""
+    """Compute the rates (n,) of coordinates x (n,) of a twist (n,)."""
     twists = robot.platform.twist(np.repeat(x[None], robot.n, axis=0), np.eye(robot.n))[0]  # a row a rate
     return np.asarray(np.linalg.solve(twists.T, twist))
 
 
 def _choose_intervals(path: Path, c: float) -> int:
-    """Choose how many equal intervals the bent spline has, with c as near as possible to a middle of one.
+    """Choose the number of intervals with c nearest to the middle of one.
 
     A knot is an edge between panels of time, which a crossing must not meet.
     """
-    least = 9 + 2 * len(path.knots)
+    least = MIN_INTERVALS + 2 * len(path.knots)
     return min(range(least - 1, least + 3), key=lambda count: abs(c * count % 1.0 - 0.5))
 
 
@@ -219,7 +234,7 @@ def _largest_norm(rows: Array) -> float:
     return float(np.linalg.norm(rows, axis=1).max())
 
 
-def _bump(s: Array, c: float) -> Array:
+def _evaluate_bump(s: Array, c: float) -> Array:
     """Evaluate b(s) of the head of this file for a crossing at c.
 
     N = 10: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE].

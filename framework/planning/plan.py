@@ -48,7 +48,7 @@ NEARLY_STOPS = "nearly stops"
 
 @takes_options
 def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingPlan:
-    """Plan a rest-to-rest motion along a path that crosses its singular points with finite torques.
+    """Plan a rest-to-rest motion that crosses singular points with finite torques.
 
     Args:
         robot: of `load_robot`; its `flexibility` says which springs exist.
@@ -151,7 +151,10 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan, advance: float) -> CrossingPlan:
-    """Return the optimal plan where a polynomial nearly stops or peaks beside a near miss, else the plan."""
+    """Plan anew where a polynomial nearly stops or peaks beside a near miss.
+
+    Else return its plan.
+    """
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
@@ -168,7 +171,10 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan, advance: floa
 def _plan_after_refusal(
     to_cross: PathToCross, request: Request, refusal: NoLaw | NotConverged
 ) -> CrossingPlan:
-    """Plan with the optimal law where the polynomial was refused; refuse with both reasons if need be."""
+    """Plan with the optimal law where the polynomial was refused.
+
+    A second refusal says both reasons.
+    """
     polynomial = (
         "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
     )
@@ -198,7 +204,10 @@ def _plan_after_refusal(
 def _plan_polynomial_within_limits(
     to_cross: PathToCross, request: Request, refusal: NoAnswer
 ) -> CrossingPlan:
-    """Plan with the polynomial where the optimal law was refused; raise that refusal beyond the limits."""
+    """Plan with the polynomial where the optimal law was refused.
+
+    Beyond the limits, raise that refusal.
+    """
     if request.duration is None:
         raise refusal
     try:
@@ -211,12 +220,12 @@ def _plan_polynomial_within_limits(
 
 
 def _limit_ratio(plan: CrossingPlan) -> float:
-    """Return the largest torque or speed of a plan over the limits of its request."""
+    """Return the largest torque or speed of a plan over its limit."""
     return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
 
 
 def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
-    """Plan with the law of lower peak torque where the polynomial's peak stands beside a near miss."""
+    """Plan with the law of lower peak torque beside a near miss."""
     why = (
         f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
         f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
@@ -233,12 +242,12 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
-    """Return the near miss beside which the largest torque of a plan stands; None without one.
+    """Find the near miss beside which a plan has its largest torque.
 
-    The torque is that of the motor with the largest over its limit, or in N m or N. Beside a near miss |g| is
-    about g0 (1 + x^2) with x = (s - s0) / width, and motors need (c + d x) / |g|: the demand along t_s to
-    first order, over the measure. That is largest within |x| <= 1, whatever c and d are. Other torques on top
-    move the largest outwards, so that NEAR_MISS_WIDTHS are looked at.
+    None without one. The torque is that of the motor with the largest over its limit, or in N m or N. Beside
+    a near miss |g| is about g0 (1 + x^2) with x = (s - s0) / width, and motors need (c + d x) / |g|: the
+    demand along t_s to first order, over the measure. That is largest within |x| <= 1, whatever c and d are.
+    Other torques on top move the largest outwards, so that NEAR_MISS_WIDTHS are looked at.
     """
     if not near_misses:
         return None
@@ -264,7 +273,7 @@ def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
 
 
 def _peak_text(plan: CrossingPlan) -> str:
-    """Return the largest torque of turning and of sliding motors, in words with the unit."""
+    """Return the largest torques of turning and sliding motors, in words."""
     largest: dict[str, float] = {}
     for torque, unit in zip(plan.peak_torque.values(), plan.robot.torque_units, strict=True):
         largest[unit] = max(torque, largest.get(unit, 0.0))
@@ -298,7 +307,7 @@ def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> Cross
 def uncertified_law(
     robot: ParallelRobot, path: Path, **options: Any
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """Compute the law of `plan_crossing` on the undeformed robot before its proof, for raw sampling.
+    """Compute the undeformed robot's law of `plan_crossing` before its proof.
 
     Returns:
         The law, and its crossings: the instants at singular points, with t_s . W_p whether zero or not.
@@ -340,11 +349,11 @@ def check_limits(plan: CrossingPlan) -> None:
 
 
 def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:
-    """Return options of `plan_crossing` to give instead, None for one to leave out; None without remedy.
+    """Return the options of `plan_crossing` to give instead.
 
-    A law that was refused is not advised again, the optimal law only where condition (8) does not forbid
-    every law. Limits and durations are those of a law that the search found (`SearchEvidence`). `bend` among
-    the options stands for `path_modification`.
+    None stands for an option to leave out, and for no remedy. A law that was refused is not advised again,
+    the optimal law only where condition (8) does not forbid every law. Limits and durations are those of a
+    law that the search found (`SearchEvidence`). `bend` among the options stands for `path_modification`.
     """
     robot = searched.branch.robot
     if request.at is not None:  # an imposed point: what was said of the located ones does not hold there

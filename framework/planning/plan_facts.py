@@ -44,10 +44,14 @@ OVERSHOOT = (
     "the law overshoots its ends (s from {0:.6g} to {1:.6g}); other times or speeds, or a higher "
     "--smoothness, avoid it"
 )
+MOVING_END_SPEED = 1e-6  # of the motors' largest: worth a line
 
 
 class Fact(NamedTuple):
-    """A fact: its label, empty where the fact continues another, and its text with units."""
+    """A fact: a label and a text with units.
+
+    The label is empty where the fact continues another.
+    """
 
     label: str
     text: str
@@ -59,16 +63,19 @@ class Fact(NamedTuple):
 
 
 def motion_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts on wrenches, crossings, torques, the proof, effects left out, and faults of a plan."""
+    """Return the facts on a plan's motion, its proof and its faults.
+
+    They are of wrenches, crossings, torques, the certificate, effects left out, and warnings.
+    """
     wrenches = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
     torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
     left_out = [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
-    proof, warnings = _certificate_facts(plan), _warnings(plan)
+    proof, warnings = _certificate_facts(plan), _warning_facts(plan)
     return [*wrenches, *_crossing_facts(plan), torque, *proof, *left_out, *warnings]
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the gap of an optimal law to the least cost found, and its turns."""
+    """Return the fact on an optimal law's cost and turns of speed."""
     best, law = plan.optimality, plan.law
     if best is None or not isinstance(law, OptimalLaw):
         return []
@@ -85,12 +92,15 @@ def torque_text(robot: ParallelRobot, torques: Mapping[str, float], digits: int 
 
 
 def twist_text(robot: ParallelRobot, twist: Array) -> str:
-    """Return the twist t_s on the platform's axes in words, with the unit of its norm."""
+    """Return the twist t_s on the platform's axes in words."""
     return f"{point(twist)} of unit {'speed' if moves_point(robot, twist) else 'turning rate'}"
 
 
 def wrench_text(wrench: FrameWrench) -> str:
-    """Return force and moment of a wrench of the world; of a table their largest sizes along the path."""
+    """Return force and moment of a wrench of the world in words.
+
+    Of a table these are the largest along the path.
+    """
     axes = f"axes of {'the frame' if wrench.turns else 'the base'}"
     if wrench.rows.ndim == 1:
         force, moment = point(wrench.rows[:3]), point(wrench.rows[3:])
@@ -120,7 +130,7 @@ def excess_facts(exceeded: Mapping[str, str]) -> list[Fact]:
 
 
 def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts on each crossing: its place, twist and speed, and its shift under loads."""
+    """Return the facts on each crossing: place, twist, speed, shift under loads."""
     robot, facts = plan.robot, list[Fact]()
     unit = "m" if robot.translations.any() else "rad"
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
@@ -149,12 +159,12 @@ def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
     return facts
 
 
-def _warnings(plan: CrossingPlan) -> list[Fact]:
+def _warning_facts(plan: CrossingPlan) -> list[Fact]:
     """Return the warnings on effects left out, limits exceeded, ends in motion and overshoot."""
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         facts.insert(0, Fact("warning", MUCH_LEFT_OUT))
-    if certificate.end_speed > 1e-6:  # of the largest: worth a line
+    if certificate.end_speed > MOVING_END_SPEED:
         facts.append(Fact("warning", MOVING_ENDS.format(certificate)))
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, 2001))
@@ -163,7 +173,7 @@ def _warnings(plan: CrossingPlan) -> list[Fact]:
 
 
 def _idle_turns(robot: ParallelRobot) -> str:
-    """Return the idle turns that are still, and the ones that balls drive, in words."""
+    """Return the idle turns, still or driven by balls, in words."""
     driven = driven_turns(robot)
     kinds = {
         "held still": np.setdiff1d(robot.structure.idle, driven),

@@ -101,7 +101,10 @@ def _plan_set(
     quantities: Quantities,
     parameters: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """Return the quantities of the plan with one set of parameters; raises one of REFUSALS."""
+    """Compute the quantities of the plan with one set of parameters.
+
+    Raises one of REFUSALS.
+    """
     robot = load_robot(file, flexibility=flexibility, parameters=parameters)
     planned = plan_scene if isinstance(motion, str) else plan_crossing
     plan = planned(robot, motion, **options)  # type: ignore[arg-type]

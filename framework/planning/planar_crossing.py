@@ -36,7 +36,10 @@ STEP_ASIDE = 1e-3  # [robot lengths] of the platform, for how the robot follows 
 
 
 class PlanarCrossing(NamedTuple):
-    """A path of a planar robot across its locus, with gravity off and on, and its best law for each."""
+    """A planar robot's path across its locus, with gravity off and on.
+
+    It has the best law for each.
+    """
 
     searched: SearchedPath
     robots: dict[str, ParallelRobot]  # by "off" and "on"
@@ -82,13 +85,16 @@ class PlanarCrossing(NamedTuple):
         return samples
 
     def _twist_scale(self, nearest: Array) -> float:
-        """Return the norm of the twist at the crossing, negative if `nearest` (n,) points backwards."""
+        """Compute the norm of the crossing's twist, negative if `nearest` points backwards.
+
+        `nearest` has the shape (n,).
+        """
         robot, branch, s = self.robots["off"], self.searched.branch, self.point.s
         _, twist = _measure_with_twist(robot, branch.close(np.array([s])))
         return twist_norm(robot, twist[0]) * sign_along(nearest, branch.path(s, 1))
 
     def _forces(self, robot: ParallelRobot, s: Array, motion: Array) -> tuple[Array, Array]:
-        """Compute torques (M, 3, n_a) and t_s . W_p (M, 3) of a robot at s (M,).
+        """Compute torques (M, 3, n_a) and t_s . W_p (M, 3) at s (M,).
 
         t_s . W_p is the power of the forces of the open tree in the uncontrolled motion (M, nv): of weight,
         of inertia at ds/dt = 1 and at d2s/dt2 = 1.
@@ -109,7 +115,10 @@ class PlanarCrossing(NamedTuple):
 
 
 def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
-    """Close the loops (n, 2, M, nq) with the platform one STEP_ASIDE along and against each axis."""
+    """Close the loops (n, 2, M, nq) beside the path, along each axis.
+
+    The platform is one STEP_ASIDE along and against the axis.
+    """
     poses = []
     for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis
         poses.append([close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)])
@@ -123,7 +132,7 @@ def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[Sing
 
 
 def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: Array) -> PlanarCrossing:
-    """Search the path, and plan the laws of least peak torque with gravity off and on.
+    """Plan the laws of least peak torque with gravity off and on.
 
     Args:
         robot: rigid, without damping; its platform shifts in a plane, by as many motors as axes.

@@ -106,7 +106,10 @@ def _deformed_crossings(
     deflections: TimeFunction,
     law: MotionLaw | None,
 ) -> list[tuple[CrossingPoint, Condition8]]:
-    """Compute crossing points and conditions (8) of the deflected robot, near the points of `law`."""
+    """Compute the deflected robot's crossing points and conditions (8).
+
+    They are sought near the points of `law`.
+    """
     branch, crossings = to_cross.branch, []
     for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
         deflection = Deflection.evaluate(deflections, time)

@@ -23,7 +23,7 @@ MAX_SMOOTHNESS = 12
 
 @dataclass(frozen=True, kw_only=True)
 class Request(PlanOptions):
-    """A path and the options of its plan (`options.PlanOptions`), checked and completed for one robot.
+    """A path and the options of its plan, completed for one robot.
 
     `Request.of` makes one. What was left open and depends on the robot alone is filled in: geometry and
     smoothness. What planning has to choose is None: the duration, times and speeds of crossings, `at` where
@@ -80,10 +80,10 @@ class Request(PlanOptions):
 
     @property
     def kind(self) -> str:
-        """The kind of law: polynomial, optimal, or auto: polynomial where that advances and keeps limits.
+        """The kind of law: polynomial, optimal or auto.
 
-        A goal or a bound of the duration ask for the optimal law. So do limits without a duration, and limits
-        beside times, which are then refused.
+        Auto is the polynomial where that advances and keeps limits. A goal or a bound of the duration ask for
+        the optimal law. So do limits without a duration, and limits beside times, which are then refused.
         """
         chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if chosen or (self.bounded and (self.duration is None or self.times is not None)):
@@ -107,7 +107,10 @@ class Request(PlanOptions):
 
     @property
     def fixed_duration(self) -> float:
-        """The duration [s] of a law that cannot choose its own; raises InvalidInput if open."""
+        """The duration [s] of a law that cannot choose its own.
+
+        Raises InvalidInput if it is open.
+        """
         if self.duration is None:
             raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
         return self.duration
@@ -169,7 +172,9 @@ class Request(PlanOptions):
 
 
 def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
-    """Return how many derivatives of s vanish at both ends: by default as many as the torque contains.
+    """Return the number of derivatives of s that vanish at both ends.
+
+    By default it is the number that the torque contains.
 
     Raises:
         InvalidInput: no whole number, or one of them would make the torque jump at the ends.

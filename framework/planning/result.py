@@ -68,7 +68,10 @@ class Optimality(ReadOnlyArrays):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class CrossingPlan:
-    """A motion law with its torques and its certificate. Times are in [s]; t (T,) gives (T, n_a)."""
+    """A motion law with its torques and its certificate.
+
+    Times are in [s]; t (T,) gives (T, n_a).
+    """
 
     robot: ParallelRobot
     request: Request
@@ -117,12 +120,15 @@ class CrossingPlan:
         return self.dynamics.platform(t, order)
 
     def configuration(self, t: ArrayLike) -> Array:
-        """Evaluate all joint coordinates q (T, nq), a scalar t (nq,); passive and elastic ones too."""
+        """Evaluate all joint coordinates q (T, nq), a scalar t (nq,)."""
         q = self.dynamics.configuration(t)
         return q if np.ndim(t) else q[0]
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
-        """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv), a scalar t (nv,)."""
+        """Evaluate joint velocities or accelerations (T, nv), a scalar t (nv,).
+
+        The order is 1 or 2.
+        """
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
@@ -138,7 +144,7 @@ class CrossingPlan:
 
     @property
     def neglected_friction(self) -> str:
-        """Dry friction that the plan does not count with, its size by joint; empty without any."""
+        """Dry friction that is not planned with, by joint; empty without any."""
         return self.robot.friction_sizes(np.flatnonzero(neglected_friction(self.dynamics)))
 
     @cached_property
@@ -164,7 +170,7 @@ class CrossingPlan:
         return motor_peaks(self.dynamics)
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield joints of motors with a torque or a speed beyond its limit, in words."""
+        """Yield motors' joints beyond limits of torque or speed, in words."""
         robot, times = self.robot, self._times
         quantities = zip(
             ("torque", "speed"),
@@ -274,7 +280,7 @@ def certified_plan(
 
 
 def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
-    """Return the time and speed of the crossing at a measured instant [s], as intended but for rounding."""
+    """Return time and speed of a measured crossing, as intended but for rounding."""
     for intended in timing:
         if abs(intended.time - measured) < SAME_PLACE * law.duration:
             speed = float(law(intended.time, 1))
@@ -285,7 +291,9 @@ def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTi
 
 
 def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
-    """Return the index of the crossing point of each crossing; None where condition (8) was not asked for.
+    """Return the index of the crossing point of each crossing.
+
+    None where condition (8) was not asked for.
 
     Singular points and crossings have the order of the path, and are matched by it where they are as many:
     springs may have moved the crossings. Imposed points are matched by s.
@@ -304,7 +312,7 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
 def _find_condition(
     to_cross: PathToCross, request: Request, dynamics: InverseDynamics, k: int, time: float
 ) -> Condition8:
-    """Find condition (8) at the crossing point k with the deflections of the motion at that time [s]."""
+    """Compute condition (8) at crossing point k with deflections at a time [s]."""
     if request.geometry != "deformed" or not dynamics.robot.n_e:
         _, condition = to_cross.undeformed_crossings[k]
         return condition

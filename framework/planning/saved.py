@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.catalogue import catalogue
+from framework.catalogue import find_entry
 from framework.catalogue import robot_file as robot_file_of
 from framework.dynamics.inverse_dynamics import check_law, resolve_law
 from framework.dynamics.result import Certificate
@@ -52,7 +52,7 @@ from framework.numerics.fields import (
     whole,
 )
 from framework.numerics.input import read_text
-from framework.numerics.output import Document, json_text, plain, write_file
+from framework.numerics.output import Document, json_text, plain, select_fields, write_file
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.options import OPTIONS
 from framework.planning.request import Request
@@ -169,9 +169,12 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
 
 
 def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:
-    """Return the robot's name in the catalogue, or else the path of its file, relative to a folder."""
+    """Return the robot's catalogue name, or else the path of its file.
+
+    The path is relative to a folder, if one is given.
+    """
     name, file = robot.name, robot.description.file
-    entry = catalogue().get(name)
+    entry = find_entry(name)
     if entry is not None and file.exists() and entry.file.samefile(file):
         return name
     if folder is None:
@@ -194,12 +197,15 @@ def _request_document(request: Request) -> Document:
     blend = {} if path.blend is None else {"blend": path.blend}
     return {
         "path": {path.kind: path.points, **blend},
-        **{name: getattr(request, name) for name in OPTIONS},
+        **select_fields(request, *OPTIONS),
     }
 
 
 def _law_document(law: object) -> Document:
-    """Return the law as a document; refuse a law of a kind that cannot be read again."""
+    """Return the law as a document.
+
+    Refuse a law of a kind that cannot be read again.
+    """
     document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
     kind = document.get("kind", Law.kind)
     if kind not in LAW_KINDS:
@@ -318,12 +324,12 @@ def read_document(file: FilePath, command: str) -> Document:
 
 
 def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
-    """Load the robot of `robot_file` if given, else of the file that the plan states."""
+    """Load the robot of a plan, or of `robot_file` if given."""
     if robot_file is not None:
         found = robot_file_of(str(robot_file))
     else:
-        entries, name = catalogue(), stated["robot_file"]
-        found = entries[name].file if name in entries else file.parent / name
+        entry = find_entry(stated["robot_file"])
+        found = file.parent / stated["robot_file"] if entry is None else entry.file
         if not os.path.exists(found):
             raise RobotFileError(
                 f"{file}: robot_file: there is no {found}; if it has moved, name it again (--robot-file, or "
@@ -333,7 +339,7 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
-    """Return the request of the file, checked for the robot and the duration [s] of the law."""
+    """Return the request of the file, checked for robot and duration [s]."""
     path = path_of(*stated.pop("path"))
     with prefix_errors("request", InvalidInput):
         request = Request.of(robot, path, **stated)
@@ -360,7 +366,7 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the optimality that the file states of a law of this kind; None of a polynomial."""
+    """Return the stated optimality of a law; None of a polynomial."""
     if (stated is None) != (kind == Law.kind):
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
@@ -388,10 +394,10 @@ def _compared_document(plan: CrossingPlan) -> Document:
 
 
 def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
-    """Return the size of each computed number of plan.json, by key: FILE_ROUNDING of that is rounding.
+    """Return the size of each computed number of plan.json, by key.
 
-    Coefficients of condition (8) have the size of its largest term at s' = 1 / duration and s" = s'^2. A
-    residual is rounding itself.
+    FILE_ROUNDING of that is rounding. Coefficients of condition (8) have the size of its largest term at s' =
+    1 / duration and s" = s'^2. A residual is rounding itself.
     """
     pace = 1.0 / plan.duration
     rates = {"alpha": pace**2, "beta": pace**2, "gamma": 1.0, "delta": pace}
@@ -416,34 +422,43 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Raise InvalidInput where a leaf of the file contradicts the plan that was computed anew."""
+    """Refuse a file that contradicts the plan computed anew.
+
+    Raises InvalidInput with the key.
+    """
     document, best = _compared_document(plan), plan.optimality
     document["certificate"] = {"monotone": plan.certificate.monotone}
     document["optimality"] = best and {"optimize": best.specification.goal}
-    stated, sizes = dict(_leaves(saved)), _rounding_sizes(plan)
-    for key, computed in _leaves(plain(document)):
-        if key not in stated or not _agree(stated[key], computed, sizes.get(key)):
+    stated, sizes = dict(_yield_leaves(saved)), _rounding_sizes(plan)
+    for key, computed in _yield_leaves(plain(document)):
+        if key not in stated or not _values_agree(stated[key], computed, sizes.get(key)):
             raise InvalidInput(
                 f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
                 f"{short(computed)}: the robot has changed since; plan again"
             )
 
 
-def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the key and the value of each leaf of a document; of a list of mappings its length, too."""
+def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the key and the value of each leaf of a document.
+
+    A list of mappings also has its length.
+    """
     if isinstance(value, Mapping):
         for name, part in value.items():
-            yield from _leaves(part, below(key, name))
+            yield from _yield_leaves(part, below(key, name))
     elif isinstance(value, list) and all(isinstance(part, Mapping) for part in value):
         yield key, len(value)
         for k, part in enumerate(value):
-            yield from _leaves(part, f"{key}[{k}]")
+            yield from _yield_leaves(part, f"{key}[{k}]")
     else:
         yield key, value
 
 
-def _agree(stated: Any, computed: Any, size: float | None) -> bool:
-    """Return whether two values are equal, or numbers within FILE_ROUNDING of a size or of themselves."""
+def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
+    """Return whether two values agree within rounding of a size.
+
+    The rounding is FILE_ROUNDING of the size, or of the values themselves.
+    """
     if size is None or computed is None or stated == computed:
         return bool(stated == computed)
     try:

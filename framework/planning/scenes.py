@@ -41,7 +41,9 @@ def scene_path(scene: Scene) -> Path:
 
 
 def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = None) -> Path:
-    """Return a line (start, end), an arc (start, via, end), a spline or a polyline through points (m, n).
+    """Return the path of a kind through points (m, n).
+
+    A line has (start, end), an arc (start, via, end).
 
     Raises:
         InvalidInput: another kind, or points that do not make such a path.

@@ -61,9 +61,10 @@ class Specification(ReadOnlyArrays):
 
 
 def limits_within_margin(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
-    """Return the limits of torques [N m] and speeds [rad/s] (n_a,), motor side, the margin taken off.
+    """Return the limits (n_a,) of torque and speed within the margin.
 
-    Infinite where neither the request nor the robot file has a limit.
+    They are in [N m] and [rad/s], motor side. Infinite where neither the request nor the robot file has a
+    limit.
     """
     share = 1.0 - request.margin
     torque = motor_limits(robot, "torque_limit", request.torque_limit)
@@ -72,7 +73,7 @@ def limits_within_margin(robot: ParallelRobot, request: Request) -> tuple[Array,
 
 
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:
-    """Return the goal of an optimal law for a request, with the limits of the motors."""
+    """Return the goal and limits of an optimal law for a request."""
     limits = limits_within_margin(robot, request)
     return Specification(
         request.goal,
@@ -85,9 +86,10 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
 
 
 def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
-    """Compute the largest motor torques [N m, N] and speeds [rad/s, m/s] (n_a,), also between samples.
+    """Compute the largest torques and speeds (n_a,), also between samples.
 
-    Each is taken as a series on the panels of the torques, with as many coefficients.
+    They are in [N m, N] and [rad/s, m/s]. Each is taken as a series on the panels of the torques, with as
+    many coefficients.
     """
     edges, size = dynamics.torques.edges, dynamics.torques.coefficients.shape[1]
     speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, size)

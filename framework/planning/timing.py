@@ -18,12 +18,14 @@ COMFORTABLE_ADVANCE = 0.2
 MIN_SEPARATION = 1e-3  # of the duration, between crossings and from them to the ends, in a search
 MAX_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25  # laws drawn in a round of the search, for each open time or speed
+LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4  # of a round; spread of the survivors' scores, below which it ends
+DRAW_SPREAD = 0.1  # standard deviation of times over the duration and of logarithms of speeds, at first
 
 Measure = Callable[[Array, Array], tuple[Array, Array]]
 
 
 class CrossingTime(NamedTuple):
-    """The law is to cross a singular point at `time` [s] with s' = `speed` [1/s]."""
+    """The time [s] and speed s' [1/s] of a crossing."""
 
     time: float
     speed: float
@@ -96,9 +98,10 @@ def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
 
 
 def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
-    """Score laws (m,) through times and speeds (m, 2, k) by their advance; negative infinity without a law.
+    """Score laws (m,) through times and speeds (m, 2, k) by their advance.
 
-    A law that advances comfortably scores by its peak of s" instead: the lower, the better.
+    Without a law the score is negative infinity. A law that advances comfortably scores by its peak of s"
+    instead: the lower, the better.
     """
     duration, (times, speeds) = request.fixed_duration, timings.swapaxes(0, 1)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
@@ -111,12 +114,12 @@ def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
 
 
 def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[Array, float]:
-    """Search the open times and speeds until laws advance comfortably; return the best (2, k) and its score.
+    """Search open times and speeds until laws advance comfortably.
 
-    An evolution of random laws, each as times over the duration and logarithms of speeds. In the first round
-    laws are drawn around all starts. In each further one they are drawn around the mean of the survivors,
-    with the covariance of the survivors about the last mean: it stretches along a descent and shrinks at its
-    end.
+    Return the best (2, k) and its score. An evolution of random laws, each as times over the duration and
+    logarithms of speeds. In the first round laws are drawn around all starts. In each further one they are
+    drawn around the mean of the survivors, with the covariance of the survivors about the last mean: it
+    stretches along a descent and shrinks at its end.
 
     Args:
         starts: times and speeds (m, 2, k), best first.
@@ -125,7 +128,10 @@ def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[
     is_open = np.array([[request.times is None], [request.speeds is None]])
 
     def to_timings(laws: Array) -> Array:
-        """Return times [s] and speeds [1/s] (m, 2, k) of laws, or of the request where not open."""
+        """Return times [s] and speeds [1/s] (m, 2, k) of laws.
+
+        What is not open is the request's.
+        """
         physical = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
         return np.where(is_open, physical, starts[0])
 
@@ -133,15 +139,14 @@ def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[
     started = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
     count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
     centres = started[random.integers(len(starts), size=count)]
-    drawn = centres + is_open * 0.1 * random.standard_normal(centres.shape)
+    drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
     laws, scores, mean = started[:1], _score_laws(starts[:1], request, measure), started[0]
     for _ in range(MAX_ROUNDS):
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, _score_laws(to_timings(drawn), request, measure)])
-        # one of eight survives
-        survivors = np.argsort(-scores, kind="stable")[: count // 8]
+        survivors = np.argsort(-scores, kind="stable")[: count // LAWS_PER_SURVIVOR]
         laws, scores = laws[survivors], scores[survivors]
-        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - 1e-4:
+        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
             break
         weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
         steps = np.tensordot(weights, laws - mean, axes=1)  # of the survivors' covariance about the last mean

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from framework.catalogue import CatalogueEntry, catalogue
+from framework.catalogue import CatalogueEntry, find_entry
 from framework.dynamics.result import SingularityCrossing
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
@@ -106,7 +106,7 @@ def describe_catalogue_entry(robot: ParallelRobot) -> str:
 
 def _catalogue_entry_of(robot: ParallelRobot) -> CatalogueEntry | None:
     """Return the catalogue's entry of a robot; None for other robots."""
-    entry = catalogue().get(robot.name)
+    entry = find_entry(robot.name)
     return entry if entry is not None and entry.file == robot.description.file else None
 
 

@@ -13,7 +13,7 @@ from framework.kinematics.continuation.forward_kinematics import motors_are_free
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import joint_poses, platform_frame_twists, platform_positions
 from framework.numerics.arrays import Array
-from framework.numerics.output import Document, plain
+from framework.numerics.output import Document, plain, select_fields
 from framework.show.captions import describe_catalogue_entry, wrench_kind, wrench_unit
 from framework.show.scene import encode_floats, encode_locus, force_edges, page_robot_document, why_no_figure
 from framework.show.sight import robot_sight
@@ -180,7 +180,7 @@ def _pose_document(robot: ParallelRobot, pose: JoggedPose) -> Document:
             "origin": platform_positions(robot, poses)[0],
             "platform": pose.x,
             "motor": pose.motors,
-            **{key: getattr(pose, key) for key in ("g", "smallest", "level", "kind", "verdict", "stopped")},
+            **select_fields(pose, "g", "smallest", "level", "kind", "verdict", "stopped"),
             "words": _describe_pose(pose),
             "t_s": [twist[:3], twist[3:]],
             "wobble": _wobble_document(robot, pose),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from framework.numerics.banded_lu import Band
+from framework.numerics.banded_lu import Band, DenseFactors
 
 COUNT = 5
 
@@ -53,6 +53,22 @@ def test_solutions_and_determinants_are_those_of_each_matrix_alone(shape, size):
     np.testing.assert_allclose(factors.slogdet[1], size_of, atol=error)
 
 
+@pytest.mark.parametrize("size", [1, 2, 7])
+@pytest.mark.parametrize("shape", [(), (3,), (2, 3)])
+def test_small_systems_are_solved_as_the_banded_ones(size, shape):
+    """For any number of right-hand sides; against the definition A x = b and the product of eigenvalues."""
+    _, matrices, _, rng = stacked(full, size)
+    factors = DenseFactors(matrices)
+    right = rng.standard_normal((*shape, COUNT, size))
+    error = 1e-14 * np.linalg.cond(matrices).max() * size
+    products = np.einsum("tij,...tj->...ti", matrices, factors.solve(right))
+    np.testing.assert_allclose(products, right, rtol=0, atol=error)
+    products = np.einsum("tji,...tj->...ti", matrices, factors.solve_transposed(right))
+    np.testing.assert_allclose(products, right, rtol=0, atol=error)
+    determinant = np.linalg.eigvals(matrices).prod(axis=1).real
+    np.testing.assert_allclose(factors.slogdet[0] * np.exp(factors.slogdet[1]), determinant, rtol=error)
+
+
 def test_a_chain_has_a_narrow_band_however_it_is_written():
     for size in (10, 100, 400):
         band, *_ = stacked(chain, size)
@@ -61,7 +77,7 @@ def test_a_chain_has_a_narrow_band_however_it_is_written():
 
 @pytest.mark.parametrize("instant", [0, 2, COUNT - 1])
 def test_one_singular_matrix_is_named_and_the_signs_of_the_others_stand(instant):
-    band, matrices, values, _ = stacked(chain, 8)
+    band, matrices, values, _ = stacked(chain, 12)
     column = np.flatnonzero(matrices[0].any(axis=0))[3]
     _, columns = np.nonzero(matrices[0])
     values[instant, columns == column] = 0.0
@@ -71,7 +87,7 @@ def test_one_singular_matrix_is_named_and_the_signs_of_the_others_stand(instant)
     np.testing.assert_array_equal(factors.slogdet[0], sign)
     for solve in (factors.solve, factors.solve_transposed):
         with pytest.raises(np.linalg.LinAlgError, match=f"instant {instant}"):
-            solve(np.ones((COUNT, 8)))
+            solve(np.ones((COUNT, 12)))
 
 
 def test_an_empty_stack_has_empty_solutions():

@@ -21,18 +21,13 @@ from framework.kinematics.linearised_loops import linearised_at_reference
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.loop_structure import independent_rows
 from framework.kinematics.mechanism import Mechanism, velocity_columns
-from framework.kinematics.mistaken_units import remark_on_turns
+from framework.kinematics.mistaken_units import moving_bodies, remark_on_turns, remarks_on_bodies
 from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
 from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
-LIGHT_PART_RATIO = 1e-6  # of the heaviest part: lighter, and its unit is doubted
-HEAVY_PART = 1e5  # [kg] likewise
-SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] likewise, of the longest
-GYRATION_RATIO = 5.0  # of a part's radius of gyration in its size; 2.4 at most in the catalogue
-SMALL_PART_RATIO = 0.2  # of the longest link: a part without joints or frames is taken to be as large
 MOVED_REFERENCE = 1e-3  # [rad, robot lengths] of a joint: a file of four digits is nearer
 
 
@@ -85,7 +80,7 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     axes = examine_platform_axes(robot, motions.working - len(motions.loose))
     square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
     modes = _reference_modes(robot) if square else _Modes(0, 0, None)
-    masses = {name: body.mass for name, body in _measure_bodies(robot).items()}
+    masses = {name: body.mass for name, body in moving_bodies(robot).items()}
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     advice = [
         *remarks,
@@ -253,33 +248,6 @@ def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[s
     return advice
 
 
-def remarks_on_bodies(robot: ParallelRobot) -> list[str]:
-    """Return remarks on unusual sizes, masses and inertias of bodies."""
-    bodies, advice = _measure_bodies(robot), []
-    masses = {name: body.mass for name, body in bodies.items()}
-    longest = max((body.size for body in bodies.values()), default=1.0)
-    if longest and not SMALL_LINK < longest < LARGE_LINK:  # without any, slides alone move
-        advice.append(f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
-    for name, body in bodies.items():
-        if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
-            advice.append(
-                f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
-                f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
-            )
-    if sum(masses.values()) == 0.0:
-        advice.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
-    heaviest = max(masses.values(), default=0.0)
-    for name, mass in masses.items():
-        if 0 < mass < LIGHT_PART_RATIO * heaviest:
-            advice.append(
-                f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
-                f"wrong unit? Leave <inertial> out for a massless part"
-            )
-    if heaviest > HEAVY_PART:
-        advice.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
-    return advice
-
-
 def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     """Return advice on a reference beyond the joints' limits, or on the locus."""
     advice = []
@@ -316,26 +284,3 @@ def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
         if mobility + len(robot.structure.independent) - rank >= robot.n:
             names.append(closure.name)
     return f" (look at {', '.join(names)} first: without one of them the freedom is there)" if names else ""
-
-
-class _Body(NamedTuple):
-    """The body that a joint carries: mass [kg], radius of gyration [m] and size [m]."""
-
-    mass: float
-    gyration: float
-    size: float
-
-
-def _measure_bodies(robot: ParallelRobot) -> dict[str, _Body]:
-    """Measure the bodies of all moving joints, by the joint's name."""
-    model = Mechanism.from_description(robot.description).model  # springs part a joint from its mass
-    bodies = {}
-    for j in range(1, model.njoints):
-        inertia = model.inertias[j]
-        largest = max(float(np.linalg.eigvalsh(inertia.inertia)[-1]), 0.0)
-        gyration = np.sqrt(largest / inertia.mass) if inertia.mass > 0.0 else 0.0
-        points = [inertia.lever, *(f.placement.translation for f in model.frames if f.parentJoint == j)]
-        points += [model.jointPlacements[k].translation for k in model.children[j]]
-        size = max(float(np.linalg.norm(point)) for point in points)
-        bodies[str(model.names[j])] = _Body(float(inertia.mass), float(gyration), size)
-    return bodies

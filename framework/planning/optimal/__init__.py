@@ -9,6 +9,7 @@
 * `undeformed_law`: the best law of a task, or why it has none (`limit_refusals`);
 * `optimal_motion`: law and certified torques in turn; `rest_of_springs` looks at the ends;
 * `elastic_balance`: the nearest law that an elastic robot can follow;
+* `rest_of_springs`: whether springs start and stop at rest, as the law does;
 * `peak_bound`: bounds of every law, by duality (`dual_program`, on the functions of `path_series`);
 * `limit_curves`: speeds that the motors allow.
 """

@@ -46,12 +46,18 @@ class Best(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """The duration [s], the peak over the reference, or the energy over its square [s]."""
+        """The duration [s], the relative peak, or the relative energy [s].
+
+        Peak and energy are over the reference and its square.
+        """
         return cost_of(self.search.goal, self.speed)
 
     @property
     def gap(self) -> float:
-        """The cost over the least that the program found, of laws however restless, less 1."""
+        """The cost over the least cost found, less 1.
+
+        The least is of laws however restless.
+        """
         goal = self.search.goal
         least = self.search.least
         least_cost = least.value if goal == "time" else cost_of(goal, least)
@@ -78,7 +84,7 @@ def find_best_law(
 
 
 def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -> Best | NoneFound:
-    """Find the law of a problem that differs little from that of `best`, on the same cells.
+    """Find the law of a problem near that of `best`, on its cells.
 
     Args:
         share: of the least cost, which smoothness may take; as before by default.
@@ -97,7 +103,10 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
 
 
 def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
-    """Find a smooth law within limits divided by an excess, or at a larger share of the least cost."""
+    """Find a smooth law within limits divided by an excess.
+
+    Or find one that costs more over the least cost.
+    """
     search = best.search._replace(share=share or best.search.share)
     if excess > 1.0:
         search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
@@ -108,7 +117,10 @@ def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) ->
 
 
 def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best | NoneFound:
-    """Find the law of least peak where another goal has none; return `none` where that exceeds limits."""
+    """Find the law of least peak where another goal has none.
+
+    Return `none` where that exceeds limits.
+    """
     if not problem.specification.limited:
         return none
     gentlest = find_best_law(problem.with_goal("peak_torque"), share=share)
@@ -160,7 +172,7 @@ def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best |
 
 
 def _make_best(search: SmoothSearch, speed: Speed) -> Best:
-    """Return the law of a speed, its coefficients adjusted to the exact duration if one is given.
+    """Return the law of a speed, adjusted to an exact duration.
 
     Raises:
         InvalidInput: the speed comes too near to zero.

@@ -41,6 +41,7 @@ from framework.numerics.cone_program import (
     AffineRows,
     ConeProgram,
     Unsolved,
+    linear_rows,
     product_cone,
     solve_cone_program,
 )
@@ -85,7 +86,9 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DualProgram:
-    """The search for multipliers of the best bound, a cone program on the cells of a series.
+    """The search for multipliers of the best bound, a cone program.
+
+    Its cells are those of a series.
 
     longest: the duration [s] that a bound of the peak may count on.
     timed: whether the bound is of the duration, with peaks of at most 1, instead.
@@ -96,9 +99,10 @@ class DualProgram:
     timed: bool
 
     def evaluate_bound(self, multipliers: Multipliers) -> Evidence:
-        """Compute the bound that multipliers prove, from P integral of |nu|_1 + lambda T >= total.
+        """Compute the bound that multipliers prove.
 
-        P >= (total - lambda longest) / integral of |nu|_1, or T >= (total - integral of |nu|_1) / lambda.
+        P integral of |nu|_1 + lambda T >= total gives P >= (total - lambda longest) / integral of |nu|_1, or
+        T >= (total - integral of |nu|_1) / lambda.
         """
         width = self.series.width
         # (k, 2) at both ends of each cell
@@ -115,9 +119,10 @@ class DualProgram:
         return Evidence(value, np.maximum(-least_factor.min(axis=1), 0.0), width * norm / total_norm)
 
     def _bound_terms(self, multipliers: Multipliers, least_factor: Array) -> Array:
-        """Bound the means (3, k) on each cell of nu . c, -mu and C(factor, nu . d) from below.
+        """Bound the means (3, k) of the terms of the bound from below.
 
-        C is concave in the factor: on a line below the factor, its mean is at least that of both ends.
+        The terms on each cell are nu . c, -mu and C(factor, nu . d). C is concave in the factor: on a line
+        below the factor, its mean is at least that of both ends.
 
         Args:
             least_factor: of the line at both ends (k, 2).
@@ -160,7 +165,10 @@ class DualProgram:
         return SOLVER_ERROR * self.p_unit / self.series.width
 
     def solve(self, margin: Array) -> Multipliers | None:
-        """Find multipliers of the best bound with factor - minorant >= margin (k,); None if unsolved."""
+        """Find multipliers with factor - minorant >= margin (k,) and the best bound.
+
+        None if unsolved.
+        """
         draft = _Draft()
         self._add_torques(draft)
         if self.series.squared_speed.error.size:
@@ -194,17 +202,18 @@ class DualProgram:
         return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
 
     def _add_torques(self, draft: _Draft) -> None:
-        """Add x, in the cost nu . c and the factor nu . cz - p', and t >= |nu|.
+        """Add x to the cost and the factor, and t >= |nu|.
 
-        A bound of the peak is per integral of |nu|_1, so that this is at most 1. For a bound of the duration
-        it is part of the cost. On a cell p' has the coefficients MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
+        The cost has nu . c, the factor nu . cz - p'. A bound of the peak is per integral of |nu|_1, so that
+        this is at most 1. For a bound of the duration it is part of the cost. On a cell p' has the
+        coefficients MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
         """
         series = self.series
         m = self.series.v.error.shape[2]
         count = len(series.width) * SIZE  # coefficients of a function on all cells
-        draft.sizes |= {"x": int(self._x_columns[-1][-1, -1]) + 1, "t": count * m}
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
+        draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
         draft.cost["x"] = -np.repeat(series.width / SIZE, SIZE) @ nu_c
         # the factor nu . cz - p'
         nu_cz = self._x_rows(series.width[:, None, None] * series.per_z.coefficients)
@@ -215,9 +224,7 @@ class DualProgram:
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
             t = sparse.csr_array(sparse.kron(np.eye(1, m, j), sparse.identity(count)))  # of motor j
-            draft.nonnegative += [
-                AffineRows({"x": sign * nu, "t": t}, np.zeros(count)) for sign in (-1.0, 1.0)
-            ]
+            draft.nonnegative += [linear_rows(x=sign * nu, t=t) for sign in (-1.0, 1.0)]
         norm = np.full(count * m, 1.0 / count)  # of t: the integral of |nu|_1
         if self.timed:
             draft.cost["t"] = norm
@@ -225,7 +232,10 @@ class DualProgram:
             draft.nonnegative.append(AffineRows({"t": -sparse.csr_array(norm[None])}, np.ones(1)))
 
     def _add_speed_limits(self, draft: _Draft) -> None:
-        """Add mu >= 0 of each motor with a speed limit, and mu . k to the factor."""
+        """Add mu >= 0 of motors with speed limits, and mu . k.
+
+        The latter is a term of the factor.
+        """
         width = self.series.width
         squared_speed = self.series.squared_speed.coefficients
         count, _, n = squared_speed.shape
@@ -236,37 +246,42 @@ class DualProgram:
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
         identity = sparse.identity(n * count, format="csr")
-        draft.nonnegative.append(AffineRows({"mu": identity}, np.zeros(n * count)))
+        draft.nonnegative.append(linear_rows(mu=identity))
 
     def _add_damping(self, draft: _Draft) -> None:
-        """Add bounds of the damping term (nu . d) sqrt(z) by drag, omega, phi, loss >= 0, constant on cells.
+        """Add bounds of the damping term (nu . d) sqrt(z).
 
-        nu . d >= drag - omega. The factor gives phi away, so that phi z - omega sqrt(z) >= -omega^2 / (4 phi)
-        is at least -loss. `_add_duration` makes use of drag.
+        The unknowns drag, omega, phi, loss >= 0 are constant on cells. nu . d >= drag - omega. The factor
+        gives phi away, so that phi z - omega sqrt(z) >= -omega^2 / (4 phi) is at least -loss. `_add_duration`
+        makes use of drag.
         """
         width = self.series.width
         count = len(width)
-        identity = sparse.identity(len(width), format="csr")
+        identity = sparse.identity(count, format="csr")
         on_cells = sparse.kron(identity, np.ones((SIZE, 1)), format="csr")
         draft.sizes |= {"omega": count, "drag": count, "phi": count, "loss": count}
         draft.cost["loss"] = width
         draft.factor["phi"] = -self.p_unit * on_cells @ sparse.diags_array(width)
         in_unit = np.sqrt(self.p_unit) * on_cells
-        damping = {"x": self._x_rows(self.series.damping.coefficients), "omega": in_unit, "drag": -in_unit}
-        draft.nonnegative.append(AffineRows(damping, np.zeros(count * SIZE)))
-        draft.nonnegative += [AffineRows({name: identity}, np.zeros(count)) for name in ("omega", "drag")]
-        omega = AffineRows({"omega": identity}, np.zeros(count))
+        damping = self._x_rows(self.series.damping.coefficients)
+        omega = linear_rows(omega=identity)
+        draft.nonnegative += [
+            linear_rows(x=damping, omega=in_unit, drag=-in_unit),
+            omega,
+            linear_rows(drag=identity),
+        ]
         draft.cones.append(product_cone({"loss": identity}, {"phi": identity}, [omega]))
 
     def _add_duration(self, draft: _Draft) -> None:
-        """Add lambda, the minorant, and `slow` <= (2 minorant lambda^2)^(1/3) at both ends of each cell.
+        """Add lambda, the minorant, and the bound `slow` of its costs.
 
-        1.5 slow is the least of minorant z + lambda z^(-1/2). Two cones bound it: slow^2 <= root lambda and
-        root^2 <= 2 minorant slow. With drag, each cell gives a share of lambda for `dragged`, at most the
-        least 2 (drag share)^(1/2) of drag z^(1/2) + share z^(-1/2).
+        At both ends of each cell `slow` <= (2 minorant lambda^2)^(1/3), so that 1.5 slow is the least of
+        minorant z + lambda z^(-1/2). Two cones bound it: slow^2 <= root lambda and root^2 <= 2 minorant slow.
+        With drag, each cell gives a share of lambda for `dragged`, at most the least 2 (drag share)^(1/2) of
+        drag z^(1/2) + share z^(-1/2).
         """
         width = self.series.width
-        count = 2 * len(self.series.width)
+        count = 2 * len(width)
         ends = np.arange(count).reshape(-1, 2)
         identity = sparse.identity(count, format="csr")
         lines = -self.p_unit * _ELEVATED_LINE * (width[:, None] * self._slowness**3)[:, None]
@@ -280,11 +295,9 @@ class DualProgram:
             draft.sizes |= {"share": len(width), "dragged": len(width)}
             half_lambda["share"] = -0.5 * sparse.kron(cell, np.ones((2, 1)), format="csr")
             draft.cost["dragged"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
-            dragged = AffineRows({"dragged": cell}, np.zeros(len(width)))
-            draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [dragged]))
-        zero = np.zeros(count)
-        root = AffineRows({"root": identity}, zero)
-        slow = AffineRows({"slow": identity}, zero)
+            draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [linear_rows(dragged=cell)]))
+        root = linear_rows(root=identity)
+        slow = linear_rows(slow=identity)
         draft.cones.append(product_cone({"minorant": identity}, {"slow": 0.5 * identity}, [root]))
         draft.cones.append(product_cone({"root": 0.5 * identity}, half_lambda, [slow]))
         if self.timed:  # multipliers have no size of their own: lambda is 1
@@ -310,7 +323,7 @@ class DualProgram:
 
     @cached_property
     def _nu_unit(self) -> Array:
-        """The size (k,) of nu on each cell where all cells have the same part of |nu|_1."""
+        """The size (k,) of nu with equal parts of |nu|_1 on all cells."""
         return 1.0 / (len(self.series.width) * self.series.width)
 
     @cached_property
@@ -321,7 +334,7 @@ class DualProgram:
 
     @cached_property
     def _slowness(self) -> Array:
-        """The unit of 1 / (s' T) near both ends of each cell (k, 2).
+        """The unit (k, 2) of 1 / (s' T) near the ends of cells.
 
         That of a law with s' proportional to (s (1 - s))^(1/2).
         """
@@ -347,7 +360,7 @@ class DualProgram:
         return columns
 
     def _x_rows(self, functions: Array) -> Any:
-        """Return the rows (k SIZE, ...) that compute the coefficients of the sum of f_i x_i on each cell.
+        """Return rows (k SIZE, ...) of the coefficients of sum f_i x_i.
 
         Args:
             functions: (k, DEGREE + 1, m) coefficients of f_i.
@@ -363,7 +376,7 @@ class DualProgram:
 
 
 def _least_cost(factor: Array, damping: Array, lam: float) -> Array:
-    """Bound C(F, w) = least of F z + w z^(1/2) + lambda z^(-1/2) from below.
+    """Bound from below the least of F z + w z^(1/2) + lambda z^(-1/2).
 
     The least is at z = y^2 with 2 F y^3 + w y^2 = lambda. Any y gives a bound, and the root the sharpest:
     Newton's method comes to the root from above.
@@ -387,7 +400,10 @@ def _least_cost(factor: Array, damping: Array, lam: float) -> Array:
 
 
 def _bound_sum(functions: Bernstein, x: Array) -> tuple[Array, Array]:
-    """Bound the least value and the mean (k,) on each cell of the sum of f_i x_i from below."""
+    """Bound the least value and mean (k,) of sum f_i x_i from below.
+
+    There is one of each on each cell.
+    """
     total = multiply(functions.coefficients, x).sum(axis=2)
     error = (np.abs(x).max(axis=1) * functions.error).sum(axis=1)
     return total.min(axis=1) - error, total.mean(axis=1) - error
@@ -409,7 +425,10 @@ class _Draft:
 
 
 def _block_rows(blocks: Array, columns: IntArray, count: int) -> Any:
-    """Return sparse rows (k r, count) made of blocks (k, r, c), each at its columns (k, c)."""
+    """Return sparse rows (k r, count) of blocks (k, r, c).
+
+    Each block stands at its columns (k, c).
+    """
     k, r, _ = blocks.shape
     row = np.broadcast_to(np.arange(k * r).reshape(k, r, 1), blocks.shape)
     column = np.broadcast_to(columns[:, None], blocks.shape)

@@ -26,7 +26,9 @@ POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pol
 
 
 class LawProblem(NamedTuple):
-    """The task of a law, with its conditions at `crossings` sigma (k,) and the known parts of its motion.
+    """The task of a law, with conditions at `crossings` sigma (k,).
+
+    It has the known parts of the motion.
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     z0: the squared speed about which damping is linearised, if any.
@@ -54,7 +56,7 @@ class LawProblem(NamedTuple):
         return demand(task.branch, task.phi, sigma)
 
     def basis_on(self, cells: Array) -> SpeedBasis:
-        """Return the basis of z: splines on cells (k + 1,), or the series of the degree."""
+        """Return the basis of z: splines on cells (k + 1,), or a series."""
         if self.degree is None:
             return SpeedBasis.from_cells(cells)
         return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
@@ -63,9 +65,9 @@ class LawProblem(NamedTuple):
     def specification(self) -> Specification:
         return self.task.specification
 
-    def with_goal(self, goal: str) -> LawProblem:
-        """Return the problem with another goal."""
-        task = self.task._replace(specification=replace(self.specification, goal=goal))
+    def with_goal(self, goal: str, **changes: Any) -> LawProblem:
+        """Return the problem with another goal and other changes of its specification but limits."""
+        task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
 
     @property
@@ -92,7 +94,10 @@ class LawProblem(NamedTuple):
 
 
 class MotorRows(NamedTuple):
-    """Torques and squared speeds of the motors at M points of the path, affine in the n coefficients of z."""
+    """Torques and squared speeds of the motors at M points of the path.
+
+    They are affine in the n coefficients of z.
+    """
 
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
     squared_speed: tuple[Any, ...]  # of each motor with a speed limit, over the squared limit: (M, n)
@@ -103,7 +108,9 @@ class MotorRows(NamedTuple):
         return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
 
     def used_share(self, y: Array, allowed: Array) -> Array:
-        """Compute the largest share (M,) that any motor uses of its torque or its squared speed limit.
+        """Compute the largest use (M,) of a motor's limits.
+
+        It is that of torque, or of squared speed, over the limit.
 
         Args:
             y: (n,) coefficients of z.
@@ -124,9 +131,10 @@ class MotorRows(NamedTuple):
 
 
 def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
-    """Compute rows of torques and squared speeds at xi (M,), none on a crossing, without their poles.
+    """Compute rows of torques and squared speeds at xi (M,), without poles.
 
-    A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is in c, damping is linearised.
+    No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is
+    in c, damping is linearised.
     """
     if problem.response is not None:
         return _responding_rows(problem.response, problem.specification, basis, xi)
@@ -156,7 +164,9 @@ def _responding_rows(
 
 
 def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:
-    """Return rows (M, n) of the squared speed over its limit of each motor with a limit.
+    """Compute rows (M, n) of squared speeds over their limits.
+
+    Motors without a limit have none.
 
     Args:
         speed: (M, n_a) of the motors over d sigma/dt.
@@ -167,10 +177,10 @@ def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:
 
 
 def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:
-    """Subtract multiples of the conditions C from the torque rows T (M, n) beside each crossing.
+    """Subtract the poles from torque rows T (M, n) beside each crossing.
 
-    On laws that meet the conditions the torques stay the same. T - share C is orthogonal to C with
-    share = T C' (C C')^-1, which cancels the pole.
+    They are multiples of the conditions C. On laws that meet the conditions the torques stay the same. T -
+    share C is orthogonal to C with share = T C' (C C')^-1, which cancels the pole.
     """
     for crossing in np.unique(problem.crossing_xi):
         chosen = np.flatnonzero(problem.crossing_xi == crossing)
@@ -185,10 +195,10 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
 
 
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of a problem as rows (k, n) on coefficients, with u = z'/2 and u' = z"/2.
+    """Return the conditions of a problem as rows (k, n) on coefficients.
 
-    constant + per_z z + per_u u + per_du u' = 0. z is a function of xi: dz/dsigma = xi' dz/dxi, d2z/dsigma2 =
-    xi'^2 d2z/dxi2 + xi" dz/dxi.
+    They say constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. z is a function of xi:
+    dz/dsigma = xi' dz/dxi, d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi.
     """
     if problem.response is not None:
         rows = problem.response.scalars

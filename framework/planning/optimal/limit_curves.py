@@ -27,7 +27,10 @@ CORNER_ROUNDING = 1e-9  # of a limit, by which a corner of the region may exceed
 
 
 class MotorDemand(NamedTuple):
-    """Torques constant + per_speed s' + per_z s'^2 + per_u s" of the motors at T places, each (T, n_a)."""
+    """Torques constant + per_speed s' + per_z s'^2 + per_u s" at T places.
+
+    Each is (T, n_a).
+    """
 
     constant: Array
     per_speed: Array
@@ -37,10 +40,10 @@ class MotorDemand(NamedTuple):
 
 
 class LimitCurves(NamedTuple):
-    """The law of a plan at T instants, none on a crossing, with the motors' limits of s' and s".
+    """A plan's law at T instants, with limits of s' and s".
 
-    The limits are those of the undeformed robot. `highest_speed` is infinite where nothing limits s', and not
-    a number where the motors cannot even hold the robot.
+    No instant is on a crossing. The limits are those of the undeformed robot. `highest_speed` is infinite
+    where nothing limits s', and not a number where the motors cannot even hold the robot.
     """
 
     s: Array  # (T,)
@@ -53,9 +56,12 @@ class LimitCurves(NamedTuple):
 
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
-    """Compute the limit curves of a plan for its limits, or without any for its own peak torque."""
-    torque_limit, speed_limit = _limits(plan)
-    times = _instants(plan)
+    """Compute the limit curves of a plan.
+
+    Without limits, they are for its own peak torque.
+    """
+    torque_limit, speed_limit = _choose_limits(plan)
+    times = _choose_instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
     s = np.clip(s, 0.0, 1.0)
     required = _motor_demand(plan, s)
@@ -65,7 +71,10 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
-    """Compute torques and speeds of the undeformed robot at s (T,), with damping and the planned friction."""
+    """Compute torques and speeds of the undeformed robot at s (T,).
+
+    Damping and the planned friction count.
+    """
     robot = plan.robot
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
     required = demand(branch, Smoothstep(0), s)  # sigma = s
@@ -74,8 +83,11 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
     return MotorDemand(constant + friction, required.damping, per_z, per_u, np.abs(required.speed))
 
 
-def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
-    """Return limits (n_a,) of torque [N m] and speed [rad/s]; without any, the plan's peak torque."""
+def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
+    """Return limits (n_a,) of torque [N m] and speed [rad/s].
+
+    Without any, the plan's peak torque is the limit.
+    """
     unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
     if plan.optimality is None:
         return unlimited, np.full(plan.robot.n_a, np.inf)
@@ -83,8 +95,8 @@ def _limits(plan: CrossingPlan) -> tuple[Array, Array]:
     return (specification.torque_limit if specification.limited else unlimited), specification.speed_limit
 
 
-def _instants(plan: CrossingPlan) -> Array:
-    """Return instants (T,) from start to end [s], dense beside the crossings and never on one."""
+def _choose_instants(plan: CrossingPlan) -> Array:
+    """Return instants (T,) [s], dense beside crossings and never on one."""
     times = 0.5 * plan.duration * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, SPEED_SAMPLES)))
     for crossing in plan.crossings:
         times = times[np.abs(times - crossing.time) > CROSSING_OFFSETS[0] * plan.duration]
@@ -94,7 +106,10 @@ def _instants(plan: CrossingPlan) -> Array:
 
 
 def _bound_acceleration(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
-    """Compute the least and the largest s" (T,) with which torques at s' (T,) keep their limits (n_a,)."""
+    """Compute the least and the largest s" (T,) within torque limits.
+
+    The speeds are s' (T,), the limits (n_a,).
+    """
     constant, per_speed, per_z, per_u, _ = required
     at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]  # the torques where s" = 0
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -103,10 +118,10 @@ def _bound_acceleration(required: MotorDemand, speed: Array, limit: Array) -> tu
 
 
 def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array) -> Array:
-    """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region.
+    """Compute the largest s' (T,) at which some s" keeps all limits.
 
-    Each sign of each of k torques gives an edge per_speed s' + per_z s'^2 + per_u s" <= limit - constant, all
-    over the limit, so m = 2 k.
+    It is a corner of their region. Each sign of each of k torques gives an edge per_speed s' + per_z s'^2 +
+    per_u s" <= limit - constant, all over the limit, so m = 2 k.
     """
     constant, per_speed, per_z, per_u, motor_speed = required
     is_limited = np.isfinite(torque_limit)
@@ -122,7 +137,10 @@ def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array
 
 
 def _highest_corner(edges: Array, bound: Array) -> Array:
-    """Return the largest s' (T,) of all corners of edges (T, m, 3) that keep the bounds; -inf without any."""
+    """Return the largest s' (T,) of all corners that keep the bounds.
+
+    The edges are (T, m, 3); without a corner it is -inf.
+    """
     highest = np.full(len(bound), -np.inf)
     for i, j in combinations(range(bound.shape[1]), 2):
         for corner in _intersect_edges(edges[:, (i, j)], bound[:, (i, j)]):
@@ -135,10 +153,11 @@ def _highest_corner(edges: Array, bound: Array) -> Array:
 
 
 def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
-    """Intersect pairs of edges (T, 2, 3) with bounds (T, 2): both corners (s', s'^2, s") (T, 3).
+    """Intersect pairs of edges (T, 2, 3) with bounds (T, 2).
 
-    Elimination of s" leaves a s'^2 + b s' = c, solved without cancellation. s" is that of the edge with the
-    larger coefficient. Not a number where the edges do not meet.
+    Return both corners (s', s'^2, s") (T, 3). Elimination of s" leaves a s'^2 + b s' = c, solved without
+    cancellation. s" is that of the edge with the larger coefficient. Not a number where the edges do not
+    meet.
     """
     per_speed, per_z, per_u = np.moveaxis(edges, -1, 0)
 

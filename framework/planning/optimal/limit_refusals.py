@@ -23,7 +23,7 @@ from framework.planning.refusals.refusal_proofs import HoldingTorque, LeastLimit
 
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
-    """Return the reason why a problem has no law, by a proof or by numbers of the search."""
+    """Return why a problem has no law, by proof or search."""
     name = problem.task.branch.robot.name
     cells = len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
@@ -51,7 +51,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
 
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
-    """Return the refusal of a path at whose end a motor cannot hold the robot."""
+    """Refuse a path at whose end a motor cannot hold the robot."""
     robot = problem.task.branch.robot
     end = "start" if holding.s == 0 else "end"
     unit = robot.torque_units[list(robot.actuator_names).index(holding.joint)]
@@ -73,7 +73,7 @@ def _limits_advice(problem: LawProblem, evidence: SearchEvidence) -> str:
 
 
 def find_least_limits(problem: LawProblem) -> LeastLimits:
-    """Find limits with a law, in proportion to the limits of a problem without one.
+    """Find limits with a law, over the limits of a problem without.
 
     Torques and speeds are tried alone, each within the limits of the other. Where neither is enough alone,
     both are raised together.
@@ -88,7 +88,10 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
 
 
 def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
-    """Return the multiples of torque and speed limits that the law of least peaks needs; None without one."""
+    """Find the multiples of limits that the law of least peaks needs.
+
+    They are of torque and of speed; None without one.
+    """
     limit = problem.specification.torque_limit  # infinite of motors whose torque does not count
     relative = problem._replace(chosen_reference=limit).with_goal(goal)
     least = find_least_cost(relative, torque_limits=goal != "peak_torque")
@@ -96,7 +99,10 @@ def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
-    """Return whether a law is found within raised limits (n_a,), of which the margin is still to be taken."""
+    """Return whether a law is found within raised limits (n_a,).
+
+    The margin is still to be taken off.
+    """
     margin = 1.0 - problem.task.request.margin
     within: dict[str, Any] = {name: margin * limit for name, limit in limits.items()}
     raised = replace(problem.specification, **within)
@@ -104,15 +110,19 @@ def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
 
 
 def _find_quickest(problem: LawProblem) -> float | None:
-    """Find a duration [s] near the least of laws within the limits; None where no law was found."""
-    specification = replace(problem.specification, duration=None, longest=None)
-    free = problem._replace(task=problem.task._replace(specification=specification))
-    best = find_best_law(free.with_goal("time"))
+    """Find a duration [s] near the least within the limits.
+
+    None where no law was found.
+    """
+    best = find_best_law(problem.with_goal("time", duration=None, longest=None))
     return best.law.duration if isinstance(best, Best) else None
 
 
 def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
-    """Return the holding torque of a motor above its limit at an end of the path; None without any."""
+    """Find a holding torque above its limit at an end of the path.
+
+    None without any.
+    """
     task = problem.task
     limit = problem.specification.torque_limit
     ends = np.array([0.0, 1.0])

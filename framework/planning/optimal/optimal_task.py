@@ -22,7 +22,7 @@ from framework.tolerances import NO_HOLD
 
 
 class Task(NamedTuple):
-    """The crossing points of a law, its request, and the goal and limits of its optimisation."""
+    """A law's crossing points and request, and its goal and limits."""
 
     to_cross: PathToCross
     request: Request
@@ -31,11 +31,6 @@ class Task(NamedTuple):
     @property
     def geometry(self) -> str:
         return self.request.geometry
-
-    @property
-    def speeds(self) -> Sequence[float] | None:
-        """Requested s' at each target [1/s], if any."""
-        return self.request.speeds
 
     @property
     def branch(self) -> Branch:
@@ -75,9 +70,10 @@ def conditions_at(
     points: Sequence[CrossingPoint],
     z0: SquaredSpeed | None = None,
 ) -> tuple[Array, Array]:
-    """Return the conditions on a law: sigma (k,) and rows (k, 4) per (1, z, u, u').
+    """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
-    They are condition (8) at each point, and the required speeds, z phi'^2 = speed^2.
+    The rows are per (1, z, u, u'). They are condition (8) at each point, and the required speeds, z phi'^2 =
+    speed^2.
 
     Args:
         z0: the squared speed about which viscous damping is linearised.
@@ -88,7 +84,8 @@ def conditions_at(
         conditions = crossing_rows(task.branch, task.phi, point, z0)
         rows += list(conditions.rows)
         sigmas += [conditions.sigma] * len(conditions.rows)
-    for point, speed in zip(points, task.speeds or (), strict=bool(task.speeds)):
+    speeds = task.request.speeds or ()
+    for point, speed in zip(points, speeds, strict=bool(speeds)):
         sigma = float(task.phi.inverse(point.s))
         rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
         sigmas.append(sigma)
@@ -122,10 +119,11 @@ def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
 
 
 def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
-    """Raise UncontrolledMotions unless an s'^2 > 0 and an s" meet all conditions (8) at a point.
+    """Refuse conditions (8) at a point without a common speed s' > 0.
 
-    The rows (k, 4) ask for [per_z per_u] (z, u) = -constant. With [per_z per_u] = U diag(S) V' the solution
-    of least norm is V S^-1 U' (-constant), and there is one if the rest of U' (-constant) is zero.
+    Raises UncontrolledMotions unless some s'^2 > 0 and s" meet all. The rows (k, 4) ask for [per_z per_u] (z,
+    u) = -constant. With [per_z per_u] = U diag(S) V' the solution of least norm is V S^-1 U' (-constant), and
+    there is one if the rest of U' (-constant) is zero.
     """
     size = np.abs(rows).max()
     U, S, V_rows = np.linalg.svd(rows[:, 1:3])
@@ -144,9 +142,9 @@ def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
 
 
 def check_unfolded(task: Task) -> None:
-    """Raise NoLaw where small deflections would turn one meeting with the locus into two crossings or none.
+    """Refuse a touch that small deflections turn into two crossings or none.
 
-    That is so where the path only touches the locus, and where several motions escape at once.
+    Raises NoLaw. That is so where the path only touches the locus, and where several motions escape at once.
     """
     if not task.branch.robot.n_e or task.geometry == "rigid":
         return

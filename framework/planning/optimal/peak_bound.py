@@ -32,7 +32,7 @@ CUT_SHARES = (1.5, 6.0)  # of |nu|_1 on a cell over the mean, above which it is 
 
 @dataclass(frozen=True, eq=False)
 class PeakBound(ReadOnlyArrays):
-    """A bound of the peak or of the duration of every law, with its multipliers (`dual_program`).
+    """A bound of every law's peak or duration, with its multipliers.
 
     by_duality: the peak of torque over the reference that no law is below, or the duration [s].
     at_rest: the peak that every law has at its ends, where s' = s" = 0; zero where s" need not vanish.
@@ -75,18 +75,27 @@ def bound_duration(task: Task) -> PeakBound | None:
 
 
 def prove_no_law(problem: LawProblem) -> PeakBound | None:
-    """Return a bound of the peak over the limits that is above 1, by which no law exists; None without."""
+    """Find a bound of the relative peak above 1; None without.
+
+    By such a bound no law exists.
+    """
     return None if problem.response is not None else find_refuting_bound(problem.task)
 
 
 def find_refuting_bound(task: Task) -> PeakBound | None:
-    """Return a bound of the peak over the limits above 1 for an undeformed robot, or None."""
+    """Find a bound of the undeformed robot's relative peak above 1.
+
+    None without.
+    """
     bound = bound_peak(task, task.specification.torque_limit)
     return bound if bound is not None and bound.value > 1.0 + BOUND_MARGIN else None
 
 
 def bound_plan(plan: CrossingPlan) -> PeakBound | None:
-    """Compute a bound of the duration [s] or the peak that a plan's law minimises; None for other goals."""
+    """Compute a bound of the duration or peak that a plan's law minimises.
+
+    None for other goals.
+    """
     if plan.optimality is None or plan.optimality.specification.goal == "energy":
         return None
     specification = plan.optimality.specification
@@ -111,7 +120,10 @@ class _Proof(NamedTuple):
 
 
 def _bound_of(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
-    """Return the bound of a proof, with p = x_0 and across = sum of x_i e_i, i > 0."""
+    """Return the bound of a proof.
+
+    It has p = x_0 and across = sum of x_i e_i, i > 0.
+    """
     series = proof.series
     (x, mu, _, lam) = proof.multipliers
     return PeakBound(
@@ -127,10 +139,10 @@ def _bound_of(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
 
 
 def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
-    """Find the best proof on cells that are refined in turn; None where none is complete.
+    """Find the best proof on cells that are refined in turn.
 
-    Cells are cut where |nu| is large, since its integral is the denominator of the bound, and where the
-    factor is not proved to be positive.
+    None where none is complete. Cells are cut where |nu| is large, since its integral is the denominator of
+    the bound, and where the factor is not proved to be positive.
     """
     if not _has_bound(task, reference):
         return None
@@ -156,7 +168,10 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
 
 
 def _has_bound(task: Task, reference: Array) -> bool:
-    """Whether bounds hold: a rigid robot, as many motors as axes, all crossings transversal and single."""
+    """Whether a task has bounds.
+
+    It has for a rigid robot with as many motors as axes, and transversal, single crossings.
+    """
     robot = task.branch.robot
     points = task.to_cross.points
     are_crossed = all(point.corank == 1 and point.contact != "tangential" for point in points)
@@ -178,10 +193,10 @@ def _choose_parts(evidence: Evidence) -> IntArray:
 
 
 def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
-    """Solve with growing margins until the factor is proved to be positive; None without a solution.
+    """Solve with growing margins until the factor is proved positive.
 
-    The first margin is the solver's error and, with a proof on the previous cells, the error of the series
-    times the multipliers there.
+    None without a solution. The first margin is the solver's error and, with a proof on the previous cells,
+    the error of the series times the multipliers there.
     """
     series = program.series
     margin = 2.0 * program.factor_error

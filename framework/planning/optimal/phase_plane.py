@@ -58,7 +58,7 @@ class AffineInSpeed(NamedTuple):
 
 
 class Demand(NamedTuple):
-    """The torques and speeds that a path requires of the motors at points sigma (M,)."""
+    """The torques and speeds of the motors at points sigma (M,)."""
 
     torque: AffineInSpeed  # (M, n_a) [N m], motor side, without damping
     damping: Array  # (M, n_a) [N m s], motor side: over d sigma/dt
@@ -66,9 +66,9 @@ class Demand(NamedTuple):
     direction: Array | None = None  # (M, n_a) motor speeds over ds/dt, if dry friction acts on any
 
     def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
-        """Return the torques with damping replaced by its tangent at z0 (M,) [1/s^2]; left out at None.
+        """Return the torques with damping linearised about z0 (M,) [1/s^2].
 
-        damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
+        It is left out at None. damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
         """
         if z0 is None:
             return self.torque
@@ -77,7 +77,10 @@ class Demand(NamedTuple):
         return AffineInSpeed(constant, self.torque.per_z + 0.5 * self.damping / root, self.torque.per_u)
 
     def friction(self, size: Array) -> Array:
-        """Return torques (M, n_a) of dry friction of this size (n_a,), signed by the motors' speeds."""
+        """Return torques (M, n_a) of dry friction of sizes (n_a,).
+
+        Their signs are those of the motors' speeds.
+        """
         if self.direction is None:
             return np.zeros((len(self.speed), len(size)))
         return size * speed_signs(self.direction)
@@ -110,7 +113,7 @@ def demand(
 
 
 def _rates_per_root_z(three: Motion) -> Array:
-    """Return the rates (M, nv) of all joints at z = 1, of the motions of `_three_motions`."""
+    """Return the joint rates (M, nv) at z = 1 of the three motions."""
     return np.split(three.v, 3)[1]
 
 
@@ -129,10 +132,10 @@ def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
 def _linearised_forces(
     branch: Branch, three: Motion, sigma: Array, s: Array, z0: SquaredSpeed | None
 ) -> Array:
-    """Compute forces (3, M, nv) of the open tree on `_three_motions`: at rest, per z and per u.
+    """Compute forces (3, M, nv) of the open tree on `_three_motions`.
 
-    Weight and wrenches of the world are in the forces at rest. Damping D q' sqrt(z) is replaced by its
-    tangent at the squared speed z0, and left out without one.
+    They are at rest, per z and per u. Weight and wrenches of the world are in the forces at rest. Damping D
+    q' sqrt(z) is replaced by its tangent at the squared speed z0, and left out without one.
 
     Args:
         sigma, s: (M,) of the points.
@@ -151,7 +154,10 @@ def _linearised_forces(
 
 
 class CrossingConditions(NamedTuple):
-    """The conditions at one crossing: each row times (1, z, u, u') has to vanish at sigma."""
+    """The conditions at one crossing sigma, as rows per (1, z, u, u').
+
+    Each row times these has to vanish.
+    """
 
     sigma: float
     rows: Array  # (k, 4)
@@ -209,9 +215,10 @@ def _rows_about(
 def _conditions_at_points(
     branch: Branch, phi: Smoothstep, sigma: Array, corank: int, z0: SquaredSpeed | None
 ) -> tuple[Array, Array]:
-    """Compute t_s . W_p (M, corank, 3), at rest, per z and per u, of all uncontrolled motions.
+    """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions.
 
-    Also its scale (corank, 1), against which a value is rounding: the largest sum of sizes of its terms.
+    It is at rest, per z and per u. Also its scale (corank, 1), against which a value is rounding: the largest
+    sum of sizes of its terms.
 
     Args:
         sigma: (M,), the last one at the singular pose.
@@ -230,9 +237,9 @@ def _conditions_at_points(
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
-    """Return independent combinations of rows (corank, 4), without any that is rounding of a size.
+    """Return independent combinations of rows (corank, 4), without rounding.
 
-    Two motions of a symmetric robot may ask the same of the law.
+    Rounding is relative to a size. Two motions of a symmetric robot may ask the same of the law.
     """
     _, singular_values, right = np.linalg.svd(rows)
     combinations = singular_values[:, None] * right[: len(singular_values)]
@@ -262,9 +269,10 @@ def _wrench_row(
 def _bound_wrench_terms(
     branch: Branch, phi: Smoothstep, crossing: CrossingPoint, sigma: float, rates: Array
 ) -> Array:
-    """Bound the terms of t_s . W_p (3,), constant, per z and per u, as `bounds_of_terms` does.
+    """Bound the terms (3,) of t_s . W_p, as `bounds_of_terms` does.
 
-    gamma + beta s'^2 + alpha s" with s'^2 = phi'^2 z and s" = phi' u + phi" z.
+    They are constant, per z and per u: gamma + beta s'^2 + alpha s" with s'^2 = phi'^2 z and
+    s" = phi' u + phi" z.
 
     Args:
         rates: of the joints (nv,) at z = 1.
@@ -281,9 +289,10 @@ def _three_motions(
     sigma: Array,
     closed: ClosedStack | None = None,
 ) -> Motion:
-    """Compute the motions (3 M,) of all joints for (z, u) = (0, 0), (1, 0) and (0, 1), stacked.
+    """Compute the motions (3 M,) of all joints for three (z, u).
 
-    The platform's derivatives in sigma are x' phi' and x' phi" + x" phi'^2, with those of x in s.
+    These are (0, 0), (1, 0) and (0, 1), stacked. The platform's derivatives in sigma are x' phi' and x' phi"
+    + x" phi'^2, with those of x in s.
     """
     robot = branch.robot
     s = phi(sigma)

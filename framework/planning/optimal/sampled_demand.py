@@ -36,7 +36,10 @@ class SampledDemand(NamedTuple):
     rubs: bool
 
     def evaluate(self, phi: Smoothstep, sigma: Array) -> Demand:
-        """Compute the demand at sigma (M,), with s'^2 = phi'^2 z and s" = phi' u + phi" z."""
+        """Compute the demand at sigma (M,), per z and u.
+
+        There s'^2 = phi'^2 z and s" = phi' u + phi" z.
+        """
         s = phi(sigma)
         dphi = phi(sigma, 1)[:, None]
         ddphi = phi(sigma, 2)[:, None]
@@ -48,7 +51,7 @@ class SampledDemand(NamedTuple):
 
 
 def _pole_product(s: Array, poles: Array) -> Array:
-    """Compute the product (T, 1) of s - pole over all poles at s (T,)."""
+    """Compute the product (T, 1) of s - pole over all poles."""
     return (s[:, None] - poles).prod(axis=1)[:, None]
 
 
@@ -80,10 +83,11 @@ def sample_demand(task: Task) -> SampledDemand | None:
 
 
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
-    """Return a mask (P,) of the panels on which any of the five quantities is not resolved, or not finite.
+    """Find the panels (P,) on which a quantity is not resolved.
 
-    Resolved means: the last two coefficients are small against the largest, over all motors. Torques per s'^2
-    and per s" have one unit and one size: either may be rounding of the other.
+    There are five, and none may be infinite; return a mask. Resolved means: the last two coefficients are
+    small against the largest, over all motors. Torques per s'^2 and per s" have one unit and one size: either
+    may be rounding of the other.
     """
     panels, size, _ = series.coefficients.shape
     by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)

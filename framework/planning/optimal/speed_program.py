@@ -29,6 +29,7 @@ from framework.numerics.cone_program import (
     AffineRows,
     ConeProgram,
     Unsolved,
+    linear_rows,
     product_cone,
     solve_cone_program,
 )
@@ -61,7 +62,7 @@ class Bounds(NamedTuple):
 
 
 class Units(NamedTuple):
-    """The units of time [s] and of torques over the reference in which a program is solved."""
+    """The units of time [s] and of relative torque of a program."""
 
     time: float
     torque: float
@@ -100,19 +101,21 @@ class SpeedProgram:
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
-        """Return the program with points on cells (k + 1,) of xi, each crossing in the middle of one."""
+        """Return the program with points on cells (k + 1,) of xi.
+
+        Each crossing is in the middle of a cell.
+        """
         basis = problem.basis_on(cells)
         crossings = np.unique(problem.crossing_xi)
         counts = np.where(cells_about(cells, crossings), POINTS_ABOUT, POINTS)
         counts[[0, -1]] = POINTS_ABOUT
-        xi, xi_weights = _gauss_points(cells, counts)
-        sigma_weights = xi_weights / problem.task.stretch(problem.sigma(xi), 1)  # d sigma = d xi / xi'
+        xi, weights = _integration_points(problem, cells, counts)
         conditions = condition_rows(problem, basis)
         rows = motor_rows(problem, basis, conditions, xi)
         limit_weights = _weigh_limits(xi, cells, counts, crossings)
         if limit_weights:
             rows = rows.stack(rows.combine(sparse.csr_array(np.array(limit_weights))))
-        return SpeedProgram(problem, basis, cells, xi, sigma_weights, rows, conditions)
+        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions)
 
     @property
     def space(self) -> SpeedSpace:
@@ -135,7 +138,7 @@ class SpeedProgram:
 
     @cached_property
     def positive(self) -> tuple[Any, Array]:
-        """Rows (m, n) on y whose positive values make z positive, and their places in xi (m,).
+        """Rows (m, n) on y that make z positive, and their xi (m,).
 
         The coefficients themselves for splines; the values at the points for a series.
         """
@@ -145,9 +148,10 @@ class SpeedProgram:
 
     @cached_property
     def curvature(self) -> AffineRows:
-        """Rows (M - 2, n) whose sum of squares is the integral of (d2z/dsigma2)^2, in a unit of their size.
+        """Rows (M - 2, n) whose sum of squares is the curvature's integral.
 
-        d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the points, times the root of their weights.
+        It is that of (d2z/dsigma2)^2, in a unit of its size. d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the
+        points, times the root of their weights.
         """
         stretch = self.problem.task.stretch
         inside = self._inner_points
@@ -159,17 +163,19 @@ class SpeedProgram:
         )
         rows = sparse.diags_array(np.sqrt(self._inner_weights)) @ curvature
         size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
-        return AffineRows({"y": rows / size}, np.zeros(rows.shape[0]))
+        return linear_rows(y=rows / size)
 
     @cached_property
     def _fine_quadrature(self) -> tuple[Any, Array]:
-        """Values (F, n) of z and weights (F,) in sigma with which a duration is integrated."""
+        """Values (F, n) of z and weights (F,) that integrate a duration.
+
+        The integral is over sigma.
+        """
         parts = np.linspace(0.0, 1.0, FINE_PARTS + 1)[:-1]
         starts = (self.cells[:-1, None] + np.diff(self.cells)[:, None] * parts).ravel()
-        xi, xi_weights = _gauss_points(np.append(starts, 1.0), np.full(len(starts), FINE_POINTS))
-        inside = slice(1, -1)  # without the ends of the path, whose weights are zero
-        sigma = self.problem.sigma(xi)[inside]
-        return self.basis.matrix(xi[inside]), xi_weights[inside] / self.problem.task.stretch(sigma, 1)
+        counts = np.full(len(starts), FINE_POINTS)
+        xi, weights = _integration_points(self.problem, np.append(starts, 1.0), counts)
+        return self.basis.matrix(xi[1:-1]), weights[1:-1]  # without the ends, whose weights are zero
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with rows at further places xi (R,)."""
@@ -192,10 +198,6 @@ class SpeedProgram:
         squared_speeds = [float((rows @ y).max()) for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
         return Speed(y, duration, peak, peak_speed, energy, value)
-
-    def meet_conditions(self, y: Array) -> Array:
-        """Return the coefficients (n,) nearest to y that meet condition (8) to rounding."""
-        return self.space.adjust(y, self.conditions) if len(self.conditions.offset) else y
 
     def minimise(
         self,
@@ -248,12 +250,17 @@ class SpeedProgram:
         optimum = solve_cone_program(program)
         if isinstance(optimum, Unsolved):
             return optimum
-        y = self.meet_conditions(optimum["y"] / scale)
+        y = optimum["y"] / scale
+        if len(conditions.offset):  # met to rounding by the nearest coefficients
+            y = self.space.adjust(y, self.conditions)
         duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
         return self.speed(y, duration * units.time)._replace(floor=floor)
 
     def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
-        """Return the numbers of unknowns by name: r, v for a duration and e for an energy at each point."""
+        """Return the numbers of unknowns, by name.
+
+        They are r, v for a duration and e for an energy at each point.
+        """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
         sizes |= {"r": count} if timed or powered else {}
@@ -262,7 +269,10 @@ class SpeedProgram:
         return sizes
 
     def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
-        """Return the cost of each unknown by a goal; none for "curvature", whose cost is quadratic."""
+        """Return the cost of each unknown by a goal.
+
+        None for "curvature", whose cost is quadratic.
+        """
         match goal:
             case "time":
                 return {"v": self._inner_weights}
@@ -276,7 +286,10 @@ class SpeedProgram:
         return {"peak": np.ones(1)}
 
     def _bound_integrals(self, bounds: Bounds, units: Units) -> list[AffineRows]:
-        """Return the bounds of duration and energy less the integrals of v and e, rows not negative."""
+        """Return the bounds of duration and energy as rows not negative.
+
+        They are less the integrals of v and e.
+        """
         weights = sparse.csr_array(-self._inner_weights[None])
         rows = []
         if bounds.longest is not None:
@@ -287,9 +300,10 @@ class SpeedProgram:
         return rows
 
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
-        """Return T_lin(z) - duration, with the tangent T_lin of the duration at the coefficients y.
+        """Compute T_lin(z) - duration at the coefficients y.
 
-        T = integral of z^(-1/2), so that T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
+        T_lin is the tangent of the duration there. T = integral of z^(-1/2), so that T_lin(z) = integral of
+        1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
         """
         weights = self._inner_weights
         z = self.z @ y * units.time**2
@@ -325,10 +339,10 @@ class SpeedProgram:
         return rows
 
     def _largest_torque(self, motor: int, goal: str, bounds: Bounds, units: Units) -> float:
-        """Return the largest torque of a motor, over reference and unit; infinite without a bound.
+        """Return the largest relative torque of a motor, in its unit.
 
-        A share of a torque limit may be less than the torque that holds the robot at an end, whatever the
-        law. Then the holding torque is allowed, up to the limit itself.
+        It is infinite without a bound. A share of a torque limit may be less than the torque that holds the
+        robot at an end, whatever the law. Then the holding torque is allowed, up to the limit itself.
         """
         largest = np.inf if bounds.peak is None else bounds.peak / units.torque
         limit = self.problem.specification.torque_limit[motor]
@@ -339,15 +353,16 @@ class SpeedProgram:
         return min(largest, allowed / (self.problem.reference[motor] * units.torque))
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
-        """Return r^2 <= z, v r >= 1 and e r >= |torque|^2 at the points with a weight.
+        """Return the cones of durations and energies at the points.
 
-        The first is 4 z >= (2 r)^2, that is z + 1 >= |(z - 1, 2 r)|.
+        They are r^2 <= z, v r >= 1 and e r >= |torque|^2, where a point has a weight. The first is 4 z >= (2
+        r)^2, that is z + 1 >= |(z - 1, 2 r)|.
         """
         count = self.z.shape[0]
         cones: list[list[AffineRows]] = []
         if timed or powered:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
-            twice_r = AffineRows({"r": 2.0 * sparse.identity(count, format="csr")}, np.zeros(count))
+            twice_r = linear_rows(r=2.0 * sparse.identity(count, format="csr"))
             cones.append([*z_plus_and_minus_1, twice_r])
         identity = sparse.identity(count, format="csr")
         if timed:
@@ -366,7 +381,7 @@ class SpeedProgram:
 
 
 def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> list[Array]:
-    """Return for each crossing the weights (M,) of values at the points in the limit at the crossing.
+    """Weigh the values (M,) at points in the limit at each crossing.
 
     A torque at a crossing is 0 / 0. Its limit is that of the polynomial through the points of the cell about
     the crossing; a crossing on an edge of two cells has no weights.
@@ -383,15 +398,19 @@ def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> l
     return weights
 
 
-def _gauss_points(cells: Array, counts: Array) -> tuple[Array, Array]:
-    """Return Gauss points (M,) of the cells, with -1 and 1, and weights (M,), zero at -1 and 1."""
-    xi = [np.array([-1.0])]
-    weights = [np.zeros(1)]
+def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tuple[Array, Array]:
+    """Return Gauss points xi (M,) of the cells and weights (M,) in sigma.
+
+    Points -1 and 1 have the weight zero. The weights are those in xi over xi' = d xi / d sigma.
+    """
+    points_of = [np.array([-1.0])]
+    weights_of = [np.zeros(1)]
     for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
         points, point_weights = _gauss_legendre(int(count))
-        xi.append(0.5 * (low + high) + 0.5 * (high - low) * points)
-        weights.append(0.5 * (high - low) * point_weights)
-    return np.concatenate([*xi, [1.0]]), np.concatenate([*weights, [0.0]])
+        points_of.append(0.5 * (low + high) + 0.5 * (high - low) * points)
+        weights_of.append(0.5 * (high - low) * point_weights)
+    xi = np.concatenate([*points_of, [1.0]])
+    return xi, np.concatenate([*weights_of, [0.0]]) / problem.task.stretch(problem.sigma(xi), 1)
 
 
 @lru_cache(maxsize=8)
@@ -402,9 +421,10 @@ def _gauss_legendre(count: int) -> tuple[Array, Array]:
 
 
 def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
-    """Return the weights (M,) of Lagrange's polynomial at x through some of the points xi (M,).
+    """Compute the weights (M,) of Lagrange's polynomial at x.
 
-    The weight of point i is the product of (x - x_j) / (x_i - x_j) over all j other than i.
+    It goes through some of the points xi (M,). The weight of point i is the product of (x - x_j) / (x_i -
+    x_j) over all j other than i.
 
     Args:
         chosen: indices (k,) of the points.
@@ -419,7 +439,10 @@ def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
 
 
 def _limit_entries(rows: AffineRows) -> AffineRows:
-    """Scale down the rows with entries of y above MAX_ROW_SIZE, so that the largest of each is that."""
+    """Scale down rows with entries of y above MAX_ROW_SIZE.
+
+    The largest entry of each is then that.
+    """
     if not len(rows.offset):
         return rows
     largest = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
@@ -431,7 +454,10 @@ def _limit_entries(rows: AffineRows) -> AffineRows:
 def _bound_size(
     torque: AffineRows, largest: float = 0.0, *, peak_share: float | None = None
 ) -> list[AffineRows]:
-    """Return |torque| <= largest + peak_share * peak as rows that may not be negative."""
+    """Return the bounds of |torque| as rows that may not be negative.
+
+    They say |torque| <= largest + peak_share * peak.
+    """
     matrix = torque.parts["y"]
     peak = {} if peak_share is None else {"peak": _constant_column(matrix, peak_share)}
     return [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from framework.errors import format_distinct, round_up
@@ -16,12 +15,11 @@ from framework.tolerances import LIMIT_MARGIN
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
 
 
-@dataclass(frozen=True)
-class UnmetCondition:
-    """Condition (8) at path coordinate s, alpha s" + beta s'^2 + gamma = 0, that no motion can meet.
+class UnmetCondition(NamedTuple):
+    """Condition (8) at s that no motion can meet.
 
-    `stop`: the path ends at s, with s' = s" = 0, and gamma is not zero. Else alpha is zero, and no
-    s'^2 > 0 makes beta s'^2 + gamma vanish.
+    It is alpha s" + beta s'^2 + gamma = 0. `stop`: the path ends at s, with s' = s" = 0, and gamma is not
+    zero. Else alpha is zero, and no s'^2 > 0 makes beta s'^2 + gamma vanish.
     """
 
     s: float
@@ -31,8 +29,7 @@ class UnmetCondition:
     stop: bool
 
 
-@dataclass(frozen=True)
-class StaticFold:
+class StaticFold(NamedTuple):
     """Deflections at rest at an end s of the path end in a fold as the springs get softer.
 
     compliance: of the softest springs that reach, over that of the robot's.
@@ -43,7 +40,7 @@ class StaticFold:
 
 
 class LeastLimits(NamedTuple):
-    """Limits (n_a,) within which a law was found, in proportion to the limits asked for.
+    """Limits (n_a,) within which a law was found, over the limits given.
 
     torque_peak: the least peak of torque found in the duration asked, over the torque limits and within the
         speed limits; None where no law was found, or without a torque limit.
@@ -74,14 +71,17 @@ class LeastLimits(NamedTuple):
 
     @property
     def options(self) -> list[dict[str, Array]]:
-        """The limits to raise, as options of a plan without margin; alternatives, or all together."""
+        """The limits to raise, as options without margin.
+
+        They are alternatives, or all needed together.
+        """
         limits = {"torque_limit": self.torque, "speed_limit": self.speed}
         options = {name: limit for name, limit in limits.items() if limit is not None}
         return [options] if self.together else [{name: limit} for name, limit in options.items()]
 
 
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
-    """Return, in words, limits (n_a,) of torque and speed within which a law was planned."""
+    """Return limits (n_a,) of torque and speed that suffice, in words."""
     units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
     words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
     return f"{' with '.join(words)} would do"
@@ -99,11 +99,10 @@ def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) ->
     )
 
 
-@dataclass(frozen=True)
-class HoldingTorque:
-    """A torque above the limit of the motor at `joint`, needed at rest at an end s of the path.
+class HoldingTorque(NamedTuple):
+    """A holding torque above a motor's limit at an end of the path.
 
-    torque, limit: motor side [N m], or [N] of a motor that slides.
+    The motor is at `joint`, the end at s. torque, limit: motor side [N m], or [N] of a motor that slides.
     """
 
     joint: str
@@ -117,9 +116,8 @@ def _ratio_text(ratio: float | None) -> str:
     return "" if ratio is None else format_distinct(ratio, 1.0)[0]
 
 
-@dataclass(frozen=True, eq=False)
-class SearchEvidence:
-    """Numbers of a search that found no law within the limits: no proof that none exists.
+class SearchEvidence(NamedTuple):
+    """Numbers of a search without a law; no proof that none exists.
 
     cells: number of intervals of the piecewise polynomial that the squared speed was sought as.
     least: the limits within which a law was found, in the duration asked.

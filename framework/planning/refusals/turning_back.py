@@ -12,10 +12,10 @@ from framework.tolerances import AT_REST, OVERSHOOT
 
 
 def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
-    """Refuse a law that runs backwards, leaves the path, or meets a singular point s (k,) twice.
+    """Refuse a law that turns back, leaves the path or repeats a crossing.
 
-    A law that always advances passes; so does one that overshoots an end by less than
-    `tolerances.OVERSHOOT` and comes back to it, as the paper's case C does with degree 8.
+    The singular points are at s (k,). A law that always advances passes; so does one that overshoots an end
+    by less than `tolerances.OVERSHOOT` and comes back to it, as the paper's case C does with degree 8.
 
     Args:
         name: of the robot.
@@ -29,7 +29,10 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
 
 
 def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str | None:
-    """Return the fault of a law on a path with singular points (k,), in words; None without any."""
+    """Find the fault of a law with singular points (k,), in words.
+
+    None without any.
+    """
     times = np.linspace(0.0, law.duration, 2001)
     s, ds = law_derivatives(law, times, 2)
     for end, beyond in ((0.0, -s), (1.0, s - 1.0)):
