@@ -33,7 +33,7 @@ def turns_apart(robot, one, two):
 
 @pytest.mark.parametrize(
     ("name", "size"),
-    [("five_bar", 21), *(pytest.param(name, 24, marks=pytest.mark.slow) for name in CATALOGUE)],
+    [("five_bar", 21), *(pytest.param(name, 32, marks=pytest.mark.slow) for name in CATALOGUE)],
 )
 def test_a_step_between_neighbours_leads_from_the_one_to_the_other(name, size):
     robot = robots.load(name)
