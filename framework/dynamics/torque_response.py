@@ -17,7 +17,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
 from framework.dynamics.force_changes import force_changes, force_slopes
@@ -35,34 +34,21 @@ from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.clock import OnParameter
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import coefficients
+from framework.numerics.chebyshev import TimeFunction, coefficients
 from framework.numerics.ordered_sums import solve
 
 
 class TorqueResponse(NamedTuple):
     """Motor torques about a motion, linear in the coefficients y (n,) of the squared speed.
 
-    The series are of M Chebyshev polynomials of xi on each panel.
+    Functions are of xi in place of time.
     """
 
-    edges: Array  # (panels + 1,) of xi
     y: Array  # (n,) of the motion
-    torque: Array  # (panels, M, n_a) [N m] along the motion, motor side
-    slopes: Array  # (panels, M, n_a n) derivatives of the torque by y
-    speed: Array  # (panels, M, n_a) [rad] of the motors over d sigma/dt
+    torque: TimeFunction  # (n_a,) [N m] along the motion, motor side
+    slopes: TimeFunction  # (n_a n,) derivatives of the torque by y
+    speed: TimeFunction  # (n_a,) [rad] of the motors over d sigma/dt
     scalars: Array  # (k, n) derivatives by y of the law's scalars
-
-    def evaluate(self, xi: Array) -> tuple[Array, Array, Array]:
-        """Evaluate torques (T, n_a), their slopes (T, n_a, n) and speeds (T, n_a) at xi (T,)."""
-        panels, M, n_a = self.torque.shape
-        panel = np.clip(np.searchsorted(self.edges, xi, side="right") - 1, 0, panels - 1)
-        low, high = self.edges[panel], self.edges[panel + 1]
-        values = chebyshev.chebvander((2.0 * xi - low - high) / (high - low), M - 1)
-        polynomials = np.zeros((len(xi), panels, M))
-        polynomials[range(len(xi)), panel] = values
-        series = (self.torque, self.slopes, self.speed)
-        torque, slopes, speed = (np.tensordot(polynomials, part, axes=2) for part in series)
-        return torque, slopes.reshape(len(xi), n_a, -1), speed
 
 
 def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueResponse:
@@ -74,14 +60,11 @@ def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueRe
     slopes = _along_law(by_law.torque, law) + _torques_of_deflections(equations.branch.robot, state, series)
     parts = np.stack([np.ones_like(law.z), law.z, law.u, np.sqrt(law.z)], axis=1)
     torque = (by_law.torque @ parts[:, :, None])[..., 0]
-    return TorqueResponse(
-        edges=clock.edges,
-        y=clock.law.coefficients,
-        torque=_fit_panels(state, torque),
-        slopes=_fit_panels(state, slopes),
-        speed=_fit_panels(state, by_law.speed),
-        scalars=scalars,
+    torque_function, slope_function, speed_function = (
+        TimeFunction(clock.edges, coefficients(values.reshape(len(state.series), -1, values[0].size)))
+        for values in (torque, slopes, by_law.speed)
     )
+    return TorqueResponse(clock.law.coefficients, torque_function, slope_function, speed_function, scalars)
 
 
 def _clock_of(state: BalanceState) -> OnParameter:
@@ -89,11 +72,6 @@ def _clock_of(state: BalanceState) -> OnParameter:
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
     return clock
-
-
-def _fit_panels(state: BalanceState, values: Array) -> Array:
-    """Return the series (panels, M, k) through values (T, ...) at the nodes."""
-    return coefficients(values.reshape(len(state.series), 2 * state.series.shape[1], -1))
 
 
 class _LawAtNodes(NamedTuple):

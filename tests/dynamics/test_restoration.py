@@ -14,6 +14,7 @@ from framework.dynamics.inverse_dynamics import resolve_law
 from framework.dynamics.restoration import deflections_of
 from framework.laws.clock import OnParameter
 from framework.singularity.points_on_path import search_path
+from framework.tolerances import MAX_END_RATE
 from tests.benchmarks.upright_robots import drawn, is_right, judged
 
 ROBOTS = {"light five-bar": 7, "heavy five-bar": 1, "orthoglide": 5}  # none has a polynomial that advances
@@ -38,7 +39,7 @@ def test_the_motion_begins_and_ends_at_rest(kind, softness):
     plan = planned(kind, softness)
     quickest = np.abs(plan.dynamics.deflection(np.linspace(0.0, plan.duration, 201), 1)).max(axis=0)
     for t in (0.0, plan.duration):
-        assert np.all(np.abs(plan.dynamics.deflection(t, 1)) <= 1e-4 * quickest)
+        assert np.all(np.abs(plan.dynamics.deflection(t, 1)) <= MAX_END_RATE * quickest)
 
 
 @pytest.mark.parametrize(("kind", "softness"), CASES)

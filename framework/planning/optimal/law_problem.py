@@ -157,7 +157,8 @@ def _responding_rows(
     response: TorqueResponse, specification: Specification, basis: SpeedBasis, xi: Array
 ) -> MotorRows:
     """Compute rows of torques and squared speeds at xi (M,) from the response to the law's coefficients."""
-    torque, slopes, speed = response.evaluate(xi)
+    torque, speed = response.torque(xi), response.speed(xi)
+    slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
     offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
     torques = [Affine(sparse.csr_array(slopes[:, j]), offset[:, j].copy()) for j in range(torque.shape[1])]
     return MotorRows(tuple(torques), _squared_speed_rows(speed, specification.speed_limit, basis.matrix(xi)))
