@@ -283,7 +283,8 @@ class ComputedTorque:
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]; infinite in a division by zero.
 
-        P' lambda = r_p for the multipliers lambda, then tau = r_a - J_a' lambda on the joint side.
+        The joints that follow (p) give the multipliers lambda of the loops, P' lambda = r_p; then the motors
+        (a) need tau = r_a - J_a' lambda on the joint side. r are the forces of the open tree.
         """
         ref = self.reference
         robot = self.reference.robot

@@ -199,7 +199,7 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> No
     for name, frame in frames.items():
         _add_site(robot, bodies, name, frame, np.zeros(3))
     for closure in robot.description.closures:
-        for k in (None, *OFF_ORIGIN[axes[closure.name]]):
+        for k in (None, *OFF_ORIGIN[axes[closure.name]]):  # the origins, then points off them on axis k
             name, pair = closure.name, list(closure.frames)
             if k is not None:
                 name = f"{closure.name}_{'xyz'[k]}"
@@ -243,7 +243,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
     """Choose the axes (of OFF_ORIGIN) that the equalities of each closure lock.
 
     Raises:
-        InvalidInput: a closure that none of them says; names it, and the axes along which the robot moves.
+        InvalidInput: no equality locks the axes of a closure; names it, and the axes along which it moves.
     """
     closures, poses = robot.description.closures, None
     locked = {}

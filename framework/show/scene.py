@@ -338,9 +338,9 @@ def _locus_document(film: Film, platform: Array, traced: Traced) -> Document | N
 
 
 def _trace_once(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves | None:
-    """Return the locus about a frame that serves platform coordinates x (T, n).
+    """Return the locus curves around a frame of a film, wide enough for x (T, n).
 
-    Curves already traced for the robot are used if they do.
+    Curves traced before for the same robot are taken again if x lies well inside them.
     """
     for description, curves in traced:
         if description == film.robot.description and curves.serves(x):

@@ -78,7 +78,7 @@ def film_sight(film: Film) -> Sight:
         arrow = twist[:3] if len(robot.platform.sliding) else twist[3:]
         patch = locus_patch(robot, q, film.x[k])
         if patch is not None:
-            normal = np.cross(patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0])
+            normal = np.cross(patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0])  # of its diagonals
             normal /= np.linalg.norm(normal)
     return robot_sight(robot, q, Wanted(film.platform, arrow, normal))
 
