@@ -264,7 +264,7 @@ def _bisect_stretches(
 
 def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
     """Return whether the measure g of a pose is zero to rounding."""
-    return bool(abs(_measure(robot, hit.q[None])[0]) < RANK_LOST)
+    return bool(abs(_compute_g(robot, hit.q[None])[0]) < RANK_LOST)
 
 
 def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
@@ -274,7 +274,7 @@ def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
     return bool(least_singular_value < TYPE_1_END)
 
 
-def _measure(robot: ParallelRobot, q: Array) -> Array:
+def _compute_g(robot: ParallelRobot, q: Array) -> Array:
     """Compute g (T,) at q (T, nq), all with the border vectors of the first pose."""
     return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
 
@@ -282,8 +282,8 @@ def _measure(robot: ParallelRobot, q: Array) -> Array:
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
     """Find the foot point of x (n,) by Newton's method; None without convergence.
 
-    Each step is the one of the module's docstring, shortened to RAY_STEP; slopes of g are central
-    differences.
+    Each step goes from y to the point of the linearised locus nearest to x, or RAY_STEP towards it. With the
+    slopes a of g (central differences) in scaled coordinates, that is x + a (a . (y - x) - g) / |a|^2.
     """
     scale, n = robot.platform_scale, robot.n
     _, y, q = hit
@@ -292,8 +292,8 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         stencil = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
         if (stencil.reason != PoseReason.REACHED).any():
             return None
-        g = _measure(robot, stencil.q)
-        a = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
+        g = _compute_g(robot, stencil.q)
+        a = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)  # (n,)
         if not float(a @ a) > 0:
             return None
         target = x + scale * a * (a @ ((y - x) / scale) - g[0]) / float(a @ a)
