@@ -85,11 +85,11 @@ class WorkspaceMap(ReadOnlyArrays):
             q=self.q,
             reached=self.reached,
             g=self.values["g"],
-            lead=self._lead,
+            lead=self._step_configurations,
         )
         return locus_on_map(self.robot, poses)
 
-    def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
+    def _step_configurations(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
         """Step q (T, nq) from start to end (T, n); return the ends, accepted (T,)."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED

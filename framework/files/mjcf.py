@@ -251,7 +251,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
         if closure.axes in OFF_ORIGIN:
             locked[closure.name] = closure.axes
             continue
-        poses = _configurations_beside(robot) if poses is None else poses
+        poses = _configurations_near(robot) if poses is None else poses
         locked[closure.name] = _choose_wider_axes(robot, closure, poses)
     return locked
 
@@ -278,8 +278,8 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
     )
 
 
-def _configurations_beside(robot: ParallelRobot) -> Array:
-    """Return assembled poses (K, nq) beside the reference, springs deflected or not."""
+def _configurations_near(robot: ParallelRobot) -> Array:
+    """Return assembled poses (K, nq) near the reference, springs deflected or not."""
     rest = robot.reference.q
     share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
     deflections = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share

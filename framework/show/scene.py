@@ -327,7 +327,7 @@ def _locus_document(film: Film, platform: Array, traced: Traced) -> Document | N
     """Return the locus near the film's closest approach; None without a measure."""
     if not film.has_measure:
         return None
-    nearest = film.telling_frame if film.instants else int(np.argmin(np.abs(film.g)))
+    nearest = film.key_frame if film.instants else int(np.argmin(np.abs(film.g)))
     patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
     if patch is not None:
         return {"kind": "patch", "count": len(patch), "points": encode_floats(patch)}
