@@ -131,7 +131,7 @@ class RaySegments(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """A foot of the perpendicular from a point to the locus, or a candidate for it."""
+    """A foot of the perpendicular from a point to the locus, or a candidate."""
 
     distance: float  # from the point [robot lengths, rad]
     x: Array  # (n,)
