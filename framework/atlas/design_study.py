@@ -27,7 +27,7 @@ from framework.atlas.map_files import (
     robot_hash,
     table_cells,
     value_range,
-    write_files,
+    write_document_and_arrays,
 )
 from framework.atlas.quantities import QUANTITIES, choose_quantities, quantity_unit
 from framework.atlas.survey import Window, map_axes, survey_window
@@ -231,7 +231,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(study.columns)
     columns = [(name, table_cells(values)) for name, values in (*parameters.items(), *study.columns.items())]
-    return write_files(
+    return write_document_and_arrays(
         folder / DOCUMENT,
         document,
         document,

@@ -113,10 +113,11 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         **workspace.values,
     }
     table = list(_table_columns(workspace).items())
-    return write_files(folder / DOCUMENT, map_document(workspace), map_setup(workspace), arrays, table)
+    document, setup = map_document(workspace), map_setup(workspace)
+    return write_document_and_arrays(folder / DOCUMENT, document, setup, arrays, table)
 
 
-def write_files(
+def write_document_and_arrays(
     file: Path,
     document: Mapping[str, Any],
     setup: Mapping[str, Any],

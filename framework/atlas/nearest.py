@@ -36,7 +36,7 @@ RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
 RAYS_IN_MORE = 600  # of a platform with more coordinates
 MAX_STARTS = 8  # of Newton's method, from where the shortest rays meet the locus
-FAR_RATIO = 1.25  # start of a ray's stretch over the nearest end of all, from which on it is left out
+FAR_RATIO = 1.25  # start of a ray's segment over the nearest end of all, from which on it is left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
 # of a step along the nearest ray, to rounding; of steps along all rays, to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
@@ -59,7 +59,7 @@ class NearestSingularPose(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """The margin, proved and found, in a sentence."""
+        """The distances to Type 2, proved and found, in a sentence."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -119,8 +119,8 @@ def nearest_singular_pose(
     return replace(margin, distance=nearest.distance * unit_length, x=nearest.x, q=nearest.q, twist=twist)
 
 
-class Stretches(NamedTuple):
-    """Stretches of K rays at whose ends g changes its sign, or the branch ends.
+class RaySegments(NamedTuple):
+    """Segments of K rays at whose ends g changes its sign, or the branch ends.
 
     Each leads from a reached pose to a point with another sign of g, or not reached.
     """
@@ -131,11 +131,11 @@ class Stretches(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """A pose, singular or almost, and its distance [robot lengths, rad]."""
+    """A foot of the perpendicular from a point to the locus, or a candidate."""
 
-    distance: float
-    x: Array
-    q: Array
+    distance: float  # from the point [robot lengths, rad]
+    x: Array  # (n,)
+    q: Array  # (nq,)
 
 
 def _directions(n: int) -> Array:
@@ -166,27 +166,27 @@ def _sign_of_g(robot: ParallelRobot, q: Array) -> Array:
 
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
-) -> tuple[Stretches, Stretches]:
+) -> tuple[RaySegments, RaySegments]:
     """Follow rays (K, n) step by step to sign changes of g or ends of branches.
 
-    Return the stretches of both kinds. A ray is followed no farther than its first such stretch.
+    Return the segments of both kinds. A ray is followed no farther than its first such segment.
     """
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
     live = np.arange(len(rays))  # rays that go on
     all_q = np.repeat(q[None], len(rays), axis=0)
     sign = _sign_of_g(robot, q[None])[0]
-    crossed: list[Stretches] = []
-    ended: list[Stretches] = []
+    crossed: list[RaySegments] = []
+    ended: list[RaySegments] = []
     for k in range(count):
         start, end = (x + rays[live] * (reach * i / count) for i in (k, k + 1))
         step = step_poses(robot, all_q[live], start, end, STEP_PARTS)
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
         is_crossed[is_reached] = _sign_of_g(robot, step.q[is_reached]) != sign
-        stretches = Stretches(all_q[live], start, end)
-        crossed.append(select(stretches, is_crossed))
-        ended.append(select(stretches, ~is_reached))
+        segments = RaySegments(all_q[live], start, end)
+        crossed.append(select(segments, is_crossed))
+        ended.append(select(segments, ~is_reached))
         all_q[live] = step.q
         live = live[is_reached & ~is_crossed]
         if not len(live):
@@ -194,7 +194,7 @@ def _follow_rays(
     return _join_nearest(crossed, robot, x), _join_nearest(ended, robot, x)
 
 
-def _nearest_foot(robot: ParallelRobot, crossed: Stretches, x: Array, reach: float) -> Foot | None:
+def _nearest_foot(robot: ParallelRobot, crossed: RaySegments, x: Array, reach: float) -> Foot | None:
     """Find the nearest singular pose to x (n,) within reach, from sign changes of g.
 
     Candidates are foot points, and the nearest sign change itself if g is zero there to rounding.
@@ -206,15 +206,15 @@ def _nearest_foot(robot: ParallelRobot, crossed: Stretches, x: Array, reach: flo
     return min(within_reach, key=lambda foot: foot.distance, default=None)
 
 
-def _type_1_distance(robot: ParallelRobot, ended: Stretches, x: Array) -> float:
+def _type_1_distance(robot: ParallelRobot, ended: RaySegments, x: Array) -> float:
     """Compute the distance of x (n,) from the nearest Type 1 end; infinite without."""
     ends = _locate_ends(robot, ended, x, by_sign=False)
     return min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
 
 
-def _join_nearest(stretches: list[Stretches], robot: ParallelRobot, x: Array) -> Stretches:
-    """Join stretches that start no farther than FAR_RATIO times the nearest end."""
-    joined = join(stretches)
+def _join_nearest(segments: list[RaySegments], robot: ParallelRobot, x: Array) -> RaySegments:
+    """Join segments that start no farther than FAR_RATIO times the nearest end."""
+    joined = join(segments)
     start, end = _platform_distances(robot, joined.start, x), _platform_distances(robot, joined.end, x)
     return select(joined, start <= FAR_RATIO * end.min(initial=np.inf))
 
@@ -224,47 +224,47 @@ def _platform_distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
     return np.linalg.norm((y - x) / robot.platform_scale, axis=-1)
 
 
-def _locate_ends(robot: ParallelRobot, stretches: Stretches, x: Array, *, by_sign: bool) -> list[Foot]:
+def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array, *, by_sign: bool) -> list[Foot]:
     """Find the last poses before sign changes or ends of branches, nearest first.
 
     All are found coarsely by few halvings, then the nearest to rounding.
     """
-    coarse = _bisect_stretches(robot, stretches, by_sign=by_sign, halvings=COARSE_HALVINGS)
+    coarse = _bisect_segments(robot, segments, by_sign=by_sign, halvings=COARSE_HALVINGS)
     order = np.argsort(_platform_distances(robot, coarse.start, x), kind="stable")
     nearest = select(coarse, order[:1])
-    fine = _bisect_stretches(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
+    fine = _bisect_segments(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
     distances = map(float, _platform_distances(robot, ends.start, x))
     return [Foot(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
 
 
-def _bisect_stretches(
-    robot: ParallelRobot, stretches: Stretches, *, by_sign: bool, halvings: int
-) -> Stretches:
-    """Advance the starts of stretches towards the sign change or end, by bisection.
+def _bisect_segments(
+    robot: ParallelRobot, segments: RaySegments, *, by_sign: bool, halvings: int
+) -> RaySegments:
+    """Advance the starts of segments towards the sign change or end, by bisection.
 
-    `share` of a stretch is done. A step of `size` is repeated while it is accepted, and halved when it is
+    `fraction` of a segment is done. A step of `size` is repeated while it is accepted, and halved when it is
     refused: near an end a long step is not trusted where a shorter one is.
     """
-    q, start, end = (part.copy() for part in stretches)
-    sign, share, size = _sign_of_g(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
+    q, start, end = (part.copy() for part in segments)
+    sign, fraction, size = _sign_of_g(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
-        next_share = (share + size)[live]
+        next_fraction = (fraction + size)[live]
         direction = (end - start)[live]
-        origin = start[live] + direction * share[live][:, None]
-        target = start[live] + direction * next_share[:, None]
+        origin = start[live] + direction * fraction[live][:, None]
+        target = start[live] + direction * next_fraction[:, None]
         step = step_poses(robot, q[live], origin, target)
-        accepted = (step.reason == PoseReason.REACHED) & (next_share < 1.0)
+        accepted = (step.reason == PoseReason.REACHED) & (next_fraction < 1.0)
         if by_sign:
             accepted[accepted] = _sign_of_g(robot, step.q[accepted]) == sign[live[accepted]]
-        q[live[accepted]], share[live[accepted]] = step.q[accepted], next_share[accepted]
+        q[live[accepted]], fraction[live[accepted]] = step.q[accepted], next_fraction[accepted]
         size[live[~accepted]] *= 0.5
-    return Stretches(q, start + (end - start) * share[:, None], end)
+    return RaySegments(q, start + (end - start) * fraction[:, None], end)
 
 
 def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
     """Return whether the measure g of a pose is zero to rounding."""
-    return bool(abs(_measure(robot, hit.q[None])[0]) < RANK_LOST)
+    return bool(abs(_compute_g(robot, hit.q[None])[0]) < RANK_LOST)
 
 
 def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
@@ -274,7 +274,7 @@ def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
     return bool(least_singular_value < TYPE_1_END)
 
 
-def _measure(robot: ParallelRobot, q: Array) -> Array:
+def _compute_g(robot: ParallelRobot, q: Array) -> Array:
     """Compute g (T,) at q (T, nq), all with the border vectors of the first pose."""
     return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
 
@@ -282,8 +282,8 @@ def _measure(robot: ParallelRobot, q: Array) -> Array:
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
     """Find the foot point of x (n,) by Newton's method; None without convergence.
 
-    Each step is the one of the module's docstring, shortened to RAY_STEP; slopes of g are central
-    differences.
+    Each step goes from y to the point of the linearised locus nearest to x, or RAY_STEP towards it. With the
+    slopes a of g (central differences) in scaled coordinates, that is x + a (a . (y - x) - g) / |a|^2.
     """
     scale, n = robot.platform_scale, robot.n
     _, y, q = hit
@@ -292,8 +292,8 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         stencil = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
         if (stencil.reason != PoseReason.REACHED).any():
             return None
-        g = _measure(robot, stencil.q)
-        a = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)
+        g = _compute_g(robot, stencil.q)
+        a = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)  # (n,)
         if not float(a @ a) > 0:
             return None
         target = x + scale * a * (a @ ((y - x) / scale) - g[0]) / float(a @ a)

@@ -85,11 +85,11 @@ class WorkspaceMap(ReadOnlyArrays):
             q=self.q,
             reached=self.reached,
             g=self.values["g"],
-            lead=self._lead,
+            lead=self._step_configurations,
         )
         return locus_on_map(self.robot, poses)
 
-    def _lead(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
+    def _step_configurations(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
         """Step q (T, nq) from start to end (T, n); return the ends, accepted (T,)."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
@@ -300,15 +300,16 @@ def _join_bands(
 
 
 def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, stride: int) -> None:
-    """Set the reason of poses that do not close or are in other modes, in place.
+    """Set the reason (I, J) of poses that do not close or are in other modes, in place.
 
-    Newton's method looks for a pose of any working mode at every `stride`-th of them, from the nearest pose
-    reached and from others beside it; those that it finds are continued to their neighbours.
+    Poses are q (I, J, nq) at x (I, J, n). Newton's method looks for a pose of any working mode at every
+    `stride`-th of them, from the nearest pose reached and from others beside it; those that it finds are
+    continued to their neighbours.
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     coarse = np.zeros_like(unjoined)
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
-    nearest: IntArray = distance_transform_edt(
+    nearest: IntArray = distance_transform_edt(  # (2, I, J), row and column of the nearest pose reached
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
     others, random = np.full_like(q, np.nan), np.random.default_rng(0)

@@ -205,7 +205,7 @@ class ControlCycle:
         return float(np.abs(solution[:, 0]).max())
 
     def _factor(self, P: Array) -> bool:
-        """Factor P (m, m) as L U, with its determinant and `type2`; return whether it is regular."""
+        """Factor P (m, m) as L U, with determinant and `type2`; return whether P is regular."""
         norm = np.abs(P).sum(axis=0).max()  # 1-norm
         self._lu, self._pivots, is_singular = dgetrf(P, overwrite_a=1)
         if is_singular:

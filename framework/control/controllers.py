@@ -119,11 +119,8 @@ def solve_damped(matrices: Array, right: Array) -> Array:
     return np.where(finite, solutions, np.nan)
 
 
-FREQUENCY, COMPUTED_TORQUE_FREQUENCY = (
-    40.0,
-    20.0,
-)  # [rad/s] natural ones of controlled motors, of the platform
-DAMPING = 1.0  # ratio, of both: critical
+# natural frequencies [rad/s] of controlled motors and of the platform, both critically damped
+FREQUENCY, COMPUTED_TORQUE_FREQUENCY = 40.0, 20.0
 POSITION_DEVIATION, SPEED_DEVIATION = 1e-3, 2e-2  # [robot lengths, robot lengths/s] of equal cost for LQR
 MAX_SAMPLED_DAMPING = 0.5  # damping over that which stops a rotor within one sampling period; 2 is unstable
 
@@ -140,7 +137,7 @@ class FeedforwardPD:
 
     @staticmethod
     def tune(reference: Reference) -> FeedforwardPD:
-        """Tune the gains so that each motor has the natural frequency FREQUENCY.
+        """Tune the gains to the natural frequency FREQUENCY of each motor, critically damped.
 
         The inertia is that which a motor moves alone at the start of the motion. With springs a fast motor
         moves only its rotor: w is lowered to a damping k_d that is stable with this sampling period.
@@ -149,9 +146,9 @@ class FeedforwardPD:
         inertia = motor_inertia(robot, reference.motion.q[0])
         w = np.full(robot.n_a, FREQUENCY)
         if robot.n_e and robot.rotor_inertia.all():
-            highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * DAMPING * inertia * reference.period)
+            highest = MAX_SAMPLED_DAMPING * robot.rotor_inertia / (2 * inertia * reference.period)
             w = np.minimum(w, highest)
-        return FeedforwardPD(reference, MotorControl.of(inertia, w, DAMPING))
+        return FeedforwardPD(reference, MotorControl.of(inertia, w))
 
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]."""
@@ -283,13 +280,14 @@ class ComputedTorque:
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]; infinite in a division by zero.
 
-        P' lambda = r_p for the multipliers lambda, then tau = r_a - J_a' lambda on the joint side.
+        The joints that follow (p) give the multipliers lambda of the loops, P' lambda = r_p; then the motors
+        (a) need tau = r_a - J_a' lambda on the joint side. r are the forces of the open tree.
         """
         ref = self.reference
         robot = self.reference.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
         w = COMPUTED_TORQUE_FREQUENCY
-        command = ref.ddx[k] + 2 * DAMPING * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
+        command = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
         motion = _constrained_motion(ref, k, state, command)
         columns = robot.following
         J = scale_jacobian(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless

@@ -37,7 +37,7 @@ class Study(Outcomes):
 
     @property
     def probability(self) -> float:
-        """Share of the runs that passed."""
+        """Fraction of the runs that passed."""
         return float(self.passed.mean())
 
     @property

@@ -199,7 +199,7 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> No
     for name, frame in frames.items():
         _add_site(robot, bodies, name, frame, np.zeros(3))
     for closure in robot.description.closures:
-        for k in (None, *OFF_ORIGIN[axes[closure.name]]):
+        for k in (None, *OFF_ORIGIN[axes[closure.name]]):  # the origins, then points off them on axis k
             name, pair = closure.name, list(closure.frames)
             if k is not None:
                 name = f"{closure.name}_{'xyz'[k]}"
@@ -243,7 +243,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
     """Choose the axes (of OFF_ORIGIN) that the equalities of each closure lock.
 
     Raises:
-        InvalidInput: a closure that none of them says; names it, and the axes along which the robot moves.
+        InvalidInput: no equality locks the axes of a closure; names it, and the axes along which it moves.
     """
     closures, poses = robot.description.closures, None
     locked = {}
@@ -251,7 +251,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
         if closure.axes in OFF_ORIGIN:
             locked[closure.name] = closure.axes
             continue
-        poses = _configurations_beside(robot) if poses is None else poses
+        poses = _configurations_near(robot) if poses is None else poses
         locked[closure.name] = _choose_wider_axes(robot, closure, poses)
     return locked
 
@@ -278,8 +278,8 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
     )
 
 
-def _configurations_beside(robot: ParallelRobot) -> Array:
-    """Return assembled poses (K, nq) beside the reference, springs deflected or not."""
+def _configurations_near(robot: ParallelRobot) -> Array:
+    """Return assembled poses (K, nq) near the reference, springs deflected or not."""
     rest = robot.reference.q
     share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
     deflections = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share

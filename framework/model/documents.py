@@ -12,7 +12,8 @@ from collections.abc import Collection, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, fromstring
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, ParseError, TreeBuilder
 
 import numpy as np
 import yaml
@@ -70,7 +71,7 @@ def parse_xml(text: str) -> Element:
 
 def _build_tree(text: str) -> Element:
     """Parse well-formed XML within the limits of `_Builder`."""
-    return fromstring(text, XMLParser(target=_Builder()))
+    return ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
 
 
 def _mend_xml(text: str) -> str:

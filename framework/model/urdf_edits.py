@@ -180,7 +180,7 @@ def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
 def fix_joint(joint: Joint, *values: float) -> None:
     """Make a joint fixed at the values [rad, m] of its coordinates."""
     if joint.kind in SEVERAL:
-        *along, x, y, z = values
+        *along, x, y, z = values  # shifts of a joint with 6 freedoms, then the rotation vector
         angle = math.hypot(x, y, z)
         motion = placement(rotation_about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
     elif joint.kind == "prismatic":

@@ -169,7 +169,7 @@ class Derivatives(NamedTuple):
         table = self.bounds.table
         thirds = np.zeros_like(self.hessians)
         for term in table.terms:
-            if term.kind != "joint":
+            if term.kind != "joint":  # which is linear
                 chain = table.chains[term.chain]
                 bound = _bound_thirds(term, chain, self.chains[term.chain], radii[:, chain.places])
                 thirds[:, term.row, chain.places[:, None], chain.places] += bound

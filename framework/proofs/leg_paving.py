@@ -172,7 +172,7 @@ class LegEquations:
         equations = loop_equations(rows, frames)
         values = equations.residual[:, loops] / lengths
         slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
-        field = np.where(rows.square[loops], 2, rows.rotation[loops])  # of `ChainBounds`
+        field = np.where(rows.square[loops], 2, rows.rotation[loops])  # 0, 1, 2 of `ChainBounds`
         chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))  # (chains, fields, B)
         errors = chain_bounds[self.chain_of, field].T * np.abs(rows.derivative_weight[loops])
         return LinearEnclosure(values, slopes, errors)

@@ -92,7 +92,7 @@ class Film:
         return platform_wrenches(self.robot, self.q, self.W_p)
 
     @property
-    def telling_frame(self) -> int:
+    def key_frame(self) -> int:
         """Frame of the first singular instant, or else the one in the middle."""
         return self.frame_at(self.instants[0].time) if self.instants else len(self.time) // 2
 
@@ -102,7 +102,7 @@ class Film:
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
-    """Plan and film a motion; in case of a pole, film the unproved law.
+    """Plan and film a motion; where torques are infinite, film the law as unproved.
 
     Args:
         name: what stands above the picture, such as Scene C.

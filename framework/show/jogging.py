@@ -113,9 +113,10 @@ def _has_lines(robot: ParallelRobot) -> bool:
 
 
 def _describe_hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
-    """Return the motors' torques against a push along t_s, forces and lines.
+    """Return the motor torques that withstand a push along t_s, the uncontrolled motion.
 
-    A platform that both shifts and turns has no push of one unit: it gets none.
+    With the forces that motors can give, and their lines of action. A platform that both shifts and turns
+    has no push of one unit: it gets no torques.
     """
     try:
         hold = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)

@@ -225,7 +225,7 @@ def _film_axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
 
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Return the mark of a dot on a curve of the eye; it stops where its film ends."""
+    """Return the mark of a dot on a curve of the eye, up to the end of its film."""
     s, demand = film.law(film.time), film.motors.force_along(twist)
     end = _end_time(film)
     color, _, mark, _ = THREADS if film.proved else MISSES

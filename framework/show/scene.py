@@ -327,7 +327,7 @@ def _locus_document(film: Film, platform: Array, traced: Traced) -> Document | N
     """Return the locus near the film's closest approach; None without a measure."""
     if not film.has_measure:
         return None
-    nearest = film.telling_frame if film.instants else int(np.argmin(np.abs(film.g)))
+    nearest = film.key_frame if film.instants else int(np.argmin(np.abs(film.g)))
     patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
     if patch is not None:
         return {"kind": "patch", "count": len(patch), "points": encode_floats(patch)}
@@ -338,9 +338,9 @@ def _locus_document(film: Film, platform: Array, traced: Traced) -> Document | N
 
 
 def _trace_once(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves | None:
-    """Return the locus about a frame that serves platform coordinates x (T, n).
+    """Return the locus curves around a frame of a film, wide enough for x (T, n).
 
-    Curves already traced for the robot are used if they do.
+    Curves traced before for the same robot are taken again if x lies well inside them.
     """
     for description, curves in traced:
         if description == film.robot.description and curves.serves(x):

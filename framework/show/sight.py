@@ -25,7 +25,7 @@ FLAT_VIEW_SLOPE = np.tan(np.radians(10.0))  # planar robots on a page: bodies st
 AZIMUTHS, ELEVATIONS = np.radians(np.arange(0, 360, 15)), np.radians([10, 20, 30, 40])
 
 
-class Wanted(NamedTuple):
+class ShownObjects(NamedTuple):
     """Objects that a picture must show beside the bodies."""
 
     path: Array  # (m, 3)
@@ -59,7 +59,7 @@ class Sight(NamedTuple):
         return project_along(self.toward)
 
 
-def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: Wanted | None = None) -> Sight:
+def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjects | None = None) -> Sight:
     """Choose the sight on a robot at q (nq,), its reference when None."""
     bodies = body_shapes(robot)
     shapes = bodies + motor_shapes(robot, bodies)
@@ -71,16 +71,16 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: Wanted | N
 @lru_cache(maxsize=4)
 def film_sight(film: Film) -> Sight:
     """Choose the sight on a motion at its first singular instant, or else halfway."""
-    robot, k = film.robot, film.telling_frame
+    robot, k = film.robot, film.key_frame
     q, arrow, normal = film.q[k], np.zeros(3), None
     if film.instants:
         twist = film.twists[k]
         arrow = twist[:3] if len(robot.platform.sliding) else twist[3:]
         patch = locus_patch(robot, q, film.x[k])
         if patch is not None:
-            normal = np.cross(patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0])
+            normal = np.cross(patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0])  # of its diagonals
             normal /= np.linalg.norm(normal)
-    return robot_sight(robot, q, Wanted(film.platform, arrow, normal))
+    return robot_sight(robot, q, ShownObjects(film.platform, arrow, normal))
 
 
 def project_along(toward: Array) -> Projection:
@@ -101,7 +101,9 @@ def tilt_direction(toward: Array) -> Array:
     return direction / np.linalg.norm(direction)
 
 
-def _best_direction(points: Array, nodes: IntArray, normal: Array | None, wanted: Wanted | None) -> Array:
+def _best_direction(
+    points: Array, nodes: IntArray, normal: Array | None, wanted: ShownObjects | None
+) -> Array:
     """Choose the direction (3,) to the eye that shows most of the robot.
 
     The score is the share of each body that is seen, of the most that any direction shows of it, times how

@@ -43,7 +43,7 @@ def plot_still(
             frame only.
         locus, sight: `film_locus(film)` and `film_sight(film)`, when they are known already.
     """
-    robot, k = film.robot, film.telling_frame if frame is None else frame
+    robot, k = film.robot, film.key_frame if frame is None else frame
     sight = film_sight(film) if sight is None else sight
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
     onto = sight.onto
@@ -57,7 +57,7 @@ def plot_still(
     ax.plot(*path[instants].T, "o", **dots)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
         _draw_force_polygons(film, ax, path, limit, [k] if alone else None)
-    if film.instants and k == film.telling_frame and len(robot.platform.sliding):
+    if film.instants and k == film.key_frame and len(robot.platform.sliding):
         _draw_action_lines(film, ax, k, onto)
     if film.has_measure:
         _draw_arrows(film, ax, k, onto)
@@ -157,7 +157,7 @@ def _draw_force_polygons(
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     if frames is None:
         spread = np.linspace(0, len(film.time) - 1, 7).astype(int)  # of forces along the path
-        frames = [int(k) for k in np.unique(np.append(spread, film.telling_frame))]
+        frames = [int(k) for k in np.unique(np.append(spread, film.key_frame))]
     for k in frames:
         corners = line[k] + scale * convex_hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))

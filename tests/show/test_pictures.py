@@ -85,7 +85,7 @@ def test_a_robot_in_space_is_drawn_with_the_scale_and_one_in_a_plane_with_axes()
 )
 def test_the_turn_of_t_s_is_an_arc_about_the_platform(name, scene, turns):
     film = filmed(name, scene)
-    ax, k = plot_still(film), film.telling_frame
+    ax, k = plot_still(film), film.key_frame
     centre = film.platform[k][:2]
     patches = [patch for patch in ax.patches if isinstance(patch, FancyArrowPatch) and patch._path_original]
     rings = [patch._path_original.vertices - centre for patch in patches]

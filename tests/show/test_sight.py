@@ -34,7 +34,7 @@ def sights():
 def pixels(film, sight, rgb) -> int:
     """How much of a picture of the singular instant is of a colour."""
     drawing = Figure(figsize=(4, 4), dpi=60)
-    draw_robot(film.robot, film.q[film.telling_frame], drawing.subplots(), sight=sight).set_axis_off()
+    draw_robot(film.robot, film.q[film.key_frame], drawing.subplots(), sight=sight).set_axis_off()
     written = io.BytesIO()
     drawing.savefig(written, format="png")
     seen = np.asarray(Image.open(written).convert("RGB"), dtype=float) / 255
@@ -59,8 +59,8 @@ def test_the_base_of_a_hexapod_hides_no_leg_and_fills_less_than_its_picture(sigh
 @pytest.mark.parametrize("name", [name for name in SCENES if name != "humanoid_knee"])
 def test_path_and_t_s_lie_across_the_sight(sights, name):
     film, sight = sights[name]
-    q = film.q[film.telling_frame][None]
-    twist = platform_frame_twists(film.robot, q, film.t_s[film.telling_frame][None])[0]
+    q = film.q[film.key_frame][None]
+    twist = platform_frame_twists(film.robot, q, film.t_s[film.key_frame][None])[0]
     arrow = twist[:3] if len(film.robot.platform.sliding) else twist[3:]
     assert np.linalg.norm(sight.onto(arrow)) > 0.7 * np.linalg.norm(arrow)
     steps = np.diff(platform_positions(film.robot, joint_poses(film.robot, film.q)), axis=0)
@@ -71,7 +71,7 @@ def test_path_and_t_s_lie_across_the_sight(sights, name):
 @pytest.mark.parametrize("name", ["delta", "gough_stewart", "orthoglide"])
 def test_a_singular_surface_is_not_seen_from_its_edge(sights, name):
     film, sight = sights[name]
-    k = film.telling_frame
+    k = film.key_frame
     patch = locus_patch(film.robot, film.q[k], film.x[k])
     lines = np.stack(
         [patch[-1] - patch[0], patch[:, -1] - patch[:, 0]], axis=1

@@ -52,7 +52,7 @@ class PartialRobot(NamedTuple):
 
 @dataclass(frozen=True)
 class Options:
-    """The options beside the file; None means the file's value.
+    """The options of a reader; None means the file's value.
 
     `reference` [rad, m] goes by the names of joints, of a ball J by J_rx, J_ry, J_rz (a rotation vector); a
     foreign file's zero pose is the reference unless it says something else. `locked` [rad, m] holds joints,

@@ -122,7 +122,7 @@ class _Model:
             by_body = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
             self.joints.append(_Joint(self.name("joint", j) or by_body, _KINDS[kind], compiled.joint(j)))
         self.all_joints = tuple(joint.name for joint in self.joints)
-        self.tree = UrdfTree(self._urdf(name, taken))
+        self.tree = UrdfTree(self._make_urdf(name, taken))
         self.tree.gravity = tuple(compiled.opt.gravity.tolist())
         self.sites = [
             self.tree.add_frame(
@@ -139,8 +139,8 @@ class _Model:
         """Report an unread element and the bodies or joints under its action."""
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
-    def _urdf(self, name: str, taken: set[str]) -> Element:
-        """Return the URDF: a link a body, and one between the joints of a body.
+    def _make_urdf(self, name: str, taken: set[str]) -> Element:
+        """Return the URDF: a link for each body, and one between joints of one body.
 
         A joint turns about a point of the body: its link stands in that point, and the body's own behind it.
         """

@@ -507,7 +507,7 @@ def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop of a cut joint by its kind, or by the stub of a screw."""
+    """Close the loop of a cut joint; a screw's at the link behind its two motions."""
     if joint.kind == "screw":
         stub = ("1", f"{joint.name}_stub", np.eye(4))
         tree.close(f"{joint.name}_end", "fixed", [stub, ("2", joint.links[1], joint.places[1])])
