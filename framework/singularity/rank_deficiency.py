@@ -271,7 +271,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
 
 
 def _common_part(G: Array) -> Array:
-    """Project blocks G (T, size, size) on the sum of those at both ends, (T,).
+    """Project blocks G (T, size, size) on the sum of both ends, (T,).
 
     All but the last block are at ascending s; the last one is that of the border, at the contact.
     """
