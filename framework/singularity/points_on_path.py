@@ -170,7 +170,7 @@ def _continue_branch(branch: Branch) -> _ContinuedBranch:
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
     """Continue the branch at the first path coordinate at which that succeeds.
 
-    None if there is no such coordinate. None if none does.
+    None if it succeeds at none.
     """
     for s in parameters:
         if not branch.is_continued(np.array([s]))[0]:
