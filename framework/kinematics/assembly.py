@@ -188,9 +188,9 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     configurations: list[Array] = []
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
-        # projected on the allowed motions, so that it does not depend on their basis
-        motion = (allowed @ np.array([draw.gauss() for _ in joints])) @ allowed
-        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]
+        # a random motion projected on the allowed ones, so that it does not depend on their basis
+        motion = (allowed @ np.array([draw.gauss() for _ in joints])) @ allowed  # (joints,)
+        step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
         offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
         distance = float(np.linalg.norm(offset))

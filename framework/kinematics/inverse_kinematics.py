@@ -176,20 +176,25 @@ def idle_ball_columns(robot: ParallelRobot) -> IntArray:
 
 
 def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
-    """Turn the idle balls of q (T, nq) at x (T, n) to zero spin from `origin` (nq,).
+    """Turn the k idle balls of q (T, nq) at x (T, n) to zero spin from `origin` (nq,).
+
+    The spin is the idle component of the rotation vector from the origin. Newton's method for the angles of
+    the turns makes it zero; the loops are closed again after each step.
 
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.
     """
     idle = idle_ball_columns(robot)
+    is_ball = np.isin(robot.structure.idle, idle)  # of all idle joints
     for _ in range(MAX_SPIN_STEPS if len(idle) and len(q) else 0):
-        spin = difference(robot, origin, q)[:, idle]
+        spin = difference(robot, origin, q)[:, idle]  # (T, k)
         if np.abs(spin).max() <= SPIN_ROUNDING:
             break
-        turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, np.isin(robot.structure.idle, idle)]
+        turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, is_ball]  # (T, nv, k)
         rates = [difference_rates(robot, origin, q, turns[:, :, k])[:, idle] for k in range(len(idle))]
-        slope = np.stack(rates, axis=2)  # (T, idle, idle) of the spin by the turns
-        angles = np.linalg.solve(slope, -spin[:, :, None])
+        slope = np.stack(rates, axis=2)  # (T, k, k) derivative of the spin by the turns
+        angles = np.linalg.solve(slope, -spin[:, :, None])  # (T, k, 1)
         angles /= np.maximum(np.abs(angles).max(axis=1, keepdims=True) / MAX_SPIN_STEP, 1.0)
-        q = close_loops(robot, x, integrate(robot, q, (turns @ angles)[:, :, 0])).q
+        turned = integrate(robot, q, (turns @ angles)[:, :, 0])
+        q = close_loops(robot, x, turned).q
     return q

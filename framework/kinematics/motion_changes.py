@@ -17,6 +17,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, closure_rates
 from framework.kinematics.frame_variations import complex_step_derivative, step_frames, vary_motions
+from framework.kinematics.frames import full_motion
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.motion_rates import Motion, moving_rates
@@ -126,10 +127,8 @@ def solve_rates(
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).
     """
-    rates = np.zeros((*right.shape[:2], robot.model.nv))
-    if len(columns):
-        rates[..., columns] = prescribed
-        right = right - prescribed @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
+    rates = full_motion(robot, columns, prescribed)
+    right = right - prescribed @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
     rates[..., robot.moving] = moving_rates(robot, linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
     return rates
 

@@ -47,7 +47,10 @@ class Motion:
 
 
 def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array) -> Array:
-    """Compute the joint rates (..., T, nv) of platform velocities (..., T, n), deflection rates (T, n_e)."""
+    """Compute the joint rates (..., T, nv) for platform velocities (..., T, n).
+
+    Deflections have rates `elastic` (T, n_e).
+    """
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : platform.shape[-1]] = platform
     return _solve_rates(robot, linearised, right, elastic)

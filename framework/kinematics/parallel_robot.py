@@ -265,8 +265,8 @@ class SquarePart(ReadOnlyArrays):
         """
         if not len(rows) == len(columns) > 0:
             return None
-        i, j = np.nonzero(pattern[rows][:, columns])
-        entries = rows[i] * pattern.shape[1] + columns[j]
+        i, j = np.nonzero(pattern[rows][:, columns])  # (E,) each, in the square part
+        entries = rows[i] * pattern.shape[1] + columns[j]  # in the whole matrix, row by row
         return SquarePart(entries, Band.of(i, j, len(rows)))
 
     def factor(self, matrices: Array) -> Factors:

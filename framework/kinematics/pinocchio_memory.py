@@ -46,7 +46,7 @@ class Scratch(NamedTuple):
     def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
         """Allocate working memory for a model and some of its frames."""
         data = model.createData()
-        # a motion whose results differ from one another, to tell whether views read the right numbers
+        # results of a motion that all differ tell whether the views read the right numbers
         motion = np.linspace(0.5, 1.0, model.nv)
         q = pin.integrate(model, pin.neutral(model), motion)
         pin.rnea(model, data, q, motion, motion)
@@ -56,6 +56,7 @@ class Scratch(NamedTuple):
         arrays = views if views is not None and all(map(np.array_equal, views, copies)) else copies
 
         def refresh() -> None:
+            """Copy pinocchio's results into the arrays once more."""
             for array, current in zip(arrays, _copy_arrays(data), strict=True):
                 array[...] = current
 

@@ -37,9 +37,9 @@ class SinglePose:
         scratch, rows, wrench = self.scratch, self.robot.rows, self._wrench
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
-        force, second = self._measure(q)
-        lever = self._placed.reshape(-1, 3).take(rows.vectors[3], axis=0)
-        # a translation is a force at its origin, a rotation the couple w x u: the cross product with w
+        force, second = self._measure(q)  # both factors of each row (rows, 3)
+        lever = self._placed.reshape(-1, 3).take(rows.vectors[3], axis=0)  # the second frame's origin
+        # the wrench of a translation is a force at this origin, that of a rotation the couple w x u
         if rows.only_translations:
             wrench[:, :3] = force
         else:
@@ -52,7 +52,7 @@ class SinglePose:
             self.jacobian += self._coupled
 
     def move(self, q: Array, v: Array) -> None:
-        """Compute residual, twists and drift accelerations at q (nq,) with joint rates v (nv,)."""
+        """Compute residual, twists and their rates at q (nq,) for joint rates v (nv,)."""
         scratch = self.scratch
         pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))
         pin.updateFramePlacements(self.robot.model, scratch.data)

@@ -272,13 +272,14 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 
 
 def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
-    """Return rows (m, c, c) from coefficients of p to derivatives of s of `orders` (c,) at x (m, c).
+    """Return the matrices (m, c, c) from coefficients of p to derivatives of s.
 
-    The derivative is a series of integrals (n, c) of degree n - 1, with T_k(x) = cos(k arccos x).
+    Row i of a matrix is that of the derivative of order `orders[i]` at x[:, i], x (m, c). Each is a Chebyshev
+    series of degree n - 1, with T_k(x) = cos(k arccos x).
     """
-    integrals = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c)
-    angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]
-    polynomials = np.cos(angles * np.arange(integrals.shape[1]))  # (c, m, n)
+    integrals = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c) series of each row
+    angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]  # (c, m, 1)
+    polynomials = np.cos(angles * np.arange(integrals.shape[1]))  # (c, m, n) values of T_k
     return (polynomials @ integrals).swapaxes(0, 1)
 
 

@@ -240,7 +240,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         """
         time_in_panel, instants = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
-        panel = np.searchsorted(time_in_panel.edges, flat, side="right") - 1
+        panel = np.searchsorted(time_in_panel.edges, flat, side="right") - 1  # of each sigma
         panel = np.clip(panel, 0, len(instants) - 2)
         t = np.where(flat < 1.0, instants[panel] + time_in_panel(flat)[:, 0], self.duration)
         return np.asarray(t.reshape(np.shape(sigma)))

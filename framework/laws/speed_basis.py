@@ -90,6 +90,6 @@ class SpeedBasis(ReadOnlyArrays):
         if not self.is_spline:
             return y[None]
         half_widths = 0.5 * np.diff(self.cells)[:, None]
-        xi = self.cells[:-1, None] + half_widths * (nodes(SPLINE_DEGREE + 1) + 1.0)
+        xi = self.cells[:-1, None] + half_widths * (nodes(SPLINE_DEGREE + 1) + 1.0)  # (k, degree + 1)
         values = np.reshape(self.matrix(xi.ravel()) @ y, xi.shape)
-        return coefficients(values[..., None])[..., 0]
+        return coefficients(values[..., None])[..., 0]  # of one component

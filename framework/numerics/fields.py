@@ -218,6 +218,7 @@ def _restrict(read: Reader[T], is_valid: Callable[[T], bool], complaint: str) ->
     """Return a reader that refuses values that are not valid, with a complaint."""
 
     def read_valid(where: str, raw: Any) -> T:
+        """Read a value; refuse one that is not valid."""
         value = read(where, raw)
         if not is_valid(value):
             raise InvalidInput(f"{where}: {complaint}, got {raw!r}")

@@ -63,7 +63,7 @@ def interruptible() -> Iterator[Heard]:
         heard.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
         raise heard.stop
 
-    def lost(unraisable: sys.UnraisableHookArgs) -> None:
+    def raise_lost(unraisable: sys.UnraisableHookArgs) -> None:
         """Raise an interruption once more that ended in a callback.
 
         Callbacks of weakref and __del__ lose their errors.
@@ -84,7 +84,7 @@ def interruptible() -> Iterator[Heard]:
     ended = threading.Event()
     for number in handlers:
         signal.signal(number, stop)
-    hook, sys.unraisablehook = sys.unraisablehook, lost
+    hook, sys.unraisablehook = sys.unraisablehook, raise_lost
     try:
         with warnings.catch_warnings():
             yield heard

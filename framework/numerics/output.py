@@ -166,7 +166,7 @@ def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray)
 
 
 def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
-    """Write one file whole: replace an existing file, or leave it.
+    """Write one file whole: an existing file is replaced, or stays.
 
     Letters that UTF-8 does not have, as in paths that are not UTF-8 themselves, become question marks.
 

@@ -55,7 +55,7 @@ class Workers(Executor):
         return self._threads.submit(self._call_in_worker, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; wait for those taken, or drop those not begun."""
+        """Take no more tasks; wait for tasks taken, or drop tasks not begun."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while self._idle:
             self._end_process(self._idle.pop())

@@ -57,11 +57,11 @@ def accelerations(
         row = f", row {k}" if len(q) > 1 else ""
         _check_balance(equations, tangent.state(k), Z[k], light[k], force[k], row)
     drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, q, v))
-    a = -matvec(closing, drift)
-    Z_rows = Z.swapaxes(1, 2)
-    unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))
+    a = -matvec(closing, drift)  # a_0, (T, nv)
+    Z_rows = Z.swapaxes(1, 2)  # Z'
+    unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))  # (T, d)
     # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
-    is_light = light[:, None] | light[:, :, None]
+    is_light = light[:, None] | light[:, :, None]  # (T, d, d)
     inertia = np.where(is_light, np.eye(light.shape[1]), matmul(Z_rows, matmul(tangent.mass, Z)))
     a += matvec(Z, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
     motion = np.abs(Z * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)

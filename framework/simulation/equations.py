@@ -157,7 +157,7 @@ class EquationsOfMotion:
 def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array) -> Array:
     """Compute the forces K (q - rest) (T, nv) of springs at q (T, nq).
 
-    Stiffness and rest are (nv,) or (T, nv); rest is an offset from the neutral configuration, too.
+    Stiffness and rest are (nv,) or (T, nv); q is counted from the neutral configuration.
     """
     if not stiffness.any():
         return np.zeros((len(q), robot.model.nv))

@@ -176,7 +176,10 @@ def _consistent_start(
 
 
 def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
-    """Return the plan's start; for other springs than the plan's, assembled at rest."""
+    """Return q (nq,) and v (nv,) at the plan's start.
+
+    For a robot with other springs than the plan's it is its own pose there, at rest.
+    """
     q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
     owner = getattr(planned, "robot", robot)
     if (owner.axis_names, owner.actuator_names) != (robot.axis_names, robot.actuator_names):
@@ -186,10 +189,8 @@ def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array,
         )
     if len(q) == robot.model.nq:
         return q, v
-    moving = np.abs(v).max(initial=0.0) > AT_REST * np.abs(planned.velocity(planned.duration / 2)).max(
-        initial=0.0
-    )
-    if moving:
+    usual_speed = np.abs(planned.velocity(planned.duration / 2)).max(initial=0.0)
+    if np.abs(v).max(initial=0.0) > AT_REST * usual_speed:
         raise InvalidInput(
             f"the plan is for {owner.name}, {owner.flexibility}, and starts in motion, the robot has other "
             f"springs ({robot.flexibility}); give start and start_velocity"

@@ -119,6 +119,7 @@ def collocate(
             else:
                 joint_motions = length * np.abs(step.slope / equations.robot.column_scale)
                 admissible = tolerance + MOVE_ROUNDING * float(joint_motions.max(initial=0.0))
+                # what a step leaves unresolved grows with its length to the power stages + 1
                 factor = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
                 factor = float(np.clip(STEP_SAFETY * factor, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
                 leniency = BRIDGING_LENIENCY if control.short else 1.0  # over a singularity

@@ -190,10 +190,10 @@ def _find_following(
     Returned is the piece (F,) that goes on from there, or -1. A start is passed if it lies between the planes
     normal to the tangents at both ends of the step, beside the chord of the step, with a similar tangent.
     """
-    from_front = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k) to each start
-    from_end = equations.offsets(ahead.q[:, None], starts.q[None])
-    chord = from_front - from_end
-    length = np.linalg.norm(chord, axis=2)
+    from_front = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k) from fronts to starts
+    from_end = equations.offsets(ahead.q[:, None], starts.q[None])  # from the ends of the steps
+    chord = from_front - from_end  # of the step, as seen from each start
+    length = np.linalg.norm(chord, axis=2)  # (F, S)
     distance = np.matvec(from_front, points.tangent)  # (F, S) along the tangents
     remaining = np.matvec(from_end, ahead.tangent)
     chord_distance = np.linalg.norm(chord_offsets(from_front, chord), axis=2)

@@ -168,9 +168,9 @@ def _continue_branch(branch: Branch) -> _ContinuedBranch:
 
 
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
-    """Continue the branch at the first path coordinate that allows it.
+    """Continue the branch at the first path coordinate at which that succeeds.
 
-    None if none does.
+    None if it succeeds at none.
     """
     for s in parameters:
         if not branch.is_continued(np.array([s]))[0]:
@@ -255,21 +255,19 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
 
 
 def _is_type_1(type1: Measured, s: float) -> bool:
-    """Whether joints with motors can move at s while the platform rests.
+    """Whether motors' joints can move at s, where the matrix is singular, while the platform rests.
 
-    The matrix is singular too where passive joints alone move without the platform; that is not Type 1.
+    The matrix is singular too where passive joints alone move without the platform; that is not Type 1. The
+    matrix of Type 2 then loses rank together with it.
     """
     robot, branch = type1.branch.robot, type1.branch
     linearised = branch.close(s).linearised
     _check_dropped_rows(branch, s, linearised)
-    least = float(singular_values(type1.matrix(linearised)[0])[-1])
-    values = singular_values(type2_matrix(robot, linearised)[0])
-    smallest = values.min(initial=np.inf)
-    # where passive joints move without the platform, both matrices lose rank together
-    return (
-        bool(smallest > max(RANK_LOST, 1e2 * least))
-        or uncontrolled_motion(robot, linearised).kind == "type_2"
-    )
+    type1_value = float(singular_values(type1.matrix(linearised)[0])[-1])
+    type2_value = singular_values(type2_matrix(robot, linearised)[0]).min(initial=np.inf)
+    if type2_value > max(RANK_LOST, 1e2 * type1_value):  # only the first matrix is singular
+        return True
+    return uncontrolled_motion(robot, linearised).kind == "type_2"
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:

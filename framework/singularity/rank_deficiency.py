@@ -1,6 +1,6 @@
 """The places where a square matrix loses rank along a path: all of them, to rounding, with the contact.
 
-Roots and extrema of g on the `panels` of the path are candidates; each is polished on the robot itself.
+Roots and extrema of g on the panels of the path are candidates; each is polished on the robot itself.
 Where several singular values vanish at once so do all entries of G: that place is where the sum of their
 squares is least (Gauss and Newton's method).
 """
@@ -126,10 +126,9 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 def _miss_at_extremum(
     measured: Measured, extremum: Extremum, known: list[Contact], size: int
 ) -> list[NearMiss]:
-    """Return an extremum of g beside which g does not vanish as a near miss.
+    """Return an extremum of g as a near miss, in a list.
 
-    Without such, the list is empty: g vanishes there, or a contact is within reach. It is none if g vanishes
-    there or a contact is within reach.
+    The list is empty if g vanishes there, or if a contact is within reach.
     """
     lower, upper = extremum.bracket(2 * abs(extremum.g))
     if extremum.is_touch or extremum.roots() or any(lower <= contact.s <= upper for contact in known):
@@ -140,10 +139,9 @@ def _miss_at_extremum(
 
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> list[NearMiss]:
-    """Return an end of the path beyond which |g| falls as a near miss.
+    """Return the end s, 0 or 1, of the path as a near miss, in a list.
 
-    s is 0 or 1. The list is empty if |g| grows towards the outside. It is one if |g| falls towards the
-    outside there.
+    The list is empty unless |g| falls towards the outside of the path.
     """
     outwards = 2.0 * s - 1.0  # -1 or 1: the end on the panel, and the direction out of the path
     matrix = panel.matrices[0 if s == 0.0 else -1]
@@ -271,7 +269,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
 
 
 def _common_part(G: Array) -> Array:
-    """Project blocks G (T, size, size) on the sum of those at both ends, (T,).
+    """Project blocks G (T, size, size) on the sum of both ends, (T,).
 
     All but the last block are at ascending s; the last one is that of the border, at the contact.
     """

@@ -113,7 +113,6 @@ def trace_locus(
     free: tuple[str, str] | None = None,
     reach: float = REGION_REACH,
     starts: int = RANDOM_STARTS,
-    seed: int = RANDOM_SEED,
     one_mode: bool = False,
     near: Sequence[Array] = (),
     longest: float = MAX_STEP,
@@ -125,7 +124,7 @@ def trace_locus(
             that they have at q. The platform's two translations by default.
         reach: half the width of the region that curves are followed in, in lengths of the robot: of free
             translations and sliding motors about q. Hinges turn without bound.
-        starts: configurations that the search begins from, drawn with `seed`.
+        starts: configurations that the search begins from, drawn with a fixed seed.
         one_mode: follow curves in the working mode of q alone; quicker.
         near: further configurations (nq,) that the search begins from.
         longest: the longest step along a curve [rad, lengths of the robot].
@@ -138,9 +137,9 @@ def trace_locus(
     mode = leg_signs(robot, closed.linearised)[0] if one_mode else None
     region = Region(equations, closed.q[0], closed.x[0], reach * robot.length, mode)
     if one_mode:
-        guesses = draw_in_mode(region, starts, seed)
+        guesses = draw_in_mode(region, starts)
     else:
-        guesses = draw_joints(equations, closed.q[0], starts, seed)
+        guesses = draw_joints(equations, closed.q[0], starts)
     solutions = find_solutions(equations, np.concatenate([guesses, np.reshape(near, (-1, robot.model.nq))]))
     solutions = solutions[region.contains(solutions)]
     curves = _trace_branches(equations, region, solutions, longest) if len(solutions) else []
@@ -417,7 +416,7 @@ class Region(NamedTuple):
         return points if edge is None else join([points, edge])
 
 
-def draw_in_mode(region: Region, count: int, seed: int) -> Array:
+def draw_in_mode(region: Region, count: int) -> Array:
     """Draw configurations (count, nq) of the region's working mode, led from its centre to random targets.
 
     All take their steps together; a configuration that cannot take a step stays.
@@ -427,7 +426,7 @@ def draw_in_mode(region: Region, count: int, seed: int) -> Array:
     spread = np.where(robot.translations[axes], region.reach, np.pi)
     start = np.repeat(region.x[None], count, axis=0)
     whole_way = np.zeros_like(start)  # from the centre to the targets
-    whole_way[:, axes] = np.random.default_rng(seed).uniform(-spread, spread, (count, len(axes)))
+    whole_way[:, axes] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(axes)))
     q = np.repeat(region.q[None], count, axis=0)
     for k in range(1, WAY_STEPS + 1):
         x = start + k / WAY_STEPS * whole_way
@@ -437,9 +436,9 @@ def draw_in_mode(region: Region, count: int, seed: int) -> Array:
     return q
 
 
-def draw_joints(equations: LocusEquations, q: Array, count: int, seed: int) -> Array:
+def draw_joints(equations: LocusEquations, q: Array, count: int) -> Array:
     """Draw configurations (count, nq) to search from: hinges anywhere, slides about q (nq,)."""
-    columns, rng = equations.robot.moving, np.random.default_rng(seed)
+    columns, rng = equations.robot.moving, np.random.default_rng(RANDOM_SEED)
     spread = np.where(equations.robot.sliding[columns], 1.0, np.pi)
     offsets = rng.uniform(-spread, spread, (count, len(columns)))
     return equations.move(np.repeat(q[None], count, axis=0), offsets)

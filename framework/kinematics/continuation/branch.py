@@ -110,7 +110,7 @@ class Branch(ReadOnlyArrays):
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
-        """Return configurations (T, nq) near the branch at s (T,)."""
+        """Compute configurations (T, nq) near the branch at s (T,), from which Newton's method converges."""
         u = self._cubic_offsets(s) if self.series is None else self._series_offsets(self.series, s)
         for continuation in self.continuations:
             covered = (s >= continuation.start) & (s <= continuation.end)
@@ -163,10 +163,10 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation near s, if it is smooth there.
+    """Return the branch with a continuation near s; None where not smooth.
 
-    None if it is not. Continuations are tried from wide to narrow, within the smooth piece of the path about
-    s. The polynomial of a wider one, though it is not good enough, is the guess for a narrower one.
+    Continuations are tried from wide to narrow, within the smooth piece of the path about s. The polynomial
+    of a wider one, though it is not good enough, is the guess for a narrower one.
     """
     edges = np.concatenate(([0.0], branch.path.knots, [1.0]))
     piece = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))

@@ -155,10 +155,10 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     """
     share = current.share + step
     share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
-    length = (share - current.share)[:, None]
+    length = (share - current.share)[:, None]  # (T, 1)
     predicted = integrate(robot, current.q, length * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
-    rows, linearised = np.flatnonzero(closing.closed), closing.linearised
+    rows, linearised = np.flatnonzero(closing.closed), closing.linearised  # of the S that close
     if len(rows) < len(step):
         linearised = linearised.select(rows)
     current, length = select(current, rows), length[rows]

@@ -69,7 +69,10 @@ class BranchPoses(NamedTuple):
     rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
 
     def select(self, which: slice) -> BranchPoses:
-        """Return some of the poses; if these are all, with the factors of their equations."""
+        """Return some of the poses.
+
+        If these are all, the factors of their equations are kept.
+        """
         q = self.q[which]
         if len(q) == len(self.q):
             return self

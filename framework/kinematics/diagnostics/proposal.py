@@ -464,10 +464,10 @@ def _joint_platforms(motions: _Motions, description: RobotDescription, tree: Urd
 def _frame_platforms(
     twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms on one frame, each with a score of likelihood.
+    """Yield platforms of `count` coordinates on one frame, each with a score of likelihood.
 
-    The frame has twists (6, w). First the joints that carry the frame, if passive; then axes, whose score is
-    their least singular value, and more for translations.
+    First the joints that carry the frame, if passive, with score 3. Then axes of the frame, with the least
+    singular value of its twists (6, w) along them, and up to 2 more for translations.
     """
     path = [joint for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves]
     names = tuple(joint.name for joint in path)

@@ -16,9 +16,9 @@ On the path, springs at rest:
         kinematics.continuation.tracking.track_path
         singularity.points_on_path.search_path
     SingularPath: the path runs along the singular locus
-        singularity.piecewise_measure.panels
+        singularity.piecewise_measure.resolve_panels
     NotConverged: g is not resolved, or needs dropped loop equations
-        singularity.piecewise_measure.panels
+        singularity.piecewise_measure.resolve_panels
         singularity.points_on_path.search_path
 
 At a singular point:
