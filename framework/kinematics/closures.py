@@ -6,7 +6,7 @@ that carries one of them is the derivative along that joint (Ball's reciprocal p
 neither has no entry.
 
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
-Residual, Jacobian, curvature (`loop_curvature`) and exact derivatives (`frame_variations`) follow from these.
+Residual, Jacobian and exact derivatives (`wrench_changes`, `frame_variations`) follow from these.
 
 This module also has the directions that closures keep alike. They tell a closed loop from one turned over.
 
@@ -60,6 +60,11 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     return LoopEquations(residual, jacobian)
 
 
+def base_wrenches(rows: LoopRows, frames: FrameStack) -> Array:
+    """Compute the wrenches (T, m, 6) of `loop_wrenches` about the base's origin."""
+    return move_wrench(loop_wrenches(rows, frames).wrench, frames.position[:, rows.second])
+
+
 def carried_between(rows: LoopRows, frames: FrameStack) -> Array:
     """Return how joints carry the bodies of rows, (m, nv): 1 the second body alone, -1 the first alone."""
     return frames.carried[rows.second] - frames.carried[rows.first]
@@ -79,17 +84,26 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     residual = rows.weight * dot(a, b) - rows.constant
     if rows.has_couplings:
         residual[:, rows.coupled] = rows.coupling_residual(frames.q)
-    wrench = np.zeros((*a.shape[:2], 6), dtype=a.dtype)  # complex frames make complex wrenches
+    wrench = np.zeros((*a.shape[:2], 6))
     wrench[..., :3] = rows.force_weight[:, None] * a
     if not rows.only_translations:
         wrench[..., 3:] = rows.couple_weight[:, None] * cross(b, a)
     return LoopWrenches(residual, wrench)
 
 
-def closure_rates(rows: LoopRows, motions: FrameMotions) -> Array:
-    """Compute the time derivative (..., m) of the loop equations, a' . b + a . b'."""
-    a, b = row_factors(rows, motions.rates)
-    return rows.weight * (dot(a[1], b[0]) + dot(a[0], b[1]))
+def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
+    """Compute the changes (..., m, 6) of the wrenches of `loop_wrenches` about the base's origin.
+
+    Axes and origins of frames (..., F, 4, 3) change by `changes` of the same shape, to first order. With the
+    force f and the couple b x a at p they are (f', b' x a + b x a' + p' x f + p x f').
+    """
+    (a, b), (da, db) = row_factors(rows, placements), row_factors(rows, changes)
+    p, dp = placements[..., rows.second, 3, :], changes[..., rows.second, 3, :]
+    force, force_change = rows.force_weight[:, None] * a, rows.force_weight[:, None] * da
+    couple = cross(dp, force) + cross(p, force_change)
+    if not rows.only_translations:
+        couple += rows.couple_weight[:, None] * (cross(db, a) + cross(b, da))
+    return np.concatenate(np.broadcast_arrays(force_change, couple), axis=-1)
 
 
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
@@ -110,8 +124,8 @@ def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
     """
     *stack, count, four, width = placed.shape
     selected = placed.reshape(*stack, count * four, width).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
-    u, w, first_origin, second_origin = np.moveaxis(selected, -3, 0)
-    d = second_origin - first_origin
+    u, w = selected[..., 0, :, :], selected[..., 1, :, :]
+    d = selected[..., 3, :, :] - selected[..., 2, :, :]
     if rows.only_translations:
         return u, d
     return np.where(rows.square[:, None], d, u), np.where(rows.rotation[:, None], w, d)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -143,12 +143,6 @@ def coordinate_names(model: pin.Model) -> tuple[str, ...]:
 def is_ball(joint: pin.JointModel) -> bool:
     """Whether a joint keeps a quaternion."""
     return bool(joint.shortname() == "JointModelSpherical")
-
-
-@lru_cache(maxsize=64)
-def ball_columns(model: pin.Model) -> tuple[slice, ...]:
-    """Return the columns of each ball in the velocity vector."""
-    return tuple(slice(ball.idx_v, ball.idx_v + 3) for ball in model.joints if is_ball(ball))
 
 
 def named_axes(model: pin.Model) -> Array:
