@@ -60,7 +60,7 @@ class DynamicsDerivatives(ReadOnlyArrays):
         """Derivatives (n_a, p) of the torques by the parameters, computed on first use."""
         G, rates = motor_speeds(self._robot, self._motion.linearised)
         wrenches = rates.swapaxes(1, 2) @ tree_regressor(self._robot, self._motion)
-        stack = _solve_motor_torques(self._robot, G, wrenches)
+        stack = least_motor_torques(self._robot, G.swapaxes(1, 2), wrenches)
         return read_only(stack if self.torque.ndim == 2 else stack[0])
 
 
@@ -93,19 +93,19 @@ def dynamics_derivatives(
     require_hold(robot, motion.linearised, prescribed.x)
     changes = coordinate_changes(robot, motion, robot.structure.idle, prescribed[:3])
     motions = changes.q[:, : robot.n]  # of unit rates of the platform's coordinates
-    G = (robot.gear_ratio * motions[..., robot.actuated]).swapaxes(1, 2)
+    speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
     r = tree_forces(robot, motion)
-    joint_torque = robot.gear_ratio * _solve_motor_torques(robot, G, motions @ r[..., None])[..., 0]
+    joint_torque = robot.gear_ratio * least_motor_torques(robot, speeds, motions @ r[..., None])[..., 0]
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     force_change = force_changes(robot, motion, multipliers, changes).swapaxes(2, 3)
     wrench_slopes = motions @ force_change  # (3, T, n, k), T' d(r - J' lambda)
     accelerations = changes.accelerations[..., robot.actuated]
     slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
     if robot.n_a > robot.n:
-        dG_k = _redundant_torque_changes(robot, motion, prescribed.x, G, joint_torque)
+        dG_k = _redundant_torque_changes(robot, motion, prescribed.x, speeds, joint_torque)
         slopes[0, ..., : robot.n] += dG_k
-        wrench_slopes[0, ..., : robot.n] -= G.swapaxes(1, 2) @ dG_k
-    slopes += _solve_motor_torques(robot, G, wrench_slopes)
+        wrench_slopes[0, ..., : robot.n] -= speeds @ dG_k
+    slopes += least_motor_torques(robot, speeds, wrench_slopes)
     slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
     return DynamicsDerivatives(
         torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
@@ -117,25 +117,14 @@ def dynamics_derivatives(
     )
 
 
-def _solve_motor_torques(robot: ParallelRobot, G: Array, wrenches: Array) -> Array:
-    """Solve G' t = wrenches (..., T, n, k) for motor torques (..., T, n_a, k), of least norm.
-
-    G (T, n_a, n) are the motors' speeds for unit twists of the platform.
-    """
-    G_transposed = G.swapaxes(1, 2)
-    if G.shape[1] == G.shape[2]:
-        return np.asarray(np.linalg.solve(G_transposed, wrenches))
-    return least_motor_torques(robot, G_transposed, wrenches)
-
-
 def _redundant_torque_changes(
-    robot: ParallelRobot, motion: Motion, x: Array, G: Array, joint_torque: Array
+    robot: ParallelRobot, motion: Motion, x: Array, speeds: Array, joint_torque: Array
 ) -> Array:
     """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n).
 
-    t = G k are the motors' speeds for the rates k of x: dG k is their change at constant k.
+    t = G k are the motors' speeds for the rates k of x: dG k is their change at constant k. `speeds` are G'.
     """
-    k = (np.linalg.pinv(G) @ (joint_torque / robot.gear_ratio)[..., None])[..., 0]
+    k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ (joint_torque / robot.gear_ratio)[..., None])[..., 0]
     nothing = np.zeros_like(k)
     motion_at_k = motion_at(robot, ClosedStack(motion.q, x, motion.linearised), k, nothing)
     changes = coordinate_changes(robot, motion_at_k, robot.structure.idle, (x, k, nothing))

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.kinematics.frames import FrameMotions, FrameStack, move_wrench
+from framework.kinematics.frames import FrameMotions, FrameStack, move_frames, move_wrench
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array
@@ -154,8 +154,9 @@ def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
 def direction_slopes(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the derivatives (T, d, 3, nv) of `direction_gaps` along the joints."""
     first, second, axis, _ = directions
-    slopes = frames.slopes
-    return (slopes[:, second, axis] - slopes[:, first, axis]).swapaxes(2, 3)
+    twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
+    slopes = move_frames(twists, frames.placements[:, None])
+    return (slopes[:, :, second, axis] - slopes[:, :, first, axis]).transpose(0, 2, 3, 1)
 
 
 def find_turned_over(mechanism: Mechanism, frames: FrameStack) -> str | None:

@@ -40,14 +40,6 @@ class FrameStack(NamedTuple):
         """Return the frames at some of the configurations."""
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
-    @property
-    def slopes(self) -> Array:
-        """Derivatives of axes and origins along the joints, (T, F, 4, nv, 3)."""
-        twists = self.screws[:, None] * self.carried[..., None]  # (T, F, nv, 6)
-        slopes = cross(twists[:, :, None, :, 3:], self.placements[..., None, :])
-        slopes[:, :, 3] += twists[..., :3]
-        return slopes
-
     def frame_jacobian(self, frame: int) -> Array:
         """Compute the Jacobian (T, 6, nv) of one of the frames at its origin, base axes."""
         linear, angular = self.screws[..., :3], self.screws[..., 3:]  # (T, nv, 3)

@@ -18,7 +18,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.idle_turns import driven_turns
-from framework.kinematics.motion_rates import Motion, jacobian_rates, moving_rates
+from framework.kinematics.motion_rates import Motion, jacobian_rates, solve_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
 from framework.numerics.arrays import Array, IntArray
@@ -82,10 +82,8 @@ def coordinate_changes(
 
 def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
     """Solve J rates = right (T, k, n + m) for rates (T, k, nv) of the moving joints."""
-    rates = np.zeros((*right.shape[:2], robot.model.nv))
-    solution = moving_rates(robot, motion.linearised, right.swapaxes(0, 1))
-    rates[..., robot.moving] = solution.swapaxes(0, 1)
-    return rates
+    at_rest = np.zeros((len(right), robot.n_e))
+    return solve_rates(robot, motion.linearised, right.swapaxes(0, 1), at_rest).swapaxes(0, 1)
 
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:

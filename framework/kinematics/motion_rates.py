@@ -49,10 +49,10 @@ def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Arr
     """Compute all joint rates (..., T, nv) for platform twists (..., T, n) and deflection rates (T, n_e)."""
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : platform.shape[-1]] = platform
-    return _solve_rates(robot, linearised, right, elastic)
+    return solve_rates(robot, linearised, right, elastic)
 
 
-def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
+def solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
     """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic."""
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
     if robot.n_e:
@@ -127,7 +127,7 @@ def _motion_of_twist(
     drift = closure_drift(linearised.equations.loops, motions)
     platform_drift = robot.platform.drift(motions)
     right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
-    motion = Motion(q, v, _solve_rates(robot, linearised, right, elastic[1]), linearised)
+    motion = Motion(q, v, solve_rates(robot, linearised, right, elastic[1]), linearised)
     if turns is None:
         return motion
     rows_rate = turns.rows_rate(robot, linearised, jacobian_rates(robot, linearised, v)[0])
