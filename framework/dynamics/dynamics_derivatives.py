@@ -13,15 +13,14 @@ solution of least norm, t = G k, and dt = dG k + G dk.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from framework.dynamics.body_parameters import body_parameters, tree_regressor
-from framework.dynamics.force_changes import force_changes, force_slopes
+from framework.dynamics.force_changes import force_changes
 from framework.dynamics.forces import (
-    balanced_forces,
     least_motor_torques,
     loop_multipliers,
     motor_torque,
@@ -29,13 +28,9 @@ from framework.dynamics.forces import (
 )
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_dynamics import prescribed_motion, require_hold
-from framework.kinematics.motion_changes import (
-    MotionSteps,
-    coordinate_changes,
-    motion_changes,
-    require_turns_at_rest,
-)
-from framework.kinematics.motion_rates import Motion
+from framework.kinematics.linearised_loops import ClosedStack
+from framework.kinematics.motion_changes import coordinate_changes, require_turns_at_rest
+from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 
@@ -65,7 +60,7 @@ class DynamicsDerivatives(ReadOnlyArrays):
         """Derivatives (n_a, p) of the torques by the parameters, computed on first use."""
         G, rates = motor_speeds(self._robot, self._motion.linearised)
         wrenches = rates.swapaxes(1, 2) @ tree_regressor(self._robot, self._motion)
-        stack = _solve_motor_torques(self._robot, G, wrenches)
+        stack = least_motor_torques(self._robot, G.swapaxes(1, 2), wrenches)
         return read_only(stack if self.torque.ndim == 2 else stack[0])
 
 
@@ -96,53 +91,41 @@ def dynamics_derivatives(
     require_turns_at_rest(robot)
     motion = prescribed.motion
     require_hold(robot, motion.linearised, prescribed.x)
+    changes = coordinate_changes(robot, motion, robot.structure.idle, prescribed[:3])
+    motions = changes.q[:, : robot.n]  # of unit rates of the platform's coordinates
+    speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
     r = tree_forces(robot, motion)
-    joint_torque = balanced_forces(robot, motion.linearised, r).joint_torque
+    joint_torque = robot.gear_ratio * least_motor_torques(robot, speeds, motions @ r[..., None])[..., 0]
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
-    changes = coordinate_changes(robot, motion, prescribed[:3], robot.elastic[:0])
-    force_change = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
-    G, rates = motor_speeds(robot, motion.linearised)
-    wrench_slopes = (force_change @ rates).swapaxes(1, 2)  # (T, n, 3 k), T' d(r - J' lambda)
-    slopes = (robot.rotor_inertia * robot.gear_ratio * changes.a[..., robot.actuated]).swapaxes(1, 2)
+    force_change = force_changes(robot, motion, multipliers, changes).swapaxes(2, 3)
+    wrench_slopes = motions @ force_change  # (3, T, n, k), T' d(r - J' lambda)
+    accelerations = changes.accelerations[..., robot.actuated]
+    slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
     if robot.n_a > robot.n:
-        dG_k = _redundant_torque_changes(robot, motion, changes.q, G, joint_torque)
-        slopes, wrench_slopes = slopes + dG_k, wrench_slopes - G.swapaxes(1, 2) @ dG_k
-    slopes = slopes + _solve_motor_torques(robot, G, wrench_slopes)
-    by_x, by_dx, by_ddx = np.split(slopes[prescribed.entry], 3, axis=-1)  # of n and of idle joints
+        dG_k = _redundant_torque_changes(robot, motion, prescribed.x, speeds, joint_torque)
+        slopes[0, ..., : robot.n] += dG_k
+        wrench_slopes[0, ..., : robot.n] -= speeds @ dG_k
+    slopes += least_motor_torques(robot, speeds, wrench_slopes)
+    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
     return DynamicsDerivatives(
         torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
-        torque_x=by_x[..., : robot.n],
-        torque_dx=by_dx[..., : robot.n],
-        torque_ddx=by_ddx[..., : robot.n],
+        torque_x=slopes[0],
+        torque_dx=slopes[1],
+        torque_ddx=slopes[2],
         _robot=robot,
         _motion=motion,
     )
 
 
-def _solve_motor_torques(robot: ParallelRobot, G: Array, wrenches: Array) -> Array:
-    """Solve G' t = wrenches (T, n, k) for motor torques t (T, n_a, k), of least norm if redundant.
-
-    G (T, n_a, n) are the motors' speeds for unit twists of the platform.
-    """
-    G_transposed = G.swapaxes(1, 2)
-    if G.shape[1] == G.shape[2]:
-        return np.asarray(np.linalg.solve(G_transposed, wrenches))
-    return least_motor_torques(robot, G_transposed, wrenches)
-
-
 def _redundant_torque_changes(
-    robot: ParallelRobot, motion: Motion, displacements: Array, G: Array, joint_torque: Array
+    robot: ParallelRobot, motion: Motion, x: Array, speeds: Array, joint_torque: Array
 ) -> Array:
-    """Compute dG k (T, n_a, steps) of redundant motors with t = G k, for displacements (T, steps, nv).
+    """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n).
 
-    G k are the motors' speeds for the twist k: dG k is their change at constant k.
+    t = G k are the motors' speeds for the rates k of x: dG k is their change at constant k. `speeds` are G'.
     """
-    k = np.linalg.pinv(G) @ (joint_torque / robot.gear_ratio)[..., None]
-    rates = motor_speeds(robot, motion.linearised)[1]
-    motion_with_twist_k = replace(motion, v=(rates @ k)[..., 0], a=np.zeros_like(motion.a))
-    twists = displacements @ motion.linearised.platform.swapaxes(1, 2)
-    still, columns = np.zeros_like(twists), robot.structure.idle
-    turns = displacements[..., columns]
-    steps = MotionSteps((twists, still, still), columns, (turns, 0.0 * turns, 0.0 * turns))
-    speed_changes = motion_changes(robot, motion_with_twist_k, steps).v[..., robot.actuated]
-    return (robot.gear_ratio * speed_changes).swapaxes(1, 2)
+    k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ (joint_torque / robot.gear_ratio)[..., None])[..., 0]
+    nothing = np.zeros_like(k)
+    motion_at_k = motion_at(robot, ClosedStack(motion.q, x, motion.linearised), k, nothing)
+    changes = coordinate_changes(robot, motion_at_k, robot.structure.idle, (x, k, nothing))
+    return (robot.gear_ratio * changes.v[:, : robot.n, robot.actuated]).swapaxes(1, 2)

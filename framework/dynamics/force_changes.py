@@ -5,7 +5,7 @@ With r the forces of the open tree, less those of the world, and constant loop f
     d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
 
 Motions that keep the loops closed do no work with dlambda. dr/dq, dr/dv and M are pinocchio's
-(`computeRNEADerivatives`), the curvature of the loops is that of `loop_curvature`.
+(`computeRNEADerivatives`), d(J' lambda)/dq dq is that of `loop_force_changes`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.kinematics.external_wrenches import wrench_slope
-from framework.kinematics.frame_variations import loop_curvature
+from framework.kinematics.frame_variations import loop_force_changes
 from framework.kinematics.frames import forces_on_joints_slope
 from framework.kinematics.motion_changes import MotionChanges
 from framework.kinematics.motion_rates import Motion
@@ -48,18 +48,15 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
     return ForceSlopes(by_q, by_v, mass)
 
 
-def force_changes(
-    robot: ParallelRobot,
-    motion: Motion,
-    slopes: ForceSlopes,
-    multipliers: Array,
-    changes: MotionChanges,
-) -> Array:
-    """Compute d(r - J' lambda) (T, k, nv) for k changes of the motion.
+def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, changes: MotionChanges) -> Array:
+    """Compute d(r - J' lambda) (3, T, k, nv) for steps of positions, rates and accelerations.
 
     `multipliers` (T, m) are the constant lambda of the independent loop equations.
     """
-    curvature = loop_curvature(robot, robot.loops, motion.linearised.frames, multipliers)
-    dq, dv, da = changes
-    by_q = (slopes.by_q - curvature).swapaxes(1, 2)
-    return dq @ by_q + dv @ slopes.by_v.swapaxes(1, 2) + da @ slopes.mass
+    linearised, slopes, dq = motion.linearised, force_slopes(robot, motion), changes.q
+    wrenches = linearised.wrenches[:, robot.n :]
+    of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
+    forces = changes.accelerations @ slopes.mass
+    forces[:2] += np.stack([changes.v, dq]) @ slopes.by_v.swapaxes(1, 2)
+    forces[0] += dq @ slopes.by_q.swapaxes(1, 2) - of_loops
+    return forces

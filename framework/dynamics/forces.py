@@ -179,12 +179,14 @@ def _solve_motor_torques(robot: ParallelRobot, M: Array, w: Array) -> Array:
 
 
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
-    """Solve matrix (T, n, n_a) @ torques = wrenches (T, n, k) for the least torques (T, n_a, k).
+    """Solve matrix (T, n, n_a) @ torques = wrenches (..., T, n, k) for the least torques.
 
-    With matrix' = Q R the solution of least norm is Q R'^-1 wrenches. Rows of forces are multiplied by the
-    robot's length, so that all rows are moments: forces of a small robot would lose digits beside its
-    moments.
+    With matrix' = Q R the solution of least norm of redundant motors is Q R'^-1 wrenches. Rows of forces are
+    multiplied by the robot's length, so that all rows are moments: forces of a small robot would lose digits
+    beside its moments.
     """
+    if robot.n_a == robot.n:
+        return solve(matrix, wrenches)
     scale = robot.platform_scale[:, None]
     Q, R = np.linalg.qr((scale * matrix).swapaxes(1, 2))
     return Q @ solve(R.swapaxes(1, 2), scale * wrenches)

@@ -16,17 +16,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from framework.dynamics.force_changes import force_changes, force_slopes
+from framework.dynamics.force_changes import force_changes
 from framework.dynamics.forces import loop_multipliers, tree_forces
 from framework.dynamics.forward_dynamics import forward_dynamics
 from framework.dynamics.pointwise_dynamics import entry_of
 from framework.errors import InvalidInput
 from framework.kinematics.inverse_kinematics import require_square
-from framework.kinematics.motion_changes import MotionChanges, coordinate_changes, solve_rates
+from framework.kinematics.motion_changes import MotionChanges, coordinate_changes
 from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
-from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +80,12 @@ def forward_derivatives(
     wrenches_that_turn = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
     motion = motion.with_wrenches(tuple(wrenches_that_turn))
     x, dx, ddx = platform_rates_of(robot, motion)
-    changes = coordinate_changes(robot, motion, (x, dx, ddx), robot.elastic)
+    others = np.concatenate([robot.elastic, robot.structure.idle])  # that the platform does not determine
+    changes = coordinate_changes(robot, motion, others, (x, dx, ddx))
     force_change = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
-    slopes, d = _coordinate_slopes(robot, motion, force_change), robot.n + robot.n_e
-    motor = _motor_slopes(changes.a[..., robot.actuated], slopes, d)
+    d = robot.n + robot.n_e
+    slopes = _coordinate_slopes(robot, changes.q[:, : robot.n + len(others)], force_change, d)
+    motor = _motor_slopes(changes.accelerations[..., robot.actuated], slopes, d)
     entry, y_slopes = entry_of(q), slopes[:, :d]  # without idle joints
     return ForwardDerivatives(
         acceleration=np.concatenate([ddx, motion.a[:, robot.elastic]], axis=1)[entry],
@@ -97,15 +99,14 @@ def forward_derivatives(
     )
 
 
-def _coordinate_slopes(robot: ParallelRobot, motion: Motion, force_change: Array) -> Array:
+def _coordinate_slopes(robot: ParallelRobot, motions: Array, force_change: Array, d: int) -> Array:
     """Compute the derivatives (T, k, 2 d + n_a) of y" and idle accelerations by y, dy and torque.
 
-    T' `force_change` (T, 3 k, nv) are the changes of generalised forces by steps of y, y' and y"; the last
-    block is the inertia, which is solved.
+    T' `force_change` (3, T, k, nv) are the changes of generalised forces by steps of y, y' and y"; the last
+    is the inertia, which is solved. T' are the `motions` (T, k, nv) of unit rates.
     """
-    unit_rates, d = _unit_rates(robot, motion), robot.n + robot.n_e
-    by_y, by_dy, inertia = np.split(unit_rates @ force_change.swapaxes(1, 2), 3, axis=2)
-    by_torque = robot.gear_ratio * unit_rates[..., robot.actuated]
+    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)
+    by_torque = robot.gear_ratio * motions[..., robot.actuated]
     right_side = np.concatenate([-by_y[..., :d], -by_dy[..., :d], by_torque], axis=2)
     return np.linalg.solve(inertia, right_side)
 
@@ -114,43 +115,25 @@ def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
     """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations by y, dy and torque.
 
     The total derivative along p is the partial one plus d(motor)/d(y") dy"/dp, with dy"/dp in `slopes`.
-    `changes` (T, 3 k, n_a) are the partial ones, by unit steps of positions, rates and accelerations.
+    `changes` (3, T, k, n_a) are the partial ones, by unit steps of positions, rates and accelerations.
     """
-    by_y, by_dy, by_ddy = np.split(changes.swapaxes(1, 2), 3, axis=2)
+    by_y, by_dy, by_ddy = changes.swapaxes(2, 3)
     motor = by_ddy @ slopes
     motor[..., :d] += by_y[..., :d]
     motor[..., d : 2 * d] += by_dy[..., :d]
     return motor
 
 
-def _undetermined_columns(robot: ParallelRobot) -> IntArray:
-    """Return the columns of deflections and idle joints, which the platform does not determine."""
-    return np.concatenate([robot.elastic, robot.structure.idle])
-
-
 def _force_changes(
     robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
 ) -> Array:
-    """Compute `force_changes` (T, k, nv) under joint torques (T, n_a), with rotors and springs."""
+    """Compute `force_changes` (3, T, k, nv) under joint torques (T, n_a), with rotors and springs."""
     r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
-    changed = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
-    changed += robot.rotors * changes.a
-    changed[..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
+    changed = force_changes(robot, motion, multipliers, changes)
+    changed += robot.rotors * changes.accelerations
+    changed[0][..., robot.elastic] += robot.stiffness * changes.q[..., robot.elastic]
     return changed
-
-
-def _unit_rates(robot: ParallelRobot, motion: Motion) -> Array:
-    """Compute joint rates T' (T, k, nv) for unit twists of the platform, then unit rates of others.
-
-    The others are `_undetermined_columns`.
-    """
-    columns, n = _undetermined_columns(robot), robot.n
-    size = n + len(columns)
-    units = np.broadcast_to(np.eye(size), (len(motion.q), size, size))
-    right_side = np.zeros((*units.shape[:2], motion.linearised.residual.shape[1]))
-    right_side[..., :n] = units[..., :n]
-    return solve_rates(robot, motion.linearised, right_side, columns, units[..., n:])
 
 
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:

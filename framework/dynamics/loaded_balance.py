@@ -25,14 +25,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.force_changes import force_changes, force_slopes
+from framework.dynamics.force_changes import force_changes
 from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_changes import MotionSteps, motion_changes
+from framework.kinematics.motion_changes import coordinate_changes
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
@@ -122,25 +122,13 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
     """
     columns, units = locked_columns(robot)
     motion, n_e = balance.motion, robot.n_e
-    changes = motion_changes(robot, motion, spring_steps(robot, len(motion.q), orders))
+    changes = coordinate_changes(robot, motion, robot.elastic)
     multipliers = balance.multipliers * loop_weights(robot)
-    forces = force_changes(robot, motion, force_slopes(robot, motion), multipliers, changes)
-    slopes = (forces[..., columns] * units).swapaxes(1, 2)
+    forces = force_changes(robot, motion, multipliers, changes)[:orders]
+    in_units = forces[..., columns] * units * units[:n_e, None]
+    slopes = in_units.transpose(1, 3, 0, 2).reshape(len(motion.q), len(columns), orders * n_e)
     slopes[:, range(n_e), range(n_e)] += balance.stiffer * robot.stiffness * units[:n_e] ** 2  # K
     return slopes
-
-
-def spring_steps(robot: ParallelRobot, count: int, orders: int) -> MotionSteps:
-    """Return steps (count, orders n_e) of the springs, by their units, with the platform at rest.
-
-    Step k n_e + i is one of the k-th time derivative of spring i.
-    """
-    n_e = robot.n_e
-    still = np.zeros((count, orders * n_e, robot.n))
-    joints = np.zeros((3, count, orders * n_e, n_e))
-    for order in range(orders):
-        joints[order, :, order * n_e : (order + 1) * n_e] = np.diag(spring_units(robot))
-    return MotionSteps((still,) * 3, robot.elastic, (*joints,))
 
 
 def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:

@@ -19,17 +19,17 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.dynamics.balance_equations import BalanceEquations, BalanceState
-from framework.dynamics.force_changes import force_changes, force_slopes
+from framework.dynamics.force_changes import force_changes
 from framework.dynamics.loaded_balance import (
     LoadedBalance,
     locked_columns,
     loop_weights,
     motion_and_load,
-    spring_steps,
+    spring_units,
 )
 from framework.dynamics.tangent_stiffness import factor_transposed
 from framework.kinematics.linearised_loops import ClosedStack
-from framework.kinematics.motion_changes import motion_changes
+from framework.kinematics.motion_changes import coordinate_changes
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.clock import OnParameter
@@ -118,7 +118,7 @@ def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: A
     """Compute changes (T, n_a, n) of torques by those of deflections, series (panels, N, n_e, n)."""
     panels, N, n_e, n = series.shape
     slopes = _torque_slopes_by_springs(robot, state.balance)
-    torque = np.zeros((*slopes.shape[1:3], n))
+    torque = np.zeros((*slopes[0].shape[:2], n))
     for slope, basis in zip(slopes, state.samples.bases, strict=True):  # value, rate, acceleration
         changes = np.einsum("ptj,pjei->ptei", basis.reshape(panels, 2 * N, N), series)
         torque += slope @ changes.reshape(-1, n_e, n)
@@ -161,27 +161,27 @@ def _split_by_law(values: list[Array]) -> Array:
     return np.stack([at_rest, once - at_rest - per_root, per_u - at_rest, per_root], axis=2)
 
 
-def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> Array:
-    """Compute slopes (3, T, n_a, n_e) of torques by deflections, their rates and accelerations.
+def _torque_slopes_by_springs(robot: ParallelRobot, balance: LoadedBalance) -> list[Array]:
+    """Compute slopes (T, n_a, n_e) of torques by deflections, by their rates and by their accelerations.
 
     Deflections count in the units of the springs.
     """
-    n_e, units = robot.n_e, locked_columns(robot)[1][: robot.n_e]
-    prescribed = balance.prescribed
+    prescribed, units = balance.prescribed, spring_units(robot)
     closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
     moving = motion_at(robot, closed, prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
-    changes = motion_changes(robot, moving, spring_steps(robot, len(closed.q), 3))
+    changes = coordinate_changes(robot, moving, robot.elastic)
     load_changes = changes
     if not robot.elastic_inertia:  # rates of deflections cause no forces
-        load_changes = motion_changes(robot, balance.motion, spring_steps(robot, len(closed.q), 1))
+        load_changes = coordinate_changes(robot, balance.motion, robot.elastic)
     multipliers = balance.multipliers * loop_weights(robot)
-    slopes = force_slopes(robot, balance.motion)
-    forces = np.zeros((len(closed.q), robot.model.nv, 3 * n_e))
-    loads = force_changes(robot, balance.motion, slopes, multipliers, load_changes).swapaxes(1, 2)
-    forces[..., : loads.shape[2]] = loads
-    forces[:, robot.elastic, range(n_e)] += balance.stiffer * robot.stiffness * units
-    torques = _balance_motors(robot, balance, forces, changes.a[..., robot.actuated].swapaxes(1, 2))
-    return np.moveaxis(torques.reshape(*torques.shape[:2], 3, n_e), 2, 0)
+    forces = force_changes(robot, balance.motion, multipliers, load_changes)  # (3, T, n_e, nv)
+    forces[1:] *= robot.elastic_inertia
+    forces[0][:, range(robot.n_e), robot.elastic] += balance.stiffer * robot.stiffness
+    accelerations = changes.accelerations[..., robot.actuated]
+    return [
+        _balance_motors(robot, balance, force.swapaxes(1, 2), acceleration.swapaxes(1, 2)) * units
+        for force, acceleration in zip(forces, accelerations, strict=True)
+    ]
 
 
 def _balance_motors(

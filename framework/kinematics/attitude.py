@@ -79,9 +79,9 @@ class Attitude(ReadOnlyArrays):
         """
         return v @ np.eye(3)[self.axes]
 
-    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """Compute v = E(x) dx and its time derivative, (T, k)."""
-        return dx, ddx
+    def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
+        """Compute E(x) u and its time derivative, (T, k), at rates dx and du of x and u."""
+        return u, du
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Compute coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
@@ -231,20 +231,21 @@ class RotationVector(Attitude):
         target = rotation_matrix(self._vector(x))
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
-    def rates(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """Compute w and dw/dt, each (T, 3), from rotation vectors r and their rates.
+    def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
+        """Compute w = E(r) u and dw/dt, each (T, 3), at rotation vectors r that change by dr.
 
-        w = dr + a f + b s with f = r x dr and s = r x f, of rates r x ddr and dr x f + r x f'; a and b are
-        functions of |r|^2, whose rate is 2 r.dr.
+        w = u + a f + b s with f = r x u and s = r x f, of rates dr x u + r x u' and dr x f + r x f'; a and b
+        are functions of |r|^2, whose rate is 2 r.dr. With u = dr w is the angular velocity.
         """
-        r, dr, ddr = self._vector(x), self._vector(dx), self._vector(ddx)
-        f, df = cross(r, dr), cross(r, ddr)
+        r, dr, u, du = map(self._vector, (x, dx, u, du))
+        f = cross(r, u)
+        df = cross(dr, u) + cross(r, du)
         s = cross(r, f)
         ds = cross(dr, f) + cross(r, df)
         (a, a_slope), (b, b_slope) = left_jacobian_coefficients(dot(r, r))[..., None]  # along |r|^2
         square_rate = 2.0 * dot(r, dr)[:, None]
-        w = dr + a * f + b * s
-        dw = ddr + (a_slope * square_rate * f + a * df)
+        w = u + a * f + b * s
+        dw = du + (a_slope * square_rate * f + a * df)
         dw = dw + (b_slope * square_rate * s + b * ds)
         return w[:, self.axes], dw[:, self.axes]
 

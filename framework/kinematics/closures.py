@@ -6,7 +6,7 @@ that carries one of them is the derivative along that joint (Ball's reciprocal p
 neither has no entry.
 
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
-Residual, Jacobian, curvature (`loop_curvature`) and exact derivatives (`frame_variations`) follow from these.
+Residual, Jacobian and exact derivatives (`wrench_changes`, `frame_variations`) follow from these.
 
 This module also has the directions that closures keep alike. They tell a closed loop from a flipped one.
 
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from framework.kinematics.frames import FrameMotions, FrameStack, move_wrench
+from framework.kinematics.frames import FrameMotions, FrameStack, move_frames, move_wrench
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array
@@ -64,6 +64,11 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     return LoopEquations(residual, jacobian)
 
 
+def base_wrenches(rows: LoopRows, frames: FrameStack) -> Array:
+    """Compute the wrenches (T, m, 6) of `loop_wrenches` about the base's origin."""
+    return move_wrench(loop_wrenches(rows, frames).wrench, frames.position[:, rows.second])
+
+
 def row_joint_signs(rows: LoopRows, frames: FrameStack) -> Array:
     """Return how each joint moves the two bodies of each row, (m, nv).
 
@@ -86,17 +91,26 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     residual = rows.weight * dot(a, b) - rows.constant
     if rows.has_couplings:
         residual[:, rows.coupled] = rows.coupling_residual(frames.q)
-    wrench = np.zeros((*a.shape[:2], 6), dtype=a.dtype)  # complex frames make complex wrenches
+    wrench = np.zeros((*a.shape[:2], 6))
     wrench[..., :3] = rows.force_weight[:, None] * a
     if not rows.only_translations:
         wrench[..., 3:] = rows.couple_weight[:, None] * cross(b, a)
     return LoopWrenches(residual, wrench)
 
 
-def closure_rates(rows: LoopRows, motions: FrameMotions) -> Array:
-    """Compute the time derivative (..., m) of the loop equations, a' . b + a . b'."""
-    a, b = row_factors(rows, motions.rates)
-    return rows.weight * (dot(a[1], b[0]) + dot(a[0], b[1]))
+def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
+    """Compute the changes (..., m, 6) of the wrenches of `loop_wrenches` about the base's origin.
+
+    Axes and origins of frames (..., F, 4, 3) change by `changes` of the same shape, to first order. With the
+    force f and the couple b x a at p they are (f', b' x a + b x a' + p' x f + p x f').
+    """
+    (a, b), (da, db) = row_factors(rows, placements), row_factors(rows, changes)
+    p, dp = placements[..., rows.second, 3, :], changes[..., rows.second, 3, :]
+    force, force_change = rows.force_weight[:, None] * a, rows.force_weight[:, None] * da
+    couple = cross(dp, force) + cross(p, force_change)
+    if not rows.only_translations:
+        couple += rows.couple_weight[:, None] * (cross(db, a) + cross(b, da))
+    return np.concatenate(np.broadcast_arrays(force_change, couple), axis=-1)
 
 
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
@@ -115,11 +129,10 @@ def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
     `placed` (..., F, 4, 3) are axes and origins of the frames, or their rates, since both vectors are linear
     in these. The first is u, or d of a square; the second is d, or w of a rotation (`LoopRows`).
     """
-    *stack, count, _, _ = placed.shape
-    vectors = placed.reshape(*stack, 4 * count, 3)  # axes and origin, frame by frame
-    selected = vectors.take(rows.vectors, axis=-2)  # (..., 4, m, 3)
-    u, w, first_origin, second_origin = np.moveaxis(selected, -3, 0)
-    d = second_origin - first_origin
+    *stack, count, four, width = placed.shape
+    selected = placed.reshape(*stack, count * four, width).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
+    u, w = selected[..., 0, :, :], selected[..., 1, :, :]
+    d = selected[..., 3, :, :] - selected[..., 2, :, :]
     if rows.only_translations:
         return u, d
     return np.where(rows.square[:, None], d, u), np.where(rows.rotation[:, None], w, d)
@@ -148,8 +161,9 @@ def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
 def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) -> Array:
     """Compute the derivatives (T, d, 3, nv) of `direction_gaps` along the joints."""
     first, second, axis, _ = directions
-    derivatives = frames.placement_derivatives  # (T, F, 4, nv, 3)
-    return (derivatives[:, second, axis] - derivatives[:, first, axis]).swapaxes(2, 3)
+    twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
+    slopes = move_frames(twists, frames.placements[:, None])
+    return (slopes[:, :, second, axis] - slopes[:, :, first, axis]).transpose(0, 2, 3, 1)
 
 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:

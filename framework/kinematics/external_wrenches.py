@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
-from framework.kinematics.frame_variations import bracket, tree_columns
+from framework.kinematics.frame_variations import tree_columns, turned_wrenches
 from framework.kinematics.frames import FrameStack, move_wrench, rotation_matrices
 from framework.kinematics.mechanism import Mechanism, frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -182,16 +182,15 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
                              on axes of the frame w moves as a whole: S_j . dw = -[S_i, S_j] . w
     """
     columns = tree_columns(mechanism)
-    brackets = bracket(screws[:, :, None], screws[:, None])  # (T, i, j, 6) [S_i, S_j]
-    by_screw = np.matvec(brackets, applied.wrench[:, None]).swapaxes(1, 2)  # (T, j, i)
+    screws = screws * columns.carried[applied.joint][:, None]
+    by_screw = turned_wrenches(screws, applied.wrench[:, None]) @ screws.swapaxes(1, 2)  # (T, j, i)
     if applied.turns:
         by_wrench = -by_screw
     else:
         linear, angular = screws[..., :3], screws[..., 3:]
         d = linear + cross(angular, applied.origin[:, None])  # (T, nv, 3) velocity of p for each joint
         by_wrench = angular @ cross(d, applied.wrench[:, None, :3]).swapaxes(1, 2)
-    carried = columns.carried[applied.joint]
-    return (by_screw * columns.precedes.T + by_wrench) * carried * carried[:, None]
+    return by_screw * columns.precedes.T + by_wrench
 
 
 def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:

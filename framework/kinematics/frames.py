@@ -40,14 +40,6 @@ class FrameStack(NamedTuple):
         """Return the frames at some of the configurations."""
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
-    @property
-    def placement_derivatives(self) -> Array:
-        """Derivatives (T, F, 4, nv, 3) of axes and origins along each joint rate, see `move_frames`."""
-        twists = self.screws[:, None] * self.carried[..., None]  # (T, F, nv, 6)
-        derivatives = cross(twists[:, :, None, :, 3:], self.placements[..., None, :])  # w x axis
-        derivatives[:, :, 3] += twists[..., :3]  # of origins: v + w x origin
-        return derivatives
-
     def frame_jacobian(self, frame: int) -> Array:
         """Compute the Jacobian (T, 6, nv) of one of the frames at its origin, base axes."""
         linear, angular = self.screws[..., :3], self.screws[..., 3:]  # (T, nv, 3)
@@ -130,16 +122,21 @@ def move_wrench(wrench: Array, arm: Array) -> Array:
 
 
 def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) -> FrameMotions:
-    """Compute the motions of `frames` at q (T, nq) for rates v (T, nv), without joint accelerations."""
+    """Compute the motions of `frames` at q (T, nq) with joint rates v (T, nv) and no joint acceleration."""
+    twists = body_twists(mechanism, q, v, np.zeros_like(v))
+    return FrameMotions.of(frames.placements, *twists.take(scratch_of(mechanism).bodies, axis=2))
+
+
+def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
+    """Compute twists and their rates (2, T, bodies, 6) of all bodies, for joint rates v and a (T, nv)."""
     scratch = scratch_of(mechanism)
-    no_acceleration = np.zeros(mechanism.model.nv)
-    twists = np.empty((2, len(q), *scratch.velocities.shape))  # of all bodies, and their rates
+    twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):
-        pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], no_acceleration)
+        pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], a[k])
         scratch.update()
         twists[0, k] = scratch.velocities
         twists[1, k] = scratch.accelerations
-    return FrameMotions.of(frames.placements, *twists.take(scratch.bodies, axis=2))
+    return twists
 
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:

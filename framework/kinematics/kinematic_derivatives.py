@@ -2,7 +2,7 @@
 
 F = [platform - x ; closures]. With the motors at rest the passive joints close the gap of a deflection,
 P dq_p = -dc, and move the platform. With the platform at rest all joints follow. A, B and C change with the
-wrenches and screws in dF/dq (`jacobian_change`), in the basis of `matrices_and_rates`.
+wrenches and screws in dF/dq (`jacobian_rates`), in the basis of `matrices_and_rates`.
 
 Springs are any joints added to those of the robot: the geometric parameters of a robot are the springs of
 `framework.identification.geometry.parametrise_geometry(robot).model`, and these are the derivatives along
@@ -21,8 +21,7 @@ from framework.kinematics.continuation.forward_kinematics import check_motors_ar
 from framework.kinematics.inverse_kinematics import require_mobility
 from framework.kinematics.linearised_loops import ClosedStack, assembled_at
 from framework.kinematics.loop_matrices import find_near_type2
-from framework.kinematics.motion_changes import solve_rates
-from framework.kinematics.motion_rates import jacobian_change
+from framework.kinematics.motion_rates import jacobian_rates, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import matrices_and_changes
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
@@ -69,19 +68,19 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     closed = assembled_at(robot, q)
     require_mobility(robot)
     check_motors_are_free(robot)
-    linearised, n_e = closed.linearised, robot.n_e
+    linearised = closed.linearised
     if len(find_near_type2(robot, linearised, RANK_LOST)):
         raise SingularPose(
             f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
             platform=closed.x[0],
         )
-    at_rest = np.zeros((1, n_e, robot.n + len(robot.loops.names)))
-    joints = solve_rates(robot, linearised, at_rest, robot.elastic, np.eye(n_e)[None])[0]
+    gaps = linearised.jacobian[:, :, robot.elastic].transpose(2, 0, 1)  # that the moving joints close
+    joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), the motors first
     return KinematicDerivatives(
         motors=_pose_derivatives(robot, closed, robot.actuated),
         springs=_pose_derivatives(robot, closed, robot.elastic),
-        q_a=joints[:, robot.actuated].T,
+        q_a=joints[:, : robot.n_a].T,
     )
 
 
@@ -95,7 +94,7 @@ def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArr
         gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest
         steps[:, robot.following] = -closed.linearised.passive_factors.solve(gaps[:, None])[:, 0]
     copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))  # the pose once for each joint
-    changes = jacobian_change(robot, copies, steps)
+    changes = jacobian_rates(robot, copies, steps)[0]
     matrices = matrices_and_changes(robot, copies, changes)[1]
     twist = closed.linearised.platform[0] @ steps.T  # (n, k)
     x = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twist)  # v = E dx

@@ -29,6 +29,7 @@ class LinearisedLoops:
     frames: FrameStack
     loops: LoopWrenches  # all loop equations of the robot, those dropped as redundant too
     residual: Array  # (T, n + m)
+    wrenches: Array  # (T, n + m, 6) of platform and independent loops about the base's origin
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
@@ -39,6 +40,7 @@ class LinearisedLoops:
             frames=self.frames.select(which),
             loops=select(self.loops, which),
             residual=self.residual[which],
+            wrenches=self.wrenches[which],
             jacobian=self.jacobian[which],
         )
 
@@ -103,18 +105,13 @@ def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> Linearised
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
     residual[:, n:] = loops.residual.take(robot.structure.independent, axis=1)
-    jacobian = equations.jacobian(equation_wrenches(robot, frames, loops), frames.screws)
+    wrenches = np.empty((len(q), len(equations.bodies), 6))
+    wrenches[:, :n] = robot.platform.wrenches(frames)
+    wrenches[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)
+    wrenches = move_wrench(wrenches, frames.position.take(equations.bodies, axis=1))
+    jacobian = equations.jacobian(wrenches, frames.screws)
     freeze(jacobian)
-    return LinearisedLoops(equations, frames, loops, residual, jacobian)
-
-
-def equation_wrenches(robot: ParallelRobot, frames: FrameStack, loops: LoopWrenches) -> Array:
-    """Compute the wrenches (T, n + m, 6) of platform and independent loops about the base's origin."""
-    bodies, n = robot.equations.bodies, robot.n  # the frame that each equation's wrench acts on
-    wrench = np.empty((len(frames.q), len(bodies), 6), dtype=loops.wrench.dtype)
-    wrench[:, :n] = robot.platform.wrenches(frames)
-    wrench[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)
-    return move_wrench(wrench, frames.position.take(bodies, axis=1))
+    return LinearisedLoops(equations, frames, loops, residual, wrenches, jacobian)
 
 
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:

@@ -1,11 +1,12 @@
-"""How the motion of all joints changes with that of the platform and the deflections: exact derivatives.
+"""How the motion of all joints changes with coordinates of the closed robot: exact derivatives.
 
-With v and a from (dF/dq) v = [twist; 0] and its time derivative, a small step of the platform moves the
-joints by dq, and
+Coordinates y are the platform's and positions of joints that it does not determine. With Y = dq/dy of the
+motions that close the loops a path q(t) changes by Y dy, and its rates and accelerations by the time
+derivatives of Y dy. Y and these follow from J = dF/dq along the motion,
 
-    (dF/dq) dv = [d twist; 0] - d((dF/dq) v)/dq dq,        (dF/dq) da = [d twist rate; 0] - ...,
+    J Y = E,        J Y' = E' - J' Y,        J Y" = E" - 2 J' Y' - J" Y,
 
-with the derivatives of `frame_variations` at fixed v and a. Regular at Type 2, like the motion itself.
+with E the platform's twists of unit rates (`unit_twists`). Regular at Type 2, like the motion itself.
 """
 
 from __future__ import annotations
@@ -15,122 +16,82 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput
-from framework.kinematics.closures import closure_drift, closure_rates
-from framework.kinematics.frame_variations import complex_step_derivative, step_frames, vary_motions
-from framework.kinematics.frames import full_motion
+from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.idle_turns import driven_turns
-from framework.kinematics.linearised_loops import LinearisedLoops
-from framework.kinematics.motion_rates import Motion, moving_rates
+from framework.kinematics.motion_rates import Motion, jacobian_rates, solve_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
-from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.ordered_sums import cross
 
 
-class MotionSteps(NamedTuple):
-    """k small steps at T instants, each a displacement with changes of rates and accelerations."""
-
-    twist: CoordinateRates  # of the platform, (T, k, n) each: along v, of v, of dv/dt
-    columns: IntArray  # (c,) of the joints that step by themselves: deflections, idle joints
-    joints: CoordinateRates  # of these joints, (T, k, c) each
-
-
 class MotionChanges(NamedTuple):
-    """Changes of the joints' positions, rates and accelerations by steps, each (T, k, nv)."""
+    """Changes of a motion by unit steps of k coordinates: of positions, of rates or of accelerations.
 
-    q: Array
+    Steps of positions change q, v and a; steps of rates change v by `q`, and a by `a_by_rates`; steps of
+    accelerations change a by `q`.
+    """
+
+    q: Array  # (T, k, nv)
     v: Array
     a: Array
+    a_by_rates: Array
+
+    @property
+    def accelerations(self) -> Array:
+        """Changes (3, T, k, nv) of a by steps of positions, rates and accelerations."""
+        return np.stack([self.a, self.a_by_rates, self.q])
 
 
-def position_steps(robot: ParallelRobot, x: CoordinateRates, columns: IntArray) -> MotionSteps:
-    """Return unit steps of k = n + c coordinates at T instants.
+def coordinate_changes(
+    robot: ParallelRobot, motion: Motion, columns: IntArray, x: CoordinateRates | None = None
+) -> MotionChanges:
+    """Compute the changes of a motion by unit steps of k coordinates.
 
-    Rates and accelerations stay. Coordinates are those of a platform at x, dx, ddx (T, n), then c `columns`
-    of deflections or idle joints.
-    """
-    count, n = x[0].shape
-    size = n + len(columns)  # k
-    units = np.repeat(np.eye(size)[None], count, axis=0)  # (T, k, k)
-    position, rate, acceleration = (np.repeat(part, size, axis=0) for part in x)  # (T k, n) each
-    twists = robot.platform.twist_changes((position, rate, acceleration), units[..., :n].reshape(-1, n))
-    joints = units[..., n:]
-    unchanged = np.zeros_like(joints)
-    return MotionSteps((*np.reshape(twists, (3, count, size, n)),), columns, (joints, unchanged, unchanged))
-
-
-def motion_changes(robot: ParallelRobot, motion: Motion, steps: MotionSteps) -> MotionChanges:
-    """Compute the changes dq, dv and da of a motion by small steps.
-
-    The equations of the header are solved in turn.
+    They are those of a platform at x, dx, ddx (T, n) unless it rests, and of joints `columns`. With dq and dv
+    the changes by a step of a position, a step of a rate changes a by 2 dv - [v, dq]. The bracket [v, dq] of
+    the fields of motion is zero but for balls, whose rates belong to no coordinate. It has no part along
+    `columns`, whose rates and accelerations step by themselves.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
     """
-    linearised, joints = motion.linearised, steps.joints
-    displacement, dtwist, dtwist_rate = steps.twist  # (T, k, n) each
+    n = 0 if x is None else robot.n
+    size = n + len(columns)
+    J = motion.linearised.jacobian
+    right = np.zeros((3, len(J), size, J.shape[1]))
+    if x is not None:
+        right[:, :, :n, :n] = robot.platform.unit_twists(x)
+    right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)
+    dq = _solve_moving(robot, motion, right[0])
+    dq[:, range(n, size), columns] = 1.0
 
-    def solve(platform: Array, loops: Array, prescribed: Array) -> Array:
-        """Solve for joint rates (T, k, nv) by rates of platform (T, k, n) and loops (T, k, m)."""
-        right = np.concatenate([platform, loops], axis=2)
-        return solve_rates(robot, linearised, right, steps.columns, prescribed)
+    def keep_columns(change: Array) -> Array:
+        """Return changes (T, k, nv) of rates less motions of `columns`, which are at rest then."""
+        return change - change[..., columns] @ dq[:, n:]
 
-    closed_loops = np.zeros((*displacement.shape[:2], len(robot.loops.names)))
-    dq = solve(displacement, closed_loops, joints[0])
-    ahead = step_frames(robot, linearised.frames, dq)
-
-    same_rates = vary_motions(robot, ahead, motion.v, motion.a, np.zeros_like(dq))
-    platform_change = complex_step_derivative(robot.platform.frame_velocity(same_rates))
-    dv = solve(
-        dtwist - platform_change, -complex_step_derivative(closure_rates(robot.loops, same_rates)), joints[1]
-    )
-
-    same_accelerations = vary_motions(robot, ahead, motion.v, motion.a, dv)
-    platform_change = complex_step_derivative(robot.platform.drift(same_accelerations))
-    drift_change = complex_step_derivative(closure_drift(robot.loops, same_accelerations))
-    da = solve(dtwist_rate - platform_change, -drift_change, joints[2])
-    return MotionChanges(dq, dv, da)
-
-
-def coordinate_changes(
-    robot: ParallelRobot, motion: Motion, x: CoordinateRates, elastic: IntArray
-) -> MotionChanges:
-    """Compute the changes of a motion (T, 3 k, nv) by unit steps of coordinates.
-
-    All positions step, then rates, then accelerations: of a platform at x, dx, ddx (T, n), of the `elastic`
-    joints and of the idle ones, k in all. With dq, dv, da the changes by a step of a position they are
-
-        by positions (dq, dv, da),  by rates (0, dq, 2 dv - [v, dq]),  by accelerations (0, 0, dq).
-
-    The bracket [v, dq] of the fields of motion is zero but for balls, whose rates belong to no coordinate. It
-    has no part along the steps of idle joints, which keep their rates.
-    """
-    steps = position_steps(robot, x, np.concatenate([elastic, robot.structure.idle]))
-    dq, dv, da = motion_changes(robot, motion, steps)
-    still, bracket = np.zeros_like(dq), np.zeros_like(dq)
-    for ball in ball_columns(robot.model):
-        bracket[..., ball] = cross(motion.v[:, None, ball], dq[..., ball])
-    turns = dq[:, robot.n + len(elastic) :]
-    bracket -= bracket[..., robot.structure.idle] @ turns
-    blocks = ((dq, still, still), (dv, dq, still), (da, 2.0 * dv - bracket, dq))
-    return MotionChanges(*(np.concatenate(block, axis=1) for block in blocks))
+    rates = jacobian_rates(robot, motion.linearised, motion.v, motion.a)
+    dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)
+    turned = _bracket_on_balls(robot, motion.v, dq)
+    dv = keep_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + turned)
+    rate = dv - turned  # Y'
+    da = _solve_moving(robot, motion, right[2] - 2.0 * rate @ dJ - dq @ ddJ)
+    da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, rate)
+    return MotionChanges(dq, dv, keep_columns(da), 2.0 * dv - keep_columns(turned))
 
 
-def solve_rates(
-    robot: ParallelRobot, linearised: LinearisedLoops, right: Array, columns: IntArray, prescribed: Array
-) -> Array:
-    """Solve (dF/dq) rates = right (T, k, n + m) for joint rates (T, k, nv).
+def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
+    """Solve J rates = right (T, k, n + m) for rates (T, k, nv) of the moving joints."""
+    at_rest = np.zeros((len(right), robot.n_e))
+    return solve_rates(robot, motion.linearised, right.swapaxes(0, 1), at_rest).swapaxes(0, 1)
 
-    The rates of some columns (c,) are `prescribed` (T, k, c); those of the moving joints follow.
 
-    Raises:
-        NotAssembled: the platform does not determine the joints (Type 1).
-    """
-    rates = full_motion(robot, columns, prescribed)
-    right = right - prescribed @ linearised.jacobian[:, :, columns].swapaxes(1, 2)
-    rates[..., robot.moving] = moving_rates(robot, linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
-    return rates
+def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
+    """Compute the bracket (T, k, nv) of joint rates (T, nv) and motions (T, k, nv): zero but for balls."""
+    bracket, balls = np.zeros_like(motions), tree_columns(robot).balls
+    if len(balls):
+        bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
+    return bracket
 
 
 def require_turns_at_rest(robot: ParallelRobot) -> None:

@@ -4,8 +4,7 @@ For prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [tw
 solved along the columns that follow, with one factorisation; idle turns rest or follow `idle_turns`.
 
 An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
-screw S of a joint, both about the base's origin. The wrenches turn with their frames, and all is
-analytic in frames and screws: a complex step of these gives the rate of dF/dq.
+screw S of a joint, both about the base's origin: the rates of both give the rate of dF/dq.
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from framework.errors import NotAssembled
-from framework.kinematics.closures import closure_drift, loop_wrenches
+from framework.kinematics.closures import closure_drift, wrench_changes
 from framework.kinematics.external_wrenches import AppliedWrench
-from framework.kinematics.frame_variations import complex_step_derivative, step_frames
-from framework.kinematics.frames import frame_motions, frames_at
+from framework.kinematics.frame_variations import bracket, tree_columns
+from framework.kinematics.frames import FrameMotions, body_twists, frame_motions, frames_at
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import (
     ClosedStack,
     LinearisedLoops,
-    equation_wrenches,
     linearised_at,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec
 
@@ -53,11 +52,11 @@ def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Arr
     """
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : platform.shape[-1]] = platform
-    return _solve_rates(robot, linearised, right, elastic)
+    return solve_rates(robot, linearised, right, elastic)
 
 
-def _solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
-    """Solve J_moving v_moving = right - J_elastic v_elastic for joint rates (..., T, nv), J = dF/dq."""
+def solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
+    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic."""
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
     if robot.n_e:
         rates[..., robot.elastic] = elastic
@@ -136,18 +135,41 @@ def _motion_of_twist(
     drift = closure_drift(linearised.equations.loops, motions)
     platform_drift = robot.platform.drift(motions)
     right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
-    motion = Motion(q, v, _solve_rates(robot, linearised, right, elastic[1]), linearised)
+    motion = Motion(q, v, solve_rates(robot, linearised, right, elastic[1]), linearised)
     if turns is None:
         return motion
-    rows_rate = turns.rows_rate(robot, linearised, jacobian_change(robot, linearised, v))
+    rows_rate = turns.rows_rate(robot, linearised, jacobian_rates(robot, linearised, v)[0])
     return replace(motion, a=turns.add_turns(motion.a, -matvec(rows_rate, v)))
 
 
-def jacobian_change(robot: ParallelRobot, linearised: LinearisedLoops, motions: Array) -> Array:
-    """Compute the derivative (T, n + m, nv) of dF/dq along joint motions (T, nv).
+def jacobian_rates(
+    robot: ParallelRobot, linearised: LinearisedLoops, v: Array, a: Array | None = None
+) -> tuple[Array, Array]:
+    """Compute two time derivatives (T, n + m, nv) of dF/dq for joint rates (T, nv).
 
-    Along joint rates it is the time derivative.
+    dF/dq = W . S of wrenches and screws; S' = [V, S], S" = [A, S] + [V, S'] with the twist V of the body that
+    carries the axis, and A = dV/dt. Without a the rates are constant.
     """
-    ahead = step_frames(robot, linearised.frames, motions)
-    wrenches = equation_wrenches(robot, ahead, loop_wrenches(robot.rows, ahead))
-    return complex_step_derivative(robot.equations.jacobian(wrenches, ahead.screws))
+    frames, owner = linearised.frames, tree_columns(robot).owner
+    twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
+    motions = FrameMotions.of(frames.placements, *twists.take(scratch_of(robot).bodies, axis=2))
+    V, A = twists.take(owner, axis=2)
+    dS = bracket(V, frames.screws)
+    ddS = bracket(A, frames.screws) + bracket(V, dS)
+    dW, ddW = _wrench_rates(robot, motions, np.stack([dS, ddS]))
+    S, dS, ddS = (screws.swapaxes(1, 2) for screws in (frames.screws, dS, ddS))
+    first = dW @ S + linearised.wrenches @ dS
+    second = ddW @ S + 2.0 * dW @ dS + linearised.wrenches @ ddS
+    return first * robot.equations.signs, second * robot.equations.signs
+
+
+def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:
+    """Compute two time derivatives (2, T, n + m, 6) of `LinearisedLoops.wrenches`.
+
+    Wrenches of loops are quadratic in axes and origins c, their forces linear: W" is their change by c" and,
+    less that of the forces, the change by c' at c'. `screw_rates` are (2, T, nv, 6).
+    """
+    c, dc, ddc = motions.rates
+    changes = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))
+    changes[1, ..., 3:] += changes[2, ..., 3:]
+    return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), changes[:2]], axis=2)

@@ -15,19 +15,20 @@ With translations and none or three turns, v is (linear, angular) of the frame a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
-from framework.kinematics.frame_variations import STEP, complex_step_derivative
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.laws.path import Path
 from framework.model.description import AXES, Platform
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
-from framework.numerics.ordered_sums import matmul, matvec
+from framework.numerics.ordered_sums import cross, matmul, matvec
 from framework.numerics.rotations import whole_turns, wrap_angles
 
+STEP: Any = 2.0**-120 * 1j  # of complex-step derivatives: its square is far below rounding
 CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or displacements and rates
 
 
@@ -53,14 +54,14 @@ class _Coordinates(ReadOnlyArrays):
         """Compute v and dv/dt, each (T, n), for coordinates x and their rates, each (T, n)."""
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
-    def twist_changes(self, motion: CoordinateRates, step: Array) -> CoordinateRates:
-        """Compute the displacement along v, and the changes of v and dv/dt, (T, n) each.
+    def unit_twists(self, motion: CoordinateRates) -> Array:
+        """Compute v of unit rates of each coordinate, its rate and acceleration (3, T, n, n), a row each.
 
-        They are those by a step (T, n) of x. `motion` are x, dx and ddx, each (T, n).
+        They are the columns of E and their time derivatives along a motion x, dx and ddx (T, n).
         """
-        x, dx, ddx = motion
-        v, dv = self.twist(x + STEP * step, dx + 0.0 * STEP, ddx + 0.0 * STEP)
-        return self.twist(x, step)[0], complex_step_derivative(v), complex_step_derivative(dv)
+        twists = np.zeros((3, *motion[0].shape, self.n))
+        twists[0] = np.eye(self.n)
+        return twists
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute the matrix E (T, n, n) of v = E(x) dx at x (T, n)."""
@@ -159,39 +160,27 @@ class FramePlatform(_Coordinates):
         twists = frames.frame_jacobian(0)  # (T, 6, nv)
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
-    def frame_velocity(self, motions: FrameMotions) -> Array:
-        """Compute v (..., n) for motions of the frame: of turns, couples times the angular velocity."""
-        v = np.empty((*motions.twist.shape[:-2], self.n), dtype=motions.twist.dtype)
-        v[..., self.sliding] = motions.rates[1][..., 0, 3, self.along]  # velocity of frame 0's origin
-        rotation, w, _ = self._attitude_motion(motions)
-        v[..., self.turning] = matvec(self.attitude.couples(rotation), w).reshape(*v.shape[:-1], -1)
-        return v
+    def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
+        """Compute the rates of couples p x f of unit forces f, and of the attitude's couples."""
+        rates = np.zeros((2, len(motions.twist), self.n, 6))
+        rates[..., 3:] = cross(motions.rates[1:, :, :1, 3], self.units[:, :3])
+        if not self.constant:
+            axes, w = motions.rates[:2, :, 0, :3], motions.twist[:, 0, 3:]
+            rotation = (axes[0] + STEP * axes[1]).swapaxes(1, 2)
+            couples = self.attitude.couple_rates(rotation, w + STEP * motions.twist_rate[:, 0, 3:])
+            rates[:, :, self.turning, 3:] = couples.real, couples.imag / STEP.imag
+        return rates
 
     def drift(self, motions: FrameMotions) -> Array:
-        """Compute dv/dt (..., n) for motions of the frame.
-
-        Of turns it is C dw/dt + dC/dt w, with the couples C. For motions without joint accelerations it is
-        the drift dJ/dt v.
-        """
-        rate = np.empty((*motions.twist.shape[:-2], self.n), dtype=motions.twist.dtype)
-        rate[..., self.sliding] = motions.rates[2][..., 0, 3, self.along]  # acceleration of its origin
+        """Compute dv/dt (T, n): of turns C dw/dt + dC/dt w, with the chart's couples C."""
+        rate = np.empty((len(motions.twist), self.n))
+        rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]
         if len(self.turning):
-            rotation, w, dw = self._attitude_motion(motions)
+            rotation = motions.rates[0, :, 0, :3].swapaxes(1, 2)
+            w, dw = motions.twist[:, 0, 3:], motions.twist_rate[:, 0, 3:]
             turns = matvec(self.attitude.couples(rotation), dw)
-            turns = turns + matvec(self.attitude.couple_rates(rotation, w), w)
-            rate[..., self.turning] = turns.reshape(*rate.shape[:-1], -1)
+            rate[:, self.turning] = turns + matvec(self.attitude.couple_rates(rotation, w), w)
         return rate
-
-    @staticmethod
-    def _attitude_motion(motions: FrameMotions) -> tuple[Array, Array, Array]:
-        """Return attitude (S, 3, 3), angular velocity and acceleration (S, 3) of the platform's frame."""
-        axes = motions.rates[0][..., 0, :3, :]
-        rotation = axes.swapaxes(-1, -2).reshape(-1, 3, 3)
-        return (
-            rotation,
-            motions.twist[..., 0, 3:].reshape(-1, 3),
-            motions.twist_rate[..., 0, 3:].reshape(-1, 3),
-        )
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute the twist (T, 6) of the frame with velocities v (T, n).
@@ -213,8 +202,22 @@ class FramePlatform(_Coordinates):
             return dx, ddx
         turns = self.turning
         v, dv = dx.copy(), ddx.copy()
-        v[:, turns], dv[:, turns] = self.attitude.rates(x[:, turns], dx[:, turns], ddx[:, turns])
+        rates = dx[:, turns]
+        v[:, turns], dv[:, turns] = self.attitude.rates(x[:, turns], rates, rates, ddx[:, turns])
         return v, dv
+
+    def unit_twists(self, motion: CoordinateRates) -> Array:
+        """Compute E' and its time derivatives (3, T, n, n); only a rotation vector has E other than 1."""
+        twists = super().unit_twists(motion)
+        if self.attitude.rates_are_velocities:
+            return twists
+        turns = self.turning
+        x, dx, ddx = (np.repeat(part[:, turns], len(turns), axis=0) for part in motion)
+        units = np.tile(np.eye(len(turns)), (len(motion[0]), 1))
+        v, dv = self.attitude.rates(x + STEP * dx, dx + STEP * ddx, units, np.zeros_like(units))
+        columns = np.stack([v.real, dv.real, dv.imag / STEP.imag]).reshape(3, -1, len(turns), len(turns))
+        twists[..., turns[:, None], turns] = columns
+        return twists
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,6 +260,12 @@ class JointPlatform(_Coordinates):
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches
 
+    def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
+        """Return the rates of axes, as couples of hinges and forces of slides (which feel no couple)."""
+        rates = screws[:, :, self.columns].copy()
+        rates[:, :, ~self.translations, :3] = 0.0
+        return rates
+
     def joint_incidence(self, carried: Array) -> Array:
         """Return 1 where a coordinate is the joint's own position, (n, nv)."""
         return np.eye(len(carried))[self.columns]
@@ -273,16 +282,9 @@ class JointPlatform(_Coordinates):
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
 
-    def frame_velocity(self, motions: FrameMotions) -> Array:
-        """Return zeros (..., n), the part of v that depends on the frame.
-
-        v is that of the joints' own rates.
-        """
-        return np.zeros((*motions.twist.shape[:-2], self.n))
-
     def drift(self, motions: FrameMotions) -> Array:
-        """Return zeros (..., n): dJ/dt is zero, since the joints' rates are v itself."""
-        return self.frame_velocity(motions)
+        """Return zeros (T, n): dJ/dt is zero, since the joints' rates are v itself."""
+        return np.zeros((len(motions.twist), self.n))
 
 
 PlatformCoordinates = FramePlatform | JointPlatform

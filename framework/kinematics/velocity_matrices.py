@@ -13,7 +13,7 @@ import numpy as np
 
 from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
-from framework.kinematics.motion_rates import Motion, jacobian_change
+from framework.kinematics.motion_rates import Motion, jacobian_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, read_only
 
@@ -47,7 +47,9 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
     N M_p = 0 for all times, so that N' M_p = -N M_p'. Of all smooth bases N' = -N M_p' M_p^+ is the one that
     does not turn in itself. Another basis adds R A, R B, R C with one R to the rates.
     """
-    return matrices_and_changes(robot, motion.linearised, jacobian_change(robot, motion.linearised, motion.v))
+    return matrices_and_changes(
+        robot, motion.linearised, jacobian_rates(robot, motion.linearised, motion.v)[0]
+    )
 
 
 def matrices_and_changes(

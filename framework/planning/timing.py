@@ -53,7 +53,8 @@ def choose_timing(
     if len(s) > MAX_CROSSINGS:
         raise NoLaw(
             f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
-            f"more than {MAX_CROSSINGS} is not searched for: cut the path, or give all times and speeds"
+            f"more than {MAX_CROSSINGS} is not searched for: cut the path, take law optimal, or give "
+            f"all times and speeds"
         )
     starts = _first_timings(s, request)
     scores = _score_laws(starts, request, measure)
@@ -67,7 +68,8 @@ def choose_timing(
             f"{name}: no law that always advances found through s = "
             f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
             f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
-            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another duration"
+            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another "
+            f"duration, or take law optimal"
         )
     return timing
 

@@ -18,6 +18,7 @@ from framework import Condition, Law, Line, NoLaw, assemble, locate_singularitie
 from framework.planning import timing
 from framework.planning.request import Request
 from framework.planning.timing import LAWS_PER_UNKNOWN, MAX_CROSSINGS, MAX_ROUNDS, choose_timing
+from tests.benchmarks.chart.along import massless_legs
 
 OPEN = Request(path=Line([0.0], [1.0]), duration=1.0)
 COUNTS = (1, 2, 4, 8, 16, 32)
@@ -75,5 +76,25 @@ def test_a_platform_that_keeps_turning_is_told_to_cut_its_path():
     path = Line(start, start + np.array([0.0, 0.0, 6 * np.pi]))
     found = locate_singularities(robot, path)
     assert len(found) > MAX_CROSSINGS
-    with pytest.raises(NoLaw, match=f"meets {len(found)} singular points.*cut the path"):
+    with pytest.raises(NoLaw, match=f"meets {len(found)} singular points.*cut the path, take law optimal"):
         plan_crossing(robot, path, duration=10.0, law="polynomial")
+
+
+@pytest.mark.slow
+def test_the_optimal_law_passes_all_points_of_a_platform_that_keeps_turning():
+    """Condition (8) at each, with Newton's and Euler's equations of a platform on legs without mass."""
+    robot = massless_legs("three_rpr")
+    start = assemble(robot).x
+    plan = plan_crossing(robot, Line(start, start + np.array([0.0, 0.0, 6 * np.pi])), duration=10.0)
+    assert len(plan.crossings) > MAX_CROSSINGS
+    body = max(robot.model.inertias, key=lambda inertia: inertia.mass)
+    times = np.array([crossing.time for crossing in plan.crossings])
+    turn, rate, acceleration = (plan.platform(times, order)[:, 2] for order in range(3))
+    (x, y), cosine, sine = body.lever[:2], np.cos(turn), np.sin(turn)
+    lever = np.array([cosine * x - sine * y, sine * x + cosine * y])
+    force = body.mass * (acceleration * np.array([-lever[1], lever[0]]) - rate**2 * lever)
+    moment = body.inertia[2, 2] * acceleration + lever[0] * force[1] - lever[1] * force[0]
+    wrench = np.vstack([force, moment]).T
+    twists = np.array([crossing.twist for crossing in plan.crossings])
+    np.testing.assert_allclose(np.sum(wrench * twists, axis=1), 0, atol=1e-9 * np.abs(wrench).max())
+    assert np.all(np.diff(plan.law(np.linspace(0.0, 10.0, 2001))) > 0)

@@ -116,9 +116,10 @@ class PoseSearch:
         self._lower, self._upper = ranges[:, robot.moving] / self._lengths
         self._unit_length, self._unit = distance_unit(robot)
         self._determinant_sizes = np.ones(2)
+        self._no_forces = np.zeros(2 * len(self._lengths))
         reference = robot.reference
         J = self._equations(reference.q)[1]
-        room = self._evaluate(reference.q, J, reference.x, reference.x).room[-2:]
+        room = self._evaluate(reference.q, J, reference.x, reference.x, self._no_forces).room[-2:]
         self._determinant_sizes = room + LEAST_DETERMINANTS  # at the reference
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
@@ -128,7 +129,7 @@ class PoseSearch:
             earlier: results of other starts. A search without hope of a nearer one ends, and so does one that
                 comes to the end of another.
         """
-        iterate = self._evaluate(q, self._equations(q)[1], x, target)
+        iterate = self._evaluate(q, self._equations(q)[1], x, target, self._no_forces)
         least = min((pose.distance for pose in earlier), default=np.inf)
         bound = 0.5 * (least / self._unit_length) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
@@ -142,7 +143,7 @@ class PoseSearch:
             repeats = from_ends.min(initial=np.inf) < SAME_END and iterate.value > bound
             if is_reached or is_settled or is_behind or repeats or count == MAX_STEPS:
                 break
-            following = self._follow(iterate, step.z, target)
+            following = self._follow(iterate, step, target)
             gain = 0.0 if following is None else (iterate.value - following.value) / step.decrease
             if following is not None and gain > 0.0:
                 iterate = following
@@ -199,19 +200,19 @@ class PoseSearch:
         forces[near] = multipliers
         return _Step(z, float(-g @ z - 0.5 * z @ H @ z), forces)
 
-    def _follow(self, iterate: _Iterate, z: Array, target: Array) -> _Iterate | None:
+    def _follow(self, iterate: _Iterate, step: _Step, target: Array) -> _Iterate | None:
         """Return the iterate after a step; None if its loops do not close, or on another branch or mode."""
-        step = np.zeros(self.robot.model.nv)
-        step[self.robot.moving] = iterate.basis @ z * self._lengths
-        predicted = integrate(self.robot, iterate.q[None], step[None])[0]
+        motion = np.zeros(self.robot.model.nv)
+        motion[self.robot.moving] = iterate.basis @ step.z * self._lengths
+        predicted = integrate(self.robot, iterate.q[None], motion[None])[0]
         closed = self._close(predicted)
         if closed is None:
             return None
         correction = difference(self.robot, predicted, closed[0])
-        sizes = largest_motion(self.robot, np.array([correction, step]))
+        sizes = largest_motion(self.robot, np.array([correction, motion]))
         if not is_small(*sizes[:, None])[0]:
             return None
-        following = self._evaluate(*closed, iterate.x, target)
+        following = self._evaluate(*closed, iterate.x, target, step.forces)
         least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
         if (following.room[-2:] < least_room).any():
             return None
@@ -253,11 +254,11 @@ class PoseSearch:
         jacobian = self._pose.jacobian.take(self._independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
 
-    def _evaluate(self, q: Array, J: Array, near: Array, target: Array) -> _Iterate:
+    def _evaluate(self, q: Array, J: Array, near: Array, target: Array, forces: Array) -> _Iterate:
         """Compute the quadratic model at a pose q (nq,), whose loops have the derivatives J (m, f).
 
         A stack has the pose and steps from it along Z. `near` (n,) are platform coordinates that tell whole
-        turns.
+        turns. `forces` (2 f + 2,) of the bounds tell how far the ranges that act curve along Z.
         """
         robot, m = self.robot, len(J)
         Q, R = np.linalg.qr(J.T, mode="complete")
@@ -266,7 +267,8 @@ class PoseSearch:
         linearised = linearised_at(robot, integrate_columns(robot, q, robot.moving, steps), None)
         x, X, loops = self._slopes(linearised, near)
         e = (x[0] - target) / robot.platform_scale
-        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0]))
+        pull = e @ X[0] + forces[len(Z) : 2 * len(Z)] - forces[: len(Z)]
+        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ pull)
         gradients = e @ X - multipliers @ loops
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
         A = X[0] @ Z
