@@ -120,13 +120,11 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
 
 
 def _turning_compliance(before: _CurvePoint, after: _CurvePoint) -> float | None:
-    """Return the largest compliance between two points, by Hermite's cubic of log eps; None from 1 on."""
-    length = float(np.linalg.norm(after.coordinates - before.coordinates))
-    low, high = before.coordinates[-1], after.coordinates[-1]
-    rise, fall = length * before.tangent[-1], length * after.tangent[-1]
-    cubic = np.polynomial.Polynomial(
-        [low, rise, 3.0 * (high - low) - 2.0 * rise - fall, 2.0 * (low - high) + rise + fall]
-    )
-    places = np.append(cubic.deriv().roots().real, [0.0, 1.0])
-    highest = float(cubic(np.clip(places, 0.0, 1.0)).max())
+    """Return the largest compliance between two points, by a parabola of log eps; None from 1 on.
+
+    With the slopes a and -b at its ends a parabola of arclength h rises by h a^2 / (2 (a + b)).
+    """
+    length = np.linalg.norm(after.coordinates - before.coordinates)
+    rise, fall = before.tangent[-1], after.tangent[-1]
+    highest = before.coordinates[-1] + 0.5 * length * rise**2 / (rise - fall)
     return float(np.exp(highest)) if highest < 0.0 else None

@@ -33,6 +33,7 @@ from framework.kinematics.motion_changes import coordinate_changes
 from framework.kinematics.motion_rates import motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.clock import OnParameter
+from framework.laws.optimal_law import OptimalLaw
 from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeFunction, coefficients
 from framework.numerics.ordered_sums import solve
@@ -53,53 +54,29 @@ class TorqueResponse(NamedTuple):
 
 def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueResponse:
     """Compute the response of torques to each coefficient of an optimal law, at a state in balance."""
-    clock = _clock_of(state)
-    law = _law_at_nodes(state)
-    by_law = _slopes_by_law(equations, state)
-    series, scalars = _follow_law(equations, state, _along_law(by_law.F, law))
-    slopes = _along_law(by_law.torque, law) + _torques_of_deflections(equations.branch.robot, state, series)
-    parts = np.stack([np.ones_like(law.z), law.z, law.u, np.sqrt(law.z)], axis=1)
-    torque = (by_law.torque @ parts[:, :, None])[..., 0]
+    clock = state.samples.clock
+    assert isinstance(clock, OnParameter)
+    terms, terms_by_y = _law_terms(clock.law, state.samples.parameters)
+    by_terms = _split_by_law_terms(equations, state)
+    series, scalars = _follow_law(equations, state, by_terms.F @ terms_by_y)
+    slopes = by_terms.torque @ terms_by_y + _torques_of_deflections(equations.branch.robot, state, series)
+    torque = by_terms.torque @ terms[..., None]
     torque_function, slope_function, speed_function = (
         TimeFunction(clock.edges, coefficients(values.reshape(len(state.series), -1, values[0].size)))
-        for values in (torque, slopes, by_law.speed)
+        for values in (torque, slopes, by_terms.speed)
     )
     return TorqueResponse(clock.law.coefficients, torque_function, slope_function, speed_function, scalars)
 
 
-def _clock_of(state: BalanceState) -> OnParameter:
-    """Return the clock of a state under an optimal law."""
-    clock = state.samples.clock
-    assert isinstance(clock, OnParameter)
-    return clock
-
-
-class _LawAtNodes(NamedTuple):
-    """The law at the nodes: dz and du of each function of its basis (T, n), and its own z and u (T,)."""
-
-    dz: Array
-    du: Array
-    z: Array
-    u: Array
-
-
-def _law_at_nodes(state: BalanceState) -> _LawAtNodes:
-    """Evaluate an optimal law and its basis at the nodes."""
-    law, xi = _clock_of(state).law, state.samples.parameters
+def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
+    """Return the terms 1, z, u and z^(1/2) of a law at xi (T, 4), and their derivatives by y (T, 4, n)."""
     half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
-    dz = law.basis.matrix(xi).toarray()
-    du = half_rate * law.basis.matrix(xi, 1).toarray()
-    return _LawAtNodes(dz, du, dz @ law.coefficients, du @ law.coefficients)
-
-
-def _along_law(slopes: Array, law: _LawAtNodes) -> Array:
-    """Return the changes (T, k, n) by each function of the law's basis.
-
-    Args:
-        slopes: (T, k, 4) at rest, per z, per u and per z^(1/2).
-    """
-    by_z = slopes[:, :, 1] + slopes[:, :, 3] * (0.5 / np.sqrt(law.z))[:, None]
-    return by_z[..., None] * law.dz[:, None] + slopes[:, :, 2, None] * law.du[:, None]
+    z_by_y = law.basis.matrix(xi).toarray()
+    u_by_y = half_rate * law.basis.matrix(xi, 1).toarray()
+    z, u = z_by_y @ law.coefficients, u_by_y @ law.coefficients
+    root_by_y = z_by_y / (2.0 * np.sqrt(z))[:, None]
+    terms = np.stack([np.ones_like(z), z, u, np.sqrt(z)], axis=1)
+    return terms, np.stack([0.0 * z_by_y, z_by_y, u_by_y, root_by_y], axis=1)
 
 
 def _follow_law(equations: BalanceEquations, state: BalanceState, F_y: Array) -> tuple[Array, Array]:
@@ -125,15 +102,15 @@ def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: A
     return torque
 
 
-class _LawSlopes(NamedTuple):
-    """F and torques at given deflections: at rest, per z, u and z^(1/2) of the law; and motor speeds."""
+class _LawTerms(NamedTuple):
+    """F and torques at given deflections, at rest, per z, u and z^(1/2) of the law; and motor speeds."""
 
     F: Array  # (T, n_e, 4)
     torque: Array  # (T, n_a, 4) [N m], motor side
     speed: Array  # (T, n_a) [rad] over d sigma/dt, motor side
 
 
-def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlopes:
+def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _LawTerms:
     """Compute F and torques at the configurations of a state.
 
     At (z, u) = (1, 0) and (4, 0) they have once and four times what is per z, and once and twice what is per
@@ -148,13 +125,13 @@ def _slopes_by_law(equations: BalanceEquations, state: BalanceState) -> _LawSlop
         moved = motion_at(robot, closed, prescribed.dx, prescribed.ddx, prescribed.dl, prescribed.ddl)
         accelerations.append(moved.a[:, robot.actuated])
         speeds.append(moved.v[:, robot.actuated])
-    load, acceleration = (_split_by_law(values) for values in (loads, accelerations))
+    load, acceleration = (_split_terms(values) for values in (loads, accelerations))
     columns, units = locked_columns(robot)
     F = balance.Y.swapaxes(1, 2) @ (load[:, columns] * units[:, None])
-    return _LawSlopes(F, _balance_motors(robot, balance, load, acceleration), speeds[1] * robot.gear_ratio)
+    return _LawTerms(F, _balance_motors(robot, balance, load, acceleration), speeds[1] * robot.gear_ratio)
 
 
-def _split_by_law(values: list[Array]) -> Array:
+def _split_terms(values: list[Array]) -> Array:
     """Return what is (T, k, 4) at rest, per z, u and z^(1/2), of values (T, k) at the four (z, u)."""
     at_rest, once, fourfold, per_u = values
     per_root = 0.5 * (4.0 * (once - at_rest) - (fourfold - at_rest))

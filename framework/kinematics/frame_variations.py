@@ -17,7 +17,6 @@ from framework.kinematics.closures import base_wrenches, row_joint_signs, wrench
 from framework.kinematics.frames import FrameStack, move_frames
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carrying_joints
-from framework.kinematics.tree_model import is_ball
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import cross, dot
@@ -28,10 +27,7 @@ class TreeColumns(NamedTuple):
 
     owner: IntArray  # (nv,) the joint of each column, which is the body that it moves
     carried: Array  # (bodies, nv) 1 where the column moves the body
-    precedes: (
-        BoolArray  # (nv, nv) True where column i moves the axis that column j turns about or slides along
-    )
-    balls: IntArray  # (b, 3) columns of each ball
+    precedes: BoolArray  # (nv, nv) True where column i moves the axis that column j turns or slides along
 
 
 @lru_cache(maxsize=64)
@@ -40,8 +36,7 @@ def tree_columns(mechanism: Mechanism) -> TreeColumns:
     model = mechanism.model
     owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
     carried = carrying_joints(model, np.arange(model.njoints))
-    first = np.array([joint.idx_v for joint in model.joints if is_ball(joint)], dtype=np.intp)
-    return TreeColumns(owner, carried, carried[owner].T > 0.0, first[:, None] + np.arange(3))
+    return TreeColumns(owner, carried, carried[owner].T > 0.0)
 
 
 def bracket(a: Array, b: Array) -> Array:

@@ -168,11 +168,8 @@ def _newton_steps(
 
 def idle_ball_columns(robot: ParallelRobot) -> IntArray:
     """Return the idle entries of the velocity vector that belong to balls."""
-    is_of_ball = np.zeros(robot.model.nv, dtype=bool)
-    for ball in ball_columns(robot.model):
-        is_of_ball[ball] = True
     idle = robot.structure.idle
-    return idle[is_of_ball[idle]]
+    return idle[np.isin(idle, ball_columns(robot.model))]
 
 
 def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:

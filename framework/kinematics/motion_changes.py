@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput
-from framework.kinematics.frame_variations import tree_columns
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.motion_rates import Motion, jacobian_rates, solve_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import CoordinateRates
+from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.ordered_sums import cross
 
@@ -88,7 +88,7 @@ def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
     """Compute the bracket (T, k, nv) of joint rates (T, nv) and motions (T, k, nv): zero but for balls."""
-    bracket, balls = np.zeros_like(motions), tree_columns(robot).balls
+    bracket, balls = np.zeros_like(motions), ball_columns(robot.model)
     if len(balls):
         bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
     return bracket

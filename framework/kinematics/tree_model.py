@@ -25,7 +25,7 @@ import pinocchio as pin
 from framework.errors import format_distinct
 from framework.model.placement import rotation_with_axis
 from framework.model.urdf_elements import SEVERAL
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, IntArray
 from framework.tolerances import SAME_PLACE
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
@@ -152,9 +152,10 @@ def is_ball(joint: pin.JointModel) -> bool:
 
 
 @lru_cache(maxsize=64)
-def ball_columns(model: pin.Model) -> tuple[slice, ...]:
-    """Return the columns of each ball in the velocity vector."""
-    return tuple(slice(ball.idx_v, ball.idx_v + 3) for ball in model.joints if is_ball(ball))
+def ball_columns(model: pin.Model) -> IntArray:
+    """Return the columns (b, 3) of balls in the velocity vector."""
+    first = np.array([joint.idx_v for joint in model.joints if is_ball(joint)], dtype=np.intp)
+    return first[:, None] + np.arange(3)
 
 
 def file_axes(model: pin.Model) -> Array:
