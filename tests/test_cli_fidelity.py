@@ -36,7 +36,7 @@ def test_the_table_has_a_line_a_level_and_names_the_least(capsys):
 def test_numbers_and_a_figure_are_written_together(capsys, tmp_path, monkeypatch):
     # figures take seconds: tests/show draws this one, here a note stands for it
     monkeypatch.setattr(
-        "framework.show.plots.save", lambda _, stem: stem.with_suffix(".png").write_text("figure")
+        "framework.show.plots.save_figure", lambda _, stem: stem.with_suffix(".png").write_text("figure")
     )
     out = tmp_path / "study"
     code, text, err = run(

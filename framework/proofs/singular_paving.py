@@ -239,7 +239,7 @@ class MeasureEnclosure(NamedTuple):
     slope_changes: Array  # (S, k) within the box
 
 
-def bound_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
+def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
     """Enclose the bordered scalar g of a block P over boxes.
 
     Its slope is dg = -psi' dP eta (Govaerts 2000).
@@ -324,7 +324,7 @@ class SingularBoxTest:
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
-        g = bound_measure(self.block, derivatives, remainders)
+        g = enclose_measure(self.block, derivatives, remainders)
         equations = self._join_equations(derivatives, remainders, loops, g, boxes.radii)
         decision = self._decide_arcs(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 

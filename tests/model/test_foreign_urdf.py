@@ -39,7 +39,7 @@ def nothing_installed(monkeypatch, tmp_path):
     def files(package):
         raise PackageNotFoundError(package)
 
-    monkeypatch.setattr(urdf, "files", files)
+    monkeypatch.setattr("importlib.metadata.files", files)
     monkeypatch.setattr(urdf.sysconfig, "get_path", lambda name: str(tmp_path))
     return tmp_path
 
