@@ -186,7 +186,7 @@ class BalanceEquations:
     def _prescribe(
         self, series: Array, clock: Clock, parameters: Array, motion: tuple[list[Array], Array, Array]
     ) -> SampledMotion:
-        """Return motion and deflections at the nodes by the law's `motion` there."""
+        """Return motion and deflections at the nodes for the law's `motion`."""
         s, rate, acceleration = motion
         panels, N, n_e = series.shape
         half_widths = 0.5 * np.diff(clock.edges)

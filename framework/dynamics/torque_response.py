@@ -69,7 +69,10 @@ def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueRe
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
-    """Return the terms 1, z, u and z^(1/2) of a law at xi (T, 4), and their derivatives by y (T, 4, n)."""
+    """Return the terms of a law at xi (T, 4), and their derivatives by its coefficients (T, 4, n).
+
+    They are 1, z, u and z^(1/2).
+    """
     half_rate = 0.5 * law.stretch(law.stretch.inverse(xi), 1)[:, None]  # u = z'/2 = xi' (dz/dxi) / 2
     z_by_y = law.basis.matrix(xi).toarray()
     u_by_y = half_rate * law.basis.matrix(xi, 1).toarray()
@@ -92,7 +95,7 @@ def _follow_law(equations: BalanceEquations, state: BalanceState, F_y: Array) ->
 
 
 def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: Array) -> Array:
-    """Compute changes (T, n_a, n) of torques by those of deflections, series (panels, N, n_e, n)."""
+    """Compute changes (T, n_a, n) of torques by changes of deflections, series (panels, N, n_e, n)."""
     panels, N, n_e, n = series.shape
     slopes = _torque_slopes_by_springs(robot, state.balance)
     torque = np.zeros((*slopes[0].shape[:2], n))
@@ -132,7 +135,7 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _La
 
 
 def _split_terms(values: list[Array]) -> Array:
-    """Return what is (T, k, 4) at rest, per z, u and z^(1/2), of values (T, k) at the four (z, u)."""
+    """Return the parts (T, k, 4) at rest, per z, u and z^(1/2) of values (T, k) at four (z, u)."""
     at_rest, once, fourfold, per_u = values
     per_root = 0.5 * (4.0 * (once - at_rest) - (fourfold - at_rest))
     return np.stack([at_rest, once - at_rest - per_root, per_u - at_rest, per_root], axis=2)

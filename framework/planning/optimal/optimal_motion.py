@@ -44,8 +44,6 @@ MAX_PASSES = 12  # of optimising and resolving in turn
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 SERIES_DEGREE = 40  # of z as one series
-
-
 STIFFER_THAN_FOLD = 1.02  # of springs that are advised
 
 
@@ -141,7 +139,8 @@ class _ElasticSearch:
 
     First for a law whose motion is resolved, and at rest at its ends: stage by stage a calmer one, with more
     of its derivatives zero at the ends. Rates of springs with inertia follow the fifth, their accelerations
-    the sixth. Then for better ones, by the torques that are linear in the law about the last motion.
+    the sixth. Then for better ones, by the torques that are linear in the law about the last motion. Until
+    then viscous damping is left out of the law, not of its motion.
 
     next_task: the task with the limits and the smoothness of the next law.
     points: the crossing points of the undeformed robot.
@@ -169,7 +168,7 @@ class _ElasticSearch:
 
     def run(self) -> OptimalMotion:
         """Return the best motion; raise as `optimal_motion`."""
-        calmest = 0
+        calmest = 0  # the last stage that is tried once there is a law
         for _ in range(MAX_PASSES):
             try:
                 motion = self._find_motion()
