@@ -511,12 +511,31 @@ END_RATE_MISFIT = 1e-6
 So balance gives nothing for it in the end. At 1e-5 and 1e-7 the same holds to 2e-6 and 1e-15.
 """
 
+FOLD_MISFIT = 1e-12
+"""Force that neither springs nor motors nor loops hold at rest, over the largest load, on the way to a fold.
+
+Rounding leaves 1e-15. At 1e-9 the place of a fold is off in its fourth digit.
+"""
+
+STIFFER_THAN_FOLD = 1.02
+"""Stiffness of springs that are advised where springs give way at rest, over that at the fold.
+
+The fold is found to 2e-3. At 1.002 the springs that are advised may be those that give way.
+"""
+
+REQUIRED_SPEED_ERROR = 1e-6
+"""Speed of an elastic robot at a crossing less the speed required there, over the latter.
+
+Deflections move the crossing, and the law is sought again with the moved one: a few laws leave 1e-8. At 1e-3
+those of the first passes would do; at 1e-9 rounding of the place of a crossing is felt.
+"""
+
 MAX_END_RATE = 1e-3
 """Rate or acceleration of a spring at the ends of an elastic optimal motion, over its own largest.
 
 Deflections in balance need not be at rest where the law is: with inertia their rates follow the law's fifth
 derivative. Motions that swing for milliseconds at an end had 1e-2 to 1. At 1e-2 some of those pass; at 1e-4
-soft robots get smoother laws with higher peaks (three_rrr 0.189 instead of 0.169 N m).
+soft robots get smoother laws with higher peaks.
 """
 
 MAX_UNRESOLVED_MISFIT = 0.1

@@ -49,9 +49,10 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
 
 
 def _choose_starts(offsets: Array) -> list[int]:
-    """Choose the starts nearest to the target, at some distance from each other.
+    """Return indices of the starts nearest to the target, some distance apart.
 
-    `offsets` (S, n) are from the target. Return indices.
+    Args:
+        offsets: (S, n) of the starts from the target.
     """
     starts: list[int] = []
     distances = np.linalg.norm(offsets, axis=1)

@@ -54,12 +54,13 @@ class ControlCycle:
     raises. Springs keep the deflections of the start, as in `forward_kinematics`. The next `update`
     overwrites all arrays; one object serves one thread.
 
-    q, v: all joints (nq,) and their rates (nv,). x, dx: the platform's coordinates (n,), continuous from the
-    start over full turns, and their rates. T: joint rates for unit rates of the motors' joints (nv, n_a).
-    residual: the largest of all loop equations at q, those dropped as redundant included [m or rad]. type2:
-    distance from Type 2: 1 / |P^-1| in the 1-norm [rad, robot lengths]. P (m, m) are the passive columns
-        of the loops, with least singular value sigma: it lies in [sigma / sqrt(m), sigma sqrt(m)]. Never
-        negative, as the cycle stays in its assembly mode; infinite without passive joints.
+    q, v: all joints (nq,) and their rates (nv,).
+    x, dx: the platform's coordinates (n,), continuous from the start over full turns, and their rates.
+    T: joint rates for unit rates of the motors' joints (nv, n_a).
+    residual: the largest of all loop equations at q, those dropped as redundant included [m or rad].
+    type2: distance from Type 2, 1 / |P^-1| in the 1-norm [rad, robot lengths]. P (m, m) are the passive
+        columns of the loops, with least singular value sigma: it lies in [sigma / sqrt(m), sigma sqrt(m)].
+        Never negative, as the cycle stays in its assembly mode; infinite without passive joints.
     """
 
     def __init__(self, robot: ParallelRobot, *, near: ArrayLike | Configuration | None = None) -> None:

@@ -25,12 +25,12 @@ from framework.dynamics.loaded_balance import (
 from framework.errors import NoAnswer
 from framework.kinematics.continuation.tracking import Branch
 from framework.numerics.arrays import Array
+from framework.tolerances import FOLD_MISFIT
 
 FIRST_COMPLIANCE = 1e-4  # over that of the springs
 FIRST_STEP, LEAST_STEP, MAX_STEP, STEP_GROWTH = 0.05, 1e-5, 0.2, 1.3  # of arclength in (v, log eps)
 MAX_POINTS = 400
 MAX_CORRECTIONS = 8
-SETTLED_FORCE = 1e-12  # F over the largest load
 LEAST_COSINE = 0.8  # between neighbouring tangents
 
 
@@ -81,7 +81,7 @@ class _RestCurve(NamedTuple):
         try:
             for _ in range(MAX_CORRECTIONS):
                 F, slopes = self.residual(coordinates)
-                if np.abs(F).max() <= SETTLED_FORCE:
+                if np.abs(F).max() <= FOLD_MISFIT:
                     tangent = np.linalg.svd(slopes)[2][-1]
                     return _CurvePoint(coordinates, tangent * np.sign(tangent @ along))
                 coordinates = coordinates - np.linalg.lstsq(slopes, F, rcond=None)[0]
@@ -119,12 +119,12 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
     return None
 
 
-def _turning_compliance(before: _CurvePoint, after: _CurvePoint) -> float | None:
+def _turning_compliance(first: _CurvePoint, second: _CurvePoint) -> float | None:
     """Return the largest compliance between two points, by a parabola of log eps; None from 1 on.
 
     With the slopes a and -b at its ends a parabola of arclength h rises by h a^2 / (2 (a + b)).
     """
-    length = np.linalg.norm(after.coordinates - before.coordinates)
-    rise, fall = before.tangent[-1], after.tangent[-1]
-    highest = before.coordinates[-1] + 0.5 * length * rise**2 / (rise - fall)
+    length = np.linalg.norm(second.coordinates - first.coordinates)
+    rise, fall = first.tangent[-1], second.tangent[-1]
+    highest = first.coordinates[-1] + 0.5 * length * rise**2 / (rise - fall)
     return float(np.exp(highest)) if highest < 0.0 else None

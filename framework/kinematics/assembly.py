@@ -168,10 +168,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error with the last iterate and its reason.
-
-    It remarks on angles that look like degrees.
-    """
+    """Return the error with the last iterate, and a remark on angles that look like degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 

@@ -56,7 +56,11 @@ def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Arr
 
 
 def solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
-    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic."""
+    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic.
+
+    Raises:
+        NotAssembled: the platform does not determine the joints at some instant.
+    """
     rates = np.zeros((*right.shape[:-1], robot.model.nv))
     if robot.n_e:
         rates[..., robot.elastic] = elastic

@@ -102,7 +102,7 @@ class _Builder(TreeBuilder):
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse a YAML text of limited size, aliases written out; refuse duplicate keys."""
+    """Parse a YAML text of limited size, aliases written out; raise RobotFileError for duplicate keys."""
     if len(text) > MAX_YAML_CHARACTERS:
         raise RobotFileError(f"{len(text)} characters of YAML; at most {MAX_YAML_CHARACTERS} are read")
     try:

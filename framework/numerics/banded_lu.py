@@ -150,8 +150,14 @@ class BandFactors:
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
-        """Signs and logarithms of the sizes of the determinants, as of `DenseFactors`."""
-        return DenseFactors(self.band.fill(self.values)).slogdet
+        """Signs and logarithms of the sizes of the determinants, as of `DenseFactors`.
+
+        Singular is what these factors say, whatever the last bit of others.
+        """
+        sign, size = DenseFactors(self.band.fill(self.values)).slogdet
+        pivots = self.lu[self.band.lower + self.band.upper].reshape(-1, self.band.size)
+        is_singular = (pivots == 0.0).any(axis=1)
+        return np.where(is_singular, 0.0, sign), np.where(is_singular, -np.inf, size)
 
 
 def _order_by_bandwidth(row: IntArray, column: IntArray, size: int) -> IntArray:

@@ -34,8 +34,10 @@ def test_springs_twice_as_soft_fold_at_half_the_compliance():
         assert 2.0 * folds[1] == pytest.approx(folds[0], rel=1e-2)
 
 
-def test_springs_that_hold_have_no_fold():
-    assert [find_static_fold(branch_of(1.0), s) for s in (0.0, 1.0)] == [None, None]
+def test_springs_a_little_stiffer_than_at_the_fold_hold_and_softer_ones_do_not():
+    softness = 100.0 * find_static_fold(branch_of(100.0), 1.0)  # of springs at the fold
+    assert find_static_fold(branch_of(0.98 * softness), 1.0) is None
+    assert find_static_fold(branch_of(1.02 * softness), 1.0) == pytest.approx(1.0 / 1.02, rel=3e-3)
 
 
 @pytest.mark.slow

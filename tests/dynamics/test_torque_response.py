@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import robots
+from framework import ParallelRobot
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.torque_response import respond_to_law
+from framework.model.description import JointDynamics
 from framework.planning import scenes
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import find_law_in_balance
@@ -19,11 +21,13 @@ from framework.planning.request import Request
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import search_path
 
+DAMPED = {"left_motor": JointDynamics(damping=0.02), "left_elbow": JointDynamics(damping=0.01)}
 CASES = [
-    ("five_bar", "C", "flexible_links"),  # springs with inertia
-    ("five_bar", "C", "flexible_joints"),  # springs without
-    pytest.param("three_rpr", "crossing", "flexible_links", marks=pytest.mark.slow),
-    pytest.param("delta", "pick", "flexible_links", marks=pytest.mark.slow),
+    ("five_bar", "C", "flexible_links", {}),  # springs with inertia
+    ("five_bar", "C", "flexible_joints", {}),  # springs without
+    ("five_bar", "C", "flexible_joints", DAMPED),
+    pytest.param("three_rpr", "crossing", "flexible_links", {}, marks=pytest.mark.slow),
+    pytest.param("delta", "pick", "flexible_links", {}, marks=pytest.mark.slow),
 ]
 XI = np.linspace(-0.99, 0.99, 67)
 
@@ -46,9 +50,10 @@ def torques_of(task, law, deflections):
     return dynamics.torque(law.time(law.stretch.inverse(XI)))
 
 
-@pytest.mark.parametrize(("name", "scene", "flexibility"), CASES)
-def test_slopes_are_those_of_certified_torques(name, scene, flexibility):
-    robot = robots.load(name, flexibility=flexibility)
+@pytest.mark.parametrize(("name", "scene", "flexibility", "joints"), CASES)
+def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints):
+    description = replace(robots.load(name).description, joints=joints)
+    robot = ParallelRobot.from_description(description, flexibility=flexibility)
     path = scenes.scene_path(scenes.scene(robot, scene))
     request = Request.of(robot, path, duration=1.5, law="optimal", smoothness=6)
     searched = search_path(robot, path)

@@ -47,7 +47,12 @@ _DIRECT = (0, 1, 2, 3)  # mjtDyn of motors: none, integrator, filters; not muscl
 
 
 def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
-    """Read the robot in an MJCF file."""
+    """Read the robot in an MJCF file.
+
+    Raises:
+        MissingPackage: MuJoCo is not installed.
+        RobotFileError: names the element.
+    """
     for element in root.iter():
         for key, value in element.attrib.items():
             if "nan" in value.lower().split():  # with which MuJoCo computes

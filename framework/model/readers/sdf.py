@@ -120,7 +120,7 @@ class _Joint(NamedTuple):
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
-    """Read the robot in an SDF file."""
+    """Read the robot in an SDF file; raise RobotFileError with the element's name."""
     (version,) = parse_numbers("<sdf> version", root.get("version", "1.4"), 1)
     scope = Scope(version)
     for parent in (root, *root.findall("world")):

@@ -196,6 +196,9 @@ def read_urdf(
     """Read the robot in a URDF with loops.
 
     `beside` is the content of a loop_closures.yaml, by default of the one near the file.
+
+    Raises:
+        RobotFileError: names the element.
     """
     beside = _find_loop_closures(file) if beside is None else beside
     independent = [

@@ -7,7 +7,8 @@
   (`framework.numerics.cone_program` solves it);
 * `best_law`: the smoothest law (`smooth_search`) that costs hardly more than the least (`least_cost`);
 * `undeformed_law`: the best law of a task, or why it has none (`limit_refusals`);
-* `optimal_motion`: law and certified torques in turn; `rest_of_springs` looks at the ends;
+* `optimal_motion`: law and certified torques in turn; those of elastic robots by `dynamics.torque_response`,
+  refused where `dynamics.static_fold` finds that springs give way;
 * `elastic_balance`: the nearest law that an elastic robot can follow;
 * `rest_of_springs`: whether springs start and stop at rest, as the law does;
 * `peak_bound`: bounds of every law, by duality (`dual_program`, on the functions of `path_series`);

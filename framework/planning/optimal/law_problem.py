@@ -28,14 +28,13 @@ POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pol
 class LawProblem(NamedTuple):
     """The task of a law, with conditions at `crossings` sigma (k,).
 
-    It has the known parts of the motion.
-
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
     z0: the squared speed about which damping is linearised, if any.
     sampled: the demand along the path, if it was resolved.
     chosen_reference: the `reference`, where that is not made of the limits.
     degree: of z as one Chebyshev series, which deflections need; None for splines.
     max_squared_speed: of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
+    response: of the torques of an elastic robot to the law.
     """
 
     task: Task
@@ -199,11 +198,8 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     """Return the conditions of a problem as rows (k, n) on coefficients.
 
     They say constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. z is a function of xi:
-    dz/dsigma = xi' dz/dxi, d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi.
+    dz/dsigma = xi' dz/dxi, d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A response has its own condition (8).
     """
-    if problem.response is not None:
-        rows = problem.response.scalars
-        return Affine(sparse.csr_array(rows), -rows @ problem.response.y)
     constant, per_z, per_u, per_du = problem.conditions.T
     z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))  # in xi
     dxi, ddxi = (problem.task.stretch(problem.crossings, order) for order in (1, 2))
@@ -212,4 +208,9 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
         + sparse.diags_array(0.5 * per_u * dxi + 0.5 * per_du * ddxi) @ z_xi
         + sparse.diags_array(0.5 * per_du * dxi**2) @ z_xi_xi
     )
-    return Affine(sparse.csr_array(rows), constant)
+    if problem.response is None:
+        return Affine(sparse.csr_array(rows), constant)
+    scalars = problem.response.scalars
+    count = len(scalars)
+    matrix = sparse.vstack([sparse.csr_array(scalars), sparse.csr_array(rows)[count:]], format="csr")
+    return Affine(matrix, np.append(-scalars @ problem.response.y, constant[count:]))

@@ -27,6 +27,10 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     name = problem.task.branch.robot.name
     cells = len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
+    if problem.response is not None:  # torques beside another motion prove nothing of limits
+        return NotConverged(
+            f"{name}: no better law was found on {cells} cells: {none.status}", residual=np.inf
+        )
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return NotConverged(

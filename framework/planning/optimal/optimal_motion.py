@@ -38,13 +38,12 @@ from framework.planning.optimal.sampled_demand import SampledDemand, sample_dema
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
 from framework.planning.refusals.refusal_proofs import StaticFold
 from framework.planning.specification import limit_excess, motor_peaks
-from framework.tolerances import PEAK_TORQUE_MISMATCH
+from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
 
 MAX_PASSES = 12  # of optimising and resolving in turn
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 SERIES_DEGREE = 40  # of z as one series
-STIFFER_THAN_FOLD = 1.02  # of springs that are advised
 
 
 class ElasticStage(NamedTuple):
@@ -150,6 +149,7 @@ class _ElasticSearch:
     last_law: the last law found.
     balance: of the last motion at this stage; None where deflections are those of `resolve`.
     response: of the torques to the law, about that motion.
+    speed_places: s of the crossings of that motion, at which speeds may be required.
     best_motion: the best certified motion within the limits.
     first_failure: raised if no stage succeeds.
     """
@@ -163,6 +163,7 @@ class _ElasticSearch:
     last_law: Best | None = None
     balance: BalanceSolution | None = None
     response: TorqueResponse | None = None
+    speed_places: list[float] | None = None
     best_motion: OptimalMotion | None = None
     first_failure: NoAnswer | None = None
 
@@ -183,7 +184,7 @@ class _ElasticSearch:
             if motion is self.best_motion:
                 return motion
             excess = limit_excess(motion.dynamics, self.task.specification)
-            if excess <= 1.0:
+            if excess <= 1.0 and self._has_required_speeds(motion):
                 if self.best_motion is not None and not self._improves(_cost_of_motion(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost_of_motion, self.task))
                 if self.best_motion is None:
@@ -192,7 +193,7 @@ class _ElasticSearch:
                 report_result()
                 if self.balance is None or _has_predicted_peak(motion):
                     return motion
-            self._prepare_next(excess)
+            self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
         raise self.first_failure or NotConverged(
@@ -220,9 +221,8 @@ class _ElasticSearch:
     def _find_law(self) -> Best:
         """Find the law of this stage, from the last one if that has as many coefficients."""
         stage = self.stages[self.stage]
-        problem = problem_of(self.next_task, self.points)._replace(
-            sampled=self.sampled, response=self.response
-        )
+        problem = problem_of(self.next_task, self.points, self.speed_places)
+        problem = problem._replace(sampled=self.sampled, response=self.response)
         if self.response is not None:
             problem = problem._replace(degree=len(self.response.y) - 1)
         elif self.stages is not SPLINE_STAGES:
@@ -247,9 +247,11 @@ class _ElasticSearch:
         if isinstance(failure, SearchEnded | SpringsTooSoft):
             raise failure
         self.first_failure = self.first_failure or failure
-        self.balance = self.response = None
+        self.balance = self.response = self.speed_places = None
         self.stage += 1
         if self.stage == 2 and self.last_law is None and self.stages is not SPLINE_STAGES:
+            if self.task.request.speeds:  # no series fitted to splines has these speeds
+                raise self.first_failure
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
@@ -272,13 +274,27 @@ class _ElasticSearch:
                 stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)
                 raise NoLaw(
                     f"{branch.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
-                    f"deflections turn back at {1.0 / compliance:.3g} times their stiffness; no law passes "
-                    f"on the branch of the rigid robot, and springs {stiffer:.3g} times as stiff hold there",
+                    f"deflections turn back at {1.0 / compliance:.3g} times their stiffness, so that no law "
+                    f"was found on the branch of the rigid robot; springs {stiffer:.3g} times as stiff hold "
+                    f"at this end",
                     evidence=StaticFold(s, compliance),
                 )
 
-    def _prepare_next(self, excess: float) -> None:
-        """Linearise torques about the last motion, or lower limits by its excess where nothing is known."""
+    def _has_required_speeds(self, motion: OptimalMotion) -> bool:
+        """Whether a motion passes its crossings with the speeds required there, if any."""
+        required = self.task.request.speeds
+        if required is None:
+            return True
+        speeds = [motion.law(crossing.time, 1) for crossing in motion.dynamics.crossings]
+        return bool(np.allclose(speeds, required, rtol=REQUIRED_SPEED_ERROR, atol=0.0))
+
+    def _prepare_next(self, motion: OptimalMotion, excess: float) -> None:
+        """Linearise torques about a motion, or lower limits by its excess where nothing is known.
+
+        What failed before tells nothing of the laws that follow.
+        """
+        self.first_failure = None
+        self.speed_places = [crossing.s for crossing in motion.dynamics.crossings]
         if self.balance is not None:
             self.response = respond_to_law(self.balance.equations, self.balance.state)
             return

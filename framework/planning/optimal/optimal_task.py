@@ -69,6 +69,7 @@ def conditions_at(
     task: Task,
     points: Sequence[CrossingPoint],
     z0: SquaredSpeed | None = None,
+    speed_places: Sequence[float] | None = None,
 ) -> tuple[Array, Array]:
     """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
@@ -77,6 +78,7 @@ def conditions_at(
 
     Args:
         z0: the squared speed about which viscous damping is linearised.
+        speed_places: s of the required speeds, those of the points by default.
     """
     sigmas = list[float]()
     rows = list[Array]()
@@ -85,8 +87,9 @@ def conditions_at(
         rows += list(conditions.rows)
         sigmas += [conditions.sigma] * len(conditions.rows)
     speeds = task.request.speeds or ()
-    for point, speed in zip(points, speeds, strict=bool(speeds)):
-        sigma = float(task.phi.inverse(point.s))
+    places = [point.s for point in points] if speed_places is None else speed_places
+    for place, speed in zip(places, speeds, strict=bool(speeds)):
+        sigma = float(task.phi.inverse(place))
         rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
         sigmas.append(sigma)
     return np.array(sigmas), np.array(rows).reshape(-1, 4)

@@ -237,9 +237,9 @@ def _conditions_at_points(
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
-    """Return independent combinations of rows (corank, 4), without rounding.
+    """Return independent combinations of rows (corank, 4), without any that is rounding of a size.
 
-    Rounding is relative to a size. Two motions of a symmetric robot may ask the same of the law.
+    Two motions of a symmetric robot may ask the same of the law.
     """
     _, singular_values, right = np.linalg.svd(rows)
     combinations = singular_values[:, None] * right[: len(singular_values)]

@@ -83,11 +83,10 @@ def sample_demand(task: Task) -> SampledDemand | None:
 
 
 def _find_unresolved(series: TimeFunction, motors: int) -> Array:
-    """Find the panels (P,) on which a quantity is not resolved.
+    """Return a mask (P,) of the panels on which one of the five quantities is not resolved.
 
-    There are five, and none may be infinite; return a mask. Resolved means: the last two coefficients are
-    small against the largest, over all motors. Torques per s'^2 and per s" have one unit and one size: either
-    may be rounding of the other.
+    Resolved means finite, with the last two coefficients small against the largest, over all motors. Torques
+    per s'^2 and per s" have one unit and one size: either may be rounding of the other.
     """
     panels, size, _ = series.coefficients.shape
     by_quantity = np.abs(series.coefficients).reshape(panels, size, 5, motors).max(axis=3)

@@ -102,9 +102,11 @@ def adapt_found_law(
     return adapted._replace(law=_meet_conditions(adapted.program.problem, points, adapted.law))
 
 
-def problem_of(task: Task, points: Sequence[CrossingPoint]) -> LawProblem:
-    """Return the problem of a task, without damping."""
-    return LawProblem(task, *conditions_at(task, points))
+def problem_of(
+    task: Task, points: Sequence[CrossingPoint], speed_places: Sequence[float] | None = None
+) -> LawProblem:
+    """Return the problem of a task, without damping; see `conditions_at`."""
+    return LawProblem(task, *conditions_at(task, points, None, speed_places))
 
 
 def solve_problem(

@@ -51,7 +51,7 @@ The optimal law:
 
     NoLaw: springs make two crossings of a touch, or none
         planning.optimal.optimal_task.check_unfolded
-    NoLaw: springs and damping with redundant motors are not supported
+    NoLaw: springs and damping with redundant motors or rigid geometry
         planning.optimal.optimal_motion.optimal_motion
     NoLaw: no speed meets what is left of condition (8)
         planning.optimal.optimal_task.check_speeds

@@ -1,0 +1,108 @@
+"""Spatial robots under gravity on random lines across their loci: planned, or refused.
+
+Torques are held against the equations of motion that the tests write anew, refusals against
+the bound of all laws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import robots
+from framework import CrossingPlan, Line, NoAnswer, NoLaw, ParallelRobot, locate_singularities, plan_crossing
+from framework.planning.optimal.peak_bound import bound_plan
+from framework.planning.refusals.refusal_proofs import HoldingTorque
+from framework.planning.scenes import scene_path
+from tests.oracles.equations_of_motion import defects
+
+SCENES = {"delta": "cross", "orthoglide": "cross", "par4": "cross", "gough_stewart": "turn"}
+COUNT, SEED = 6, 11
+
+
+def random_motions(name: str, count: int) -> tuple[ParallelRobot, list[tuple[Line, float]]]:
+    """Lines whose ends lie about those of the robot's own scene, and durations [s], all across the locus."""
+    robot = robots.load(name)
+    own = scene_path(robot.description.scenes[SCENES[name]])
+    ends = np.array([own(0.0), own(1.0)])
+    spread = 0.35 * np.abs(np.diff(ends, axis=0)[0]) + 0.05 * np.abs(np.diff(ends)).max()
+    rng, found = np.random.default_rng([SEED, len(name)]), []
+    while len(found) < count:
+        line = Line(*(ends + rng.uniform(-spread, spread, ends.shape)))
+        duration = float(rng.uniform(0.5, 3.0))
+        try:
+            points = locate_singularities(robot, line)
+        except NoAnswer:
+            continue
+        if points and all(point.contact != "tangential" for point in points):
+            found.append((line, duration))
+    return robot, found
+
+
+def check_plan(plan: CrossingPlan, duration: float) -> None:
+    assert plan.duration == duration
+    assert plan.certificate.monotone
+    assert plan.certificate.tail < 1e-9
+    assert max(crossing.residual for crossing in plan.crossings) < 1e-11
+    t = np.append(np.linspace(0.0, duration, 21), [crossing.time for crossing in plan.crossings])
+    q, v, a, *_ = (getattr(plan.dynamics.motion(t), name) for name in ("q", "v", "a"))
+    found = defects(plan.robot, q=q, v=v, a=a, torque=plan.torque(t), x=plan.platform(t))
+    assert found.open < 1e-12 * max(plan.robot.length, 1.0)
+    assert found.speed < 1e-12
+    assert found.acceleration < 1e-12
+    assert found.force < 1e-9
+
+
+def check_refusal(refusal: NoLaw, limit: float, bound: float | None) -> None:
+    """`bound` is that of every law's peak [N m] on this path in this duration, if it was computed."""
+    proof = refusal.proof
+    if isinstance(proof, HoldingTorque):
+        assert proof.torque > proof.limit == limit
+        return
+    least = refusal.evidence.least
+    assert least.torque_peak is None or least.torque_peak > 1.0
+    if bound is not None and least.torque_peak is not None:
+        assert 0.95 < bound / limit / least.torque_peak < 1.0
+
+
+def check_random_motion(name: str, k: int, *, bounded: bool) -> None:
+    robot, found = random_motions(name, k + 1)
+    line, duration = found[k]
+    plan = plan_crossing(robot, line, duration=duration, law="optimal")
+    check_plan(plan, duration)
+    torque = float(np.abs(plan.torque(np.linspace(0.0, duration, 6001))).max())
+    bound = None
+    if bounded:
+        bound = bound_plan(plan).value * float(plan.optimality.reference.max())
+        assert 1.0 - 1e-9 < torque / bound < 1.02
+    limited = plan_crossing(robot, line, duration=duration, torque_limit=1.03 * torque)
+    assert np.abs(limited.torque(np.linspace(0.0, duration, 6001))).max() <= 1.03 * torque
+    with pytest.raises(NoLaw) as refused:
+        plan_crossing(robot, line, duration=duration, torque_limit=0.9 * torque)
+    check_refusal(refused.value, 0.9 * torque, bound)
+
+
+@pytest.mark.parametrize("name", ["delta"])
+def test_a_random_line_is_crossed_and_refused_with_a_proof_where_the_motors_are_too_weak(name):
+    check_random_motion(name, 0, bounded=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(COUNT))
+@pytest.mark.parametrize("name", SCENES)
+def test_random_lines_of_all_spatial_robots(name, k):
+    check_random_motion(name, k, bounded=True)
+
+
+def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8():
+    robot = robots.load("five_bar")
+    heavy = ParallelRobot.from_description(replace(robot.description, gravity=(0.0, -9.81, 0.0)))
+    point = locate_singularities(heavy, Line([0.1, 0.345], [-0.05, 0.195]))[0]
+    with pytest.raises(NoLaw, match="a stop on the locus") as refused:
+        plan_crossing(heavy, Line([0.1, 0.345], point.platform), duration=1.0)
+    proof = refused.value.proof
+    assert proof.stop
+    assert proof.s == pytest.approx(1.0, abs=1e-9)
+    assert abs(proof.gamma) > 0.1  # [N] of the weight along t_s: there is nothing else at rest
