@@ -68,7 +68,7 @@ class Recording(ReadOnlyArrays):
         lines = [",".join(map(repr, row)) for row in self.values.tolist()]
         return "\n".join([",".join(self.names), *lines]) + "\n"
 
-    def select(self, index: slice | IntArray) -> Recording:
+    def rows(self, index: slice | IntArray) -> Recording:
         """Return the samples at an index."""
         return Recording(self.source, self.names, self.values[index])
 
