@@ -135,7 +135,10 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _La
 
 
 def _split_terms(values: list[Array]) -> Array:
-    """Return the parts (T, k, 4) at rest, per z, u and z^(1/2) of values (T, k) at four (z, u)."""
+    """Return the parts (T, k, 4) of values (T, k) at four (z, u).
+
+    They are at rest, per z, per u and per z^(1/2).
+    """
     at_rest, once, fourfold, per_u = values
     per_root = 0.5 * (4.0 * (once - at_rest) - (fourfold - at_rest))
     return np.stack([at_rest, once - at_rest - per_root, per_u - at_rest, per_root], axis=2)

@@ -281,7 +281,7 @@ class _ElasticSearch:
                 )
 
     def _has_required_speeds(self, motion: OptimalMotion) -> bool:
-        """Whether a motion passes its crossings with the speeds required there, if any."""
+        """Whether a motion has the required speeds at its crossings, if any are."""
         required = self.task.request.speeds
         if required is None:
             return True
