@@ -19,6 +19,7 @@ from framework.dynamics.balance_equations import (
     BalanceEquations,
     BalanceState,
     Family,
+    LinearBalance,
     LoadSlopes,
     Step,
     resize_series,
@@ -57,8 +58,9 @@ class GaussNewtonResult(NamedTuple):
     """The last iterate of Gauss-Newton at one truncation of the deflections."""
 
     state: BalanceState
-    is_truncated: bool  # whether the misfit is settled, or limited by the truncation
+    is_solved: bool  # whether the misfit is as small as this truncation allows
     slopes: LoadSlopes | None  # of a state near the iterate
+    linear: LinearBalance | None = None  # with these slopes, if it was factorised
 
 
 class BalanceSolution(NamedTuple):
@@ -68,6 +70,7 @@ class BalanceSolution(NamedTuple):
     scalars: Array  # (k,)
     equations: BalanceEquations
     state: BalanceState
+    linear: LinearBalance | None  # of a state near this one, if it was factorised
 
 
 def solve_balance(
@@ -95,9 +98,10 @@ def solve_balance(
     if start is not None:
         series = resize_series(start.series / spring_units(robot), first)
     equations = BalanceEquations(branch, family, steps)
-    state = _refine_series(equations, _solve_by_softening(equations, series, scalars))
+    result = _refine_series(equations, _solve_by_softening(equations, series, scalars))
+    state = result.state
     deflections = KnownDeflections(state.samples.clock, state.series * equations.units)
-    return BalanceSolution(deflections, state.scalars, equations, state)
+    return BalanceSolution(deflections, state.scalars, equations, state, result.linear)
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -119,14 +123,17 @@ def first_coefficient_count(degree: int) -> int:
 
 
 def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Array) -> GaussNewtonResult:
-    """Solve at this truncation; if that stalls, start 32 times stiffer and soften the springs stepwise.
+    """Solve at this truncation, with springs softened stepwise where it stalls.
+
+    Springs are MAX_STIFFENING times as stiff at first. A step divides their stiffness by `softening`, and by
+    its root where that is too much.
 
     Raises:
         SpringsTooSoft: springs MAX_STIFFENING times as stiff are still far too soft.
         NotConverged: softening stalls, or the stiffest springs do not converge.
     """
     result = _gauss_newton(equations, equations.evaluate(series, scalars))
-    if result.is_truncated:
+    if result.is_solved:
         return result
     stiffest = equations.evaluate(0.0 * series, scalars, stiffer=MAX_STIFFENING)
     if np.abs(stiffest.balance.F).max() > MAX_STIFFENING * equations.stiffness * MAX_DEFLECTION:
@@ -136,15 +143,15 @@ def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Arr
             f"{MAX_DEFLECTION:g} rad or {MAX_DEFLECTION:g} robot length",
             residual=stiffest.misfit,
         )
-    solved = _gauss_newton(equations, stiffest)  # with springs `stiffer` times as stiff
-    converges, stiffer, softening = solved.is_truncated, MAX_STIFFENING, SOFTENING
+    solved = _gauss_newton(equations, stiffest)  # of springs `stiffer` times as stiff
+    converges, stiffer, softening = solved.is_solved, MAX_STIFFENING, SOFTENING
     while converges and softening > MIN_SOFTENING:
         softer, state = max(stiffer / softening, 1.0), solved.state
         start = equations.evaluate(state.series * (stiffer / softer), state.scalars, stiffer=softer)
         result = _gauss_newton(equations, start)
-        if result.is_truncated and softer == 1.0:
+        if result.is_solved and softer == 1.0:
             return result
-        if result.is_truncated:
+        if result.is_solved:
             solved, stiffer = result, softer
         else:
             softening = np.sqrt(softening)
@@ -159,7 +166,7 @@ def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Arr
 def _gauss_newton(
     equations: BalanceEquations, state: BalanceState, coarser: GaussNewtonResult | None = None
 ) -> GaussNewtonResult:
-    """Iterate; return the last state and whether truncation limits its misfit.
+    """Iterate until the misfit is rounding, or as small as the truncation of the series allows.
 
     Slopes and their factorisation are used again as long as the misfit falls quickly. The first are those of
     the `coarser` result, of fewer coefficients.
@@ -168,7 +175,7 @@ def _gauss_newton(
     for _ in range(MAX_STEPS):
         check_time()
         if state.misfit <= SETTLED_MISFIT and slopes is not None:
-            return GaussNewtonResult(state, True, slopes)
+            return GaussNewtonResult(state, True, slopes, linear)
         are_fresh = slopes is None
         slopes = equations.slopes(state) if slopes is None else slopes
         linear = equations.linearise(state, slopes) if linear is None else linear
@@ -177,12 +184,12 @@ def _gauss_newton(
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
         if stalls and state.misfit <= MAX_UNRESOLVED_MISFIT:
             if coarser is None or is_enough or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
-                return GaussNewtonResult(state, True, slopes)
+                return GaussNewtonResult(state, True, slopes, linear)
             slopes, linear = equations.slopes(coarser.state), None  # those used were of a state too far away
             continue
         new = _take_damped_step(equations, state, step)
         if new is None and (are_fresh or is_enough):
-            return GaussNewtonResult(state, is_enough, slopes)
+            return GaussNewtonResult(state, is_enough, slopes, linear)
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
@@ -191,15 +198,18 @@ def _gauss_newton(
         if new is None or new.misfit > good_misfit:
             slopes = linear = None
         state = new or state
-    return GaussNewtonResult(state, False, slopes)
+    return GaussNewtonResult(state, False, slopes, linear)
 
 
-def _refine_series(equations: BalanceEquations, result: GaussNewtonResult) -> BalanceState:
-    """Add coefficients until the misfit is settled, or falls too slowly to be settled by the most."""
+def _refine_series(equations: BalanceEquations, result: GaussNewtonResult) -> GaussNewtonResult:
+    """Add coefficients until the misfit is settled, or falls too slowly to be settled by the most.
+
+    A misfit that cannot fall by MIN_LAST_GAIN any more is settled.
+    """
     state = result.state
     largest = min(MAX_COEFFICIENTS, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
     count = state.series.shape[1]
-    while result.is_truncated and state.misfit > SETTLED_MISFIT and count < largest:
+    while result.is_solved and state.misfit > MIN_LAST_GAIN * SETTLED_MISFIT and count < largest:
         last_misfit, last_count = state.misfit, count
         # a misfit that falls geometrically, e^(-r count), is settled at count log(settled) / log(misfit)
         growth = np.log(SETTLED_MISFIT) / np.log(last_misfit)
@@ -215,13 +225,17 @@ def _refine_series(equations: BalanceEquations, result: GaussNewtonResult) -> Ba
         needed = count + (count - last_count) * np.log(state.misfit / SETTLED_MISFIT) / gain
         if needed > MAX_NEEDED_RATIO * largest:
             break
-    return state
+    return result
 
 
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:
-    """Halve a step until the misfit falls; return the state after the step, or None."""
+    """Halve a step until the misfit falls; return the state after the step, or None.
+
+    A misfit that is hardly more than rounding is not worth half a step.
+    """
     share = 1.0
-    while share >= MIN_STEP_SHARE:
+    least_share = 1.0 if state.misfit <= ENOUGH_MISFIT else MIN_STEP_SHARE
+    while share >= least_share:
         try:
             new = equations.evaluate(
                 state.series + share * step.series,

@@ -27,6 +27,7 @@ from framework.dynamics.loaded_balance import (
     motion_and_load,
     spring_units,
 )
+from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.tangent_stiffness import factor_transposed
 from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_changes import coordinate_changes
@@ -46,26 +47,33 @@ class TorqueResponse(NamedTuple):
     """
 
     y: Array  # (n,) of the motion
+    scalars: Array  # (k, n) derivatives by y of the law's scalars
     torque: TimeFunction  # (n_a,) [N m] along the motion, motor side
     slopes: TimeFunction  # (n_a n,) derivatives of the torque by y
     speed: TimeFunction  # (n_a,) [rad] of the motors over d sigma/dt
-    scalars: Array  # (k, n) derivatives by y of the law's scalars
 
 
-def respond_to_law(equations: BalanceEquations, state: BalanceState) -> TorqueResponse:
-    """Compute the response of torques to each coefficient of an optimal law, at a state in balance."""
+def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
+    """Compute the response of torques to each coefficient of an optimal law, at a motion in balance.
+
+    Deflections follow by the last factorised slopes of the balance, which may be of a motion near this one.
+    """
+    equations, state = solution.equations, solution.state
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
     terms, terms_by_y = _law_terms(clock.law, state.samples.parameters)
     by_terms = _split_by_law_terms(equations, state)
-    series, scalars = _follow_law(equations, state, by_terms.F @ terms_by_y)
+    F_y = by_terms.F @ terms_by_y  # (T, n_e, n)
+    linear = solution.linear or equations.linearise(state, equations.slopes(state))
+    changes = linear.follow(F_y.reshape(-1, F_y.shape[2]))  # of deflections and scalars
+    series, scalars = np.split(changes, [state.series.size])
+    series = series.reshape(*state.series.shape, -1)  # (panels, N, n_e, n)
     slopes = by_terms.torque @ terms_by_y + _torques_of_deflections(equations.branch.robot, state, series)
-    torque = by_terms.torque @ terms[..., None]
-    torque_function, slope_function, speed_function = (
-        TimeFunction(clock.edges, coefficients(values.reshape(len(state.series), -1, values[0].size)))
-        for values in (torque, slopes, by_terms.speed)
-    )
-    return TorqueResponse(clock.law.coefficients, torque_function, slope_function, speed_function, scalars)
+    functions = [
+        TimeFunction(clock.edges, coefficients(values.reshape(len(series), -1, values[0].size)))
+        for values in (by_terms.torque @ terms[..., None], slopes, by_terms.speed)
+    ]
+    return TorqueResponse(clock.law.coefficients, scalars, *functions)
 
 
 def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
@@ -80,18 +88,6 @@ def _law_terms(law: OptimalLaw, xi: Array) -> tuple[Array, Array]:
     root_by_y = z_by_y / (2.0 * np.sqrt(z))[:, None]
     terms = np.stack([np.ones_like(z), z, u, np.sqrt(z)], axis=1)
     return terms, np.stack([0.0 * z_by_y, z_by_y, u_by_y, root_by_y], axis=1)
-
-
-def _follow_law(equations: BalanceEquations, state: BalanceState, F_y: Array) -> tuple[Array, Array]:
-    """Compute how deflections and scalars follow changes F_y (T, n_e, n) of the balance.
-
-    Returns:
-        Series (panels, N, n_e, n) of the deflections, in units of the springs, and scalars (k, n).
-    """
-    linear = equations.linearise(state, equations.slopes(state))
-    changes = linear.follow(F_y.reshape(-1, F_y.shape[2]))
-    size = state.series.size
-    return changes[:size].reshape(*state.series.shape, -1), changes[size:]
 
 
 def _torques_of_deflections(robot: ParallelRobot, state: BalanceState, series: Array) -> Array:
@@ -114,11 +110,7 @@ class _LawTerms(NamedTuple):
 
 
 def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _LawTerms:
-    """Compute F and torques at the configurations of a state.
-
-    At (z, u) = (1, 0) and (4, 0) they have once and four times what is per z, and once and twice what is per
-    z^(1/2).
-    """
+    """Compute F and torques at the configurations of a state, from their values at four (z, u)."""
     robot, balance = equations.branch.robot, state.balance
     loads, accelerations, speeds = [], [], []
     for z_and_u in ((0.0, 0.0), (1.0, 0.0), (4.0, 0.0), (0.0, 1.0)):
@@ -135,9 +127,10 @@ def _split_by_law_terms(equations: BalanceEquations, state: BalanceState) -> _La
 
 
 def _split_terms(values: list[Array]) -> Array:
-    """Return the parts (T, k, 4) of values (T, k) at four (z, u).
+    """Split values a + b z + c u + d z^(1/2) into their four terms (T, k, 4).
 
-    They are at rest, per z, per u and per z^(1/2).
+    Args:
+        values: (T, k) at (z, u) = (0, 0), (1, 0), (4, 0) and (0, 1).
     """
     at_rest, once, fourfold, per_u = values
     per_root = 0.5 * (4.0 * (once - at_rest) - (fourfold - at_rest))

@@ -24,6 +24,7 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_onl
 from framework.tolerances import SAME_PLACE
 
 MIN_CLENSHAW_POINTS = 400  # from which a step of its recurrence costs less than the cosines it saves
+MIN_PRODUCT_SERIES = 16  # from which a product of matrices is quicker for any number of points
 COEFFICIENT_ROUNDING = 1e-15  # of the largest coefficient of a series
 NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: what may be rounding
 
@@ -68,10 +69,10 @@ def tail(series: Array) -> float:
 def evaluate(x: Array, series: Array) -> Array:
     """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
 
-    At a few points the polynomials are quicker all at once, as T_k(x) = cos(k arccos x), than by
-    Clenshaw's recurrence, which takes `size` steps in Python.
+    At a few points, or of many series, the polynomials are quicker all at once, as T_k(x) = cos(k arccos x),
+    than by Clenshaw's recurrence, which takes `size` steps in Python.
     """
-    if x.size > MIN_CLENSHAW_POINTS:
+    if x.size > MIN_CLENSHAW_POINTS and series[0].size < MIN_PRODUCT_SERIES:
         return np.asarray(chebyshev.chebval(x, series).T)
     return np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series
 

@@ -75,7 +75,7 @@ def find_best_law(
     goal = problem.specification.goal
     least_cost = find_least_cost(problem, cells)
     if isinstance(least_cost, NoneFound):
-        return least_cost if goal == "peak_torque" else _find_gentlest(problem, least_cost, share)
+        return least_cost if goal == "peak_torque" else _find_least_peak(problem, least_cost, share)
     program, least, units = least_cost
     longest = problem.specification.longest
     if goal == "time" and longest is not None and least.value > longest:
@@ -84,12 +84,14 @@ def find_best_law(
 
 
 def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -> Best | NoneFound:
-    """Find the law of a problem near that of `best`, on its cells.
+    """Find the law of a problem near that of `best`, on its cells and with its places of rows.
 
     Args:
         share: of the least cost, which smoothness may take; as before by default.
     """
     program = SpeedProgram.on_cells(problem, best.program.cells)
+    if len(best.program.further):
+        program = program.extend(best.program.further)
     least_cost = solve_least_cost(program, best.search.units)
     if isinstance(least_cost, NoneFound):
         return least_cost
@@ -113,25 +115,27 @@ def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) ->
     adapted = _search_smooth(search, best.speed)
     if isinstance(adapted, Best) or search.goal == "peak_torque":
         return adapted
-    return _find_gentlest(search.program.problem, adapted, search.share)
+    return _find_least_peak(search.program.problem, adapted, search.share)
 
 
-def _find_gentlest(problem: LawProblem, none: NoneFound, share: float) -> Best | NoneFound:
-    """Find the law of least peak where another goal has none.
+def _find_least_peak(problem: LawProblem, failure: NoneFound, share: float) -> Best | NoneFound:
+    """Find the law of least peak torque after another goal failed.
 
-    Return `none` where that exceeds limits.
+    The failure is returned if there is no such law, or none within the limits.
     """
     if not problem.specification.limited:
-        return none
-    gentlest = find_best_law(problem.with_goal("peak_torque"), share=share)
-    return gentlest if isinstance(gentlest, Best) and gentlest.peak <= 1.0 else none
+        return failure
+    best = find_best_law(problem.with_goal("peak_torque"), share=share)
+    is_within_limits = isinstance(best, Best) and best.peak <= 1.0
+    return best if is_within_limits else failure
 
 
 def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best | NoneFound:
-    """Find the smooth law, with rows wherever a limit was exceeded between the points.
+    """Find the smooth law, with rows where limits were exceeded between the points.
 
-    These rows, or tighter limits, may raise the least cost by more than the share that smoothness may take.
-    Then no smooth law is found, and the least cost is solved for again, once for each set of rows.
+    A search that neglects deflections leaves these rows to the next one. They, or tighter limits, may raise
+    the least cost by more than the share that smoothness may take. Then no smooth law is found, and the least
+    cost is solved for again, once for each set of rows.
 
     Args:
         similar: the speed of a similar law, from which the search begins.
@@ -153,6 +157,8 @@ def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best |
                 if not len(exceeded):
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
+                if search.program.problem.neglects_deflections:
+                    return best._replace(search=search)
                 continue
             if search.program is program_solved_again:
                 return best or smooth

@@ -232,9 +232,9 @@ class DualProgram:
             draft.nonnegative.append(AffineRows({"t": -sparse.csr_array(norm[None])}, np.ones(1)))
 
     def _add_speed_limits(self, draft: _Draft) -> None:
-        """Add mu >= 0 of motors with speed limits, and mu . k.
+        """Add mu >= 0 (k, n) of motors with speed limits, and mu . k to the factor.
 
-        The latter is a term of the factor.
+        mu is constant on cells. All terms are integrals over cells, so mu . k counts times the width of the cell.
         """
         width = self.series.width
         squared_speed = self.series.squared_speed.coefficients

@@ -6,6 +6,8 @@ so that the loaded robot passes where it is singular.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from framework.dynamics.known_deflections import KnownDeflections
@@ -27,23 +29,29 @@ SCALAR_STEP = 1e-4  # of the terms of a condition, for differences
 
 
 def find_law_in_balance(
-    task: Task, law: OptimalLaw, previous: KnownDeflections | None
+    task: Task,
+    law: OptimalLaw,
+    previous: KnownDeflections | None,
+    speed_places: Sequence[float] | None = None,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
         previous: deflections of a similar law, from which the search begins.
+        speed_places: s of the required speeds, which the law found has.
 
     Raises:
         NotConverged: no such law is near.
     """
     points = find_crossing_points(task)
-    problem = problem_of(task, points)
+    problem = problem_of(task, points, speed_places)
     if law.basis.is_spline:
         law = _fit_series(problem, law)
     space = SpeedSpace(law.basis, law.stretch)
     conditions = condition_rows(problem, law.basis)
     values = conditions.matrix @ law.coefficients
+    speeds = slice(len(values) - len(task.request.speeds or ()), None)
+    values[speeds] = -conditions.offset[speeds]
 
     def shift_conditions(shifts: Array) -> OnParameter:
         """Return the law nearest to `law` whose first k conditions have values shifted by `shifts` (k,)."""

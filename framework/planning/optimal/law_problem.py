@@ -61,6 +61,11 @@ class LawProblem(NamedTuple):
         return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
 
     @property
+    def neglects_deflections(self) -> bool:
+        """Whether the robot is elastic, and torques are those of the undeformed one."""
+        return self.degree is not None and self.response is None
+
+    @property
     def specification(self) -> Specification:
         return self.task.specification
 

@@ -123,10 +123,10 @@ def _solve_on_cells_of_least_peak(
     """
     if problem.specification.goal == "peak_torque":
         return none
-    gentlest = find_least_cost(problem.with_goal("peak_torque"), cells, torque_limits=False)
-    if isinstance(gentlest, NoneFound) or len(gentlest.program.cells) == len(cells):
+    least_peak = find_least_cost(problem.with_goal("peak_torque"), cells, torque_limits=False)
+    if isinstance(least_peak, NoneFound) or len(least_peak.program.cells) == len(cells):
         return none
-    return solve_least_cost(SpeedProgram.on_cells(problem, gentlest.program.cells))
+    return solve_least_cost(SpeedProgram.on_cells(problem, least_peak.program.cells))
 
 
 def solve_least_cost(

@@ -41,9 +41,11 @@ from framework.planning.specification import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
 
 MAX_PASSES = 12  # of optimising and resolving in turn
+MAX_SPEED_STEPS = 4  # of placing required speeds where the deflected robot is singular
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 SERIES_DEGREE = 40  # of z as one series
+WORTHWHILE_GAP = 2e-2  # of the cost above the least, from which half of it is tried
 
 
 class ElasticStage(NamedTuple):
@@ -146,6 +148,8 @@ class _ElasticSearch:
     sampled: the demand on its motors.
     stages: how calm laws are, in turn; those of splines, which a series is fitted to, if no series is found.
     stage: index of the next law's.
+    share: of the least cost, in place of the stage's.
+    is_near_end: whether the next failure ends the search.
     last_law: the last law found.
     balance: of the last motion at this stage; None where deflections are those of `resolve`.
     response: of the torques to the law, about that motion.
@@ -160,6 +164,8 @@ class _ElasticSearch:
     sampled: SampledDemand | None
     stages: tuple[ElasticStage, ...]
     stage: int = 0
+    share: float | None = None
+    is_near_end: bool = False
     last_law: Best | None = None
     balance: BalanceSolution | None = None
     response: TorqueResponse | None = None
@@ -169,7 +175,6 @@ class _ElasticSearch:
 
     def run(self) -> OptimalMotion:
         """Return the best motion; raise as `optimal_motion`."""
-        calmest = 0  # the last stage that is tried once there is a law
         for _ in range(MAX_PASSES):
             try:
                 motion = self._find_motion()
@@ -177,22 +182,25 @@ class _ElasticSearch:
                 if self.best_motion is None:
                     self._choose_smoother(failure)
                     continue
-                if isinstance(failure, SearchEnded) or self.stage >= calmest:
+                if isinstance(failure, SearchEnded) or self.is_near_end:
                     return self.best_motion
-                self.stage += 1  # a calmer law may still be better
+                self.is_near_end = True
+                self.stage = min(self.stage + 1, len(self.stages) - 1)  # a calmer law may still be better
                 continue
-            if motion is self.best_motion:
-                return motion
             excess = limit_excess(motion.dynamics, self.task.specification)
-            if excess <= 1.0 and self._has_required_speeds(motion):
+            is_settled = motion is self.best_motion  # the law costs no less
+            if not is_settled and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
                 if self.best_motion is not None and not self._improves(_cost_of_motion(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost_of_motion, self.task))
-                if self.best_motion is None:
-                    calmest = min(self.stage + 1, len(self.stages) - 1)
                 self.best_motion = motion
                 report_result()
-                if self.balance is None or _has_predicted_peak(motion):
+                is_settled = self.balance is None or _has_predicted_peak(motion)
+            if is_settled:
+                gap = motion.best.gap
+                if self.balance is None or gap < WORTHWHILE_GAP or self.stages is SPLINE_STAGES:
                     return motion
+                self.share = gap / 2.0
+                self.is_near_end = True
             self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
@@ -212,11 +220,20 @@ class _ElasticSearch:
         if not _follows_balance(self.task):
             dynamics = _resolve_law(self.task, law, None)
         else:
-            previous = None if self.balance is None else self.balance.deflections
-            law, self.balance = find_law_in_balance(self.task, law, previous)
-            dynamics = _resolve_law(self.task, law, self.balance.deflections)
+            law, dynamics = self._balance_law(law)
         check_rest(dynamics, law.smoothness)
         return OptimalMotion(dynamics, law, best)
+
+    def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, InverseDynamics]:
+        """Return the nearest law in balance, and its motion, again where deflections move required speeds."""
+        for _ in range(MAX_SPEED_STEPS):
+            previous = None if self.balance is None else self.balance.deflections
+            law, self.balance = find_law_in_balance(self.next_task, law, previous, self.speed_places)
+            dynamics = _resolve_law(self.task, law, self.balance.deflections)
+            if self._has_required_speeds(law, dynamics):
+                break
+            self.speed_places = [crossing.s for crossing in dynamics.crossings]
+        return law, dynamics
 
     def _find_law(self) -> Best:
         """Find the law of this stage, from the last one if that has as many coefficients."""
@@ -235,7 +252,7 @@ class _ElasticSearch:
         similar = self.last_law
         if similar is not None and similar.program.problem.degree != problem.degree:
             similar = None
-        return solve_problem(problem, share=stage.share, similar=similar)
+        return solve_problem(problem, share=self.share or stage.share, similar=similar)
 
     def _improves(self, cost: float) -> bool:
         """Whether a cost is below that of the best motion by more than the error of peaks."""
@@ -249,9 +266,7 @@ class _ElasticSearch:
         self.first_failure = self.first_failure or failure
         self.balance = self.response = self.speed_places = None
         self.stage += 1
-        if self.stage == 2 and self.last_law is None and self.stages is not SPLINE_STAGES:
-            if self.task.request.speeds:  # no series fitted to splines has these speeds
-                raise self.first_failure
+        if self.last_law is None and self.stages is not SPLINE_STAGES:  # no series is such a law
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
@@ -280,12 +295,12 @@ class _ElasticSearch:
                     evidence=StaticFold(s, compliance),
                 )
 
-    def _has_required_speeds(self, motion: OptimalMotion) -> bool:
-        """Whether a motion has the required speeds at its crossings, if any are."""
+    def _has_required_speeds(self, law: OptimalLaw, dynamics: InverseDynamics) -> bool:
+        """Whether a law has the required speeds at the crossings of its motion, if any are."""
         required = self.task.request.speeds
         if required is None:
             return True
-        speeds = [motion.law(crossing.time, 1) for crossing in motion.dynamics.crossings]
+        speeds = [law(crossing.time, 1) for crossing in dynamics.crossings]
         return bool(np.allclose(speeds, required, rtol=REQUIRED_SPEED_ERROR, atol=0.0))
 
     def _prepare_next(self, motion: OptimalMotion, excess: float) -> None:
@@ -296,7 +311,7 @@ class _ElasticSearch:
         self.first_failure = None
         self.speed_places = [crossing.s for crossing in motion.dynamics.crossings]
         if self.balance is not None:
-            self.response = respond_to_law(self.balance.equations, self.balance.state)
+            self.response = respond_to_law(self.balance)
             return
         scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
         self.next_task = self.next_task._replace(specification=scaled)

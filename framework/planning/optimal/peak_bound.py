@@ -64,14 +64,14 @@ def bound_peak(task: Task, reference: Array) -> PeakBound | None:
     Limits of speed and the duration count, limits of torque do not.
     """
     proof = _find_proof(task, reference, timed=False)
-    return proof and _bound_of(proof, reference, _peak_at_rest(task, reference))
+    return proof and _bound_with_multipliers(proof, reference, _peak_at_rest(task, reference))
 
 
 def bound_duration(task: Task) -> PeakBound | None:
     """Compute a bound of the duration [s] within the limits of torque and speed."""
     limit = task.specification.torque_limit
     proof = _find_proof(task, limit, timed=True)
-    return proof and _bound_of(proof, limit, at_rest=0.0)
+    return proof and _bound_with_multipliers(proof, limit, at_rest=0.0)
 
 
 def prove_no_law(problem: LawProblem) -> PeakBound | None:
@@ -119,13 +119,16 @@ class _Proof(NamedTuple):
         return self.evidence.value > 0.0 and not self.evidence.lacking.any()
 
 
-def _bound_of(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
-    """Return the bound of a proof.
+def _bound_with_multipliers(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
+    """Return the bound that a proof gives, with its multipliers in the form of `PeakBound`.
 
-    It has p = x_0 and across = sum of x_i e_i, i > 0.
+    p = x_0, and across is the sum of x_i e_i over i > 0, with e_i the directions of the series.
+
+    Args:
+        at_rest: the relative peak at the ends, zero for a bound of the duration.
     """
     series = proof.series
-    (x, mu, _, lam) = proof.multipliers
+    x, mu, _, lam = proof.multipliers
     return PeakBound(
         proof.evidence.value,
         at_rest,

@@ -94,7 +94,7 @@ class SmoothSearch(NamedTuple):
             similar: a law of this duration, if one is known.
         """
         if self.goal == "energy":
-            return self._find_least_energy(duration, similar)
+            return self._find_smooth_of_little_energy(duration, similar)
         smooth, floor = self._solve_above_floor(self.bounds, similar=similar)
         if isinstance(smooth, NoneFound) or smooth.duration >= duration * (1.0 - 2.0 * SAME_DURATION):
             return smooth
@@ -178,14 +178,14 @@ class SmoothSearch(NamedTuple):
 
     # -------------------------------------------------------------- energy at a duration
 
-    def _find_least_energy(self, duration: float, similar: Speed | None) -> Speed | NoneFound:
-        """Find a law of little energy that takes a duration [s], then a smooth one of hardly more.
+    def _find_smooth_of_little_energy(self, duration: float, similar: Speed | None) -> Speed | NoneFound:
+        """Find a smooth law of little energy that takes a duration [s].
 
-        The law of least energy may be quicker than the duration. Then the best of several laws of the
-        duration is improved. Last, the smoothest law within a share of that energy is slowed to the duration.
+        The law of least energy may be quicker than the duration. Then the best of several laws that take it
+        is improved. Last, the smoothest law within a share of that energy is slowed to the duration.
 
         Args:
-            similar: a law of this duration, in place of the several.
+            similar: a law of this duration, which is improved in place of the best of several.
         """
         limits = Bounds(share=self.bounds.share)
         quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", similar)
@@ -236,10 +236,10 @@ class SmoothSearch(NamedTuple):
             yield from laws
             if laws:
                 break
-        gentle = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
-        least = solve_least_cost(gentle)
+        of_peak = replace(self.program, problem=self.program.problem.with_goal("peak_torque"))
+        least = solve_least_cost(of_peak)
         if not isinstance(least, NoneFound):
-            search = SmoothSearch(gentle, least.units, least.speed, self.share)
+            search = SmoothSearch(of_peak, least.units, least.speed, self.share)
             law = search.find_lasting(duration)
             if isinstance(law, Speed) and law.duration >= duration * (1.0 - SAME_DURATION):
                 yield law

@@ -96,8 +96,9 @@ class SpeedProgram:
     cells: Array  # (k + 1,) edges in xi, of the splines
     xi: Array  # (M,) points, both ends among them
     weights: Array  # (M,) of integrals over sigma; zero at the ends
-    rows: MotorRows  # at the points, at crossings and wherever a limit was exceeded
+    rows: MotorRows  # at the points, at crossings and at further places
     conditions: Affine  # (k, n)
+    further: Array  # (R,) xi between the points, where a limit was exceeded
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
@@ -115,7 +116,7 @@ class SpeedProgram:
         limit_weights = _weigh_limits(xi, cells, counts, crossings)
         if limit_weights:
             rows = rows.stack(rows.combine(sparse.csr_array(np.array(limit_weights))))
-        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions)
+        return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0))
 
     @property
     def space(self) -> SpeedSpace:
@@ -179,8 +180,8 @@ class SpeedProgram:
 
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with rows at further places xi (R,)."""
-        further = motor_rows(self.problem, self.basis, self.conditions, xi)
-        return replace(self, rows=self.rows.stack(further))
+        rows = motor_rows(self.problem, self.basis, self.conditions, xi)
+        return replace(self, rows=self.rows.stack(rows), further=np.append(self.further, xi))
 
     def speed(self, y: Array, value: float = np.nan) -> Speed:
         """Compute the costs of coefficients y (n,).
