@@ -234,7 +234,7 @@ class DualProgram:
     def _add_speed_limits(self, draft: _Draft) -> None:
         """Add mu >= 0 (k, n) of motors with speed limits, and mu . k to the factor.
 
-        mu is constant on cells. All terms are integrals over cells, so mu . k counts times the width of the cell.
+        mu is constant on cells. Terms are integrals over cells, so that mu . k counts times the width.
         """
         width = self.series.width
         squared_speed = self.series.squared_speed.coefficients

@@ -153,6 +153,16 @@ def test_a_speed_at_the_crossing_of_the_deflected_robot_is_met():
     assert plan.duration < 0.267  # without a required speed 0.214 s
 
 
+@pytest.mark.slow
+def test_a_speed_at_the_crossing_of_the_deflected_robot_is_met_at_a_duration():
+    elastic = robots.load("five_bar", flexibility="flexible_joints")
+    plan = plan_crossing(elastic, LINE, duration=1.5, law="optimal", speeds=[1.5])
+    (crossing,) = plan.crossings
+    assert crossing.speed == pytest.approx(1.5, rel=1e-6)
+    assert plan.duration == pytest.approx(1.5, rel=1e-9)
+    assert max(plan.peak_torque.values()) < 0.16  # of the rigid robot 0.147
+
+
 def test_more_cells_gain_little(robot, quickest, monkeypatch):
     monkeypatch.setattr(least_cost, "FIRST_CELLS", 180)
     fine = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS)
