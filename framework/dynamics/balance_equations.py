@@ -228,16 +228,16 @@ class BalanceEquations:
         """
         panels, N, n_e = state.series.shape
         value, rate, acceleration = state.samples.bases
-        bases = np.array([value, rate / state.samples.rate[:, None], acceleration])[: self.orders]
-        bases = bases.reshape(self.orders, panels, 2 * N, N)
+        bases = np.stack([value, rate / state.samples.rate[:, None], acceleration][: self.orders], axis=2)
         F_slopes = np.einsum("tfe,tfd->ted", state.balance.Y, slopes.evaluate(2 * N))  # Y' load
-        F_slopes = F_slopes.reshape(panels, 2 * N, n_e, -1)
-        by_deflections = F_slopes[..., : self.orders * n_e].reshape(panels, 2 * N, n_e, self.orders, n_e)
-        blocks = np.einsum("pteoi,optj->pteji", by_deflections, bases)  # (panels, 2 N, n_e, N, n_e)
-        matrix = np.zeros((panels, 2 * N * n_e, panels, N * n_e))
-        matrix[range(panels), :, range(panels)] = blocks.reshape(panels, 2 * N * n_e, N * n_e)
-        by_scalars = F_slopes[..., self.orders * n_e :].reshape(panels * 2 * N * n_e, -1)
-        return np.concatenate([matrix.reshape(len(by_scalars), -1), by_scalars], axis=1)
+        by_deflections = F_slopes[..., : self.orders * n_e].reshape(len(bases), n_e, self.orders, n_e)
+        blocks = (bases[:, None] @ by_deflections).reshape(panels, 2 * N, n_e, N * n_e)
+        matrix = np.zeros((panels, 2 * N, n_e, state.series.size + len(self.steps)))
+        for panel, block in enumerate(blocks):
+            matrix[panel, ..., panel * N * n_e : (panel + 1) * N * n_e] = block
+        by_scalars = F_slopes[..., self.orders * n_e :]
+        matrix[..., state.series.size :] = by_scalars.reshape(panels, 2 * N, n_e, -1)
+        return matrix.reshape(panels * 2 * N * n_e, -1)
 
     def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the weighted derivative (rows, unknowns) of the terms that vanish at rest.

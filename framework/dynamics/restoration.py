@@ -74,14 +74,20 @@ class BalanceSolution(NamedTuple):
 
 
 def solve_balance(
-    branch: Branch, family: Family, steps: Array, first: int, start: KnownDeflections | None = None
+    branch: Branch,
+    family: Family,
+    steps: Array,
+    first: int,
+    start: KnownDeflections | None = None,
+    *,
+    most: int = MAX_COEFFICIENTS,
 ) -> BalanceSolution:
     """Solve F(l, c) = 0 for deflections l and law scalars c by Gauss-Newton.
 
     Args:
         family: the law by its scalars, zero at first.
         steps: of the scalars, for differences (k,).
-        first: number of coefficients of the deflections at first.
+        first, most: number of coefficients of the deflections, at first and at most.
         start: deflections to begin with.
 
     Raises:
@@ -98,7 +104,7 @@ def solve_balance(
     if start is not None:
         series = resize_series(start.series / spring_units(robot), first)
     equations = BalanceEquations(branch, family, steps)
-    result = _refine_series(equations, _solve_by_softening(equations, series, scalars))
+    result = _refine_series(equations, _solve_by_softening(equations, series, scalars), most)
     state = result.state
     deflections = KnownDeflections(state.samples.clock, state.series * equations.units)
     return BalanceSolution(deflections, state.scalars, equations, state, result.linear)
@@ -201,13 +207,13 @@ def _gauss_newton(
     return GaussNewtonResult(state, False, slopes, linear)
 
 
-def _refine_series(equations: BalanceEquations, result: GaussNewtonResult) -> GaussNewtonResult:
+def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most: int) -> GaussNewtonResult:
     """Add coefficients until the misfit is settled, or falls too slowly to be settled by the most.
 
     A misfit that cannot fall by MIN_LAST_GAIN any more is settled.
     """
     state = result.state
-    largest = min(MAX_COEFFICIENTS, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
+    largest = min(most, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
     count = state.series.shape[1]
     while result.is_solved and state.misfit > MIN_LAST_GAIN * SETTLED_MISFIT and count < largest:
         last_misfit, last_count = state.misfit, count

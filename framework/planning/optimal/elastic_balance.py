@@ -11,7 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from framework.dynamics.known_deflections import KnownDeflections
-from framework.dynamics.restoration import BalanceSolution, first_coefficient_count, solve_balance
+from framework.dynamics.restoration import (
+    MAX_COEFFICIENTS,
+    BalanceSolution,
+    first_coefficient_count,
+    solve_balance,
+)
 from framework.errors import InvalidInput, NotConverged
 from framework.laws.clock import OnParameter
 from framework.laws.exact_duration import SpeedSpace
@@ -33,12 +38,15 @@ def find_law_in_balance(
     law: OptimalLaw,
     previous: KnownDeflections | None,
     speed_places: Sequence[float] | None = None,
+    *,
+    most: int = MAX_COEFFICIENTS,
 ) -> tuple[OptimalLaw, BalanceSolution]:
     """Find the nearest law with deflections in balance, and the deflections.
 
     Args:
         previous: deflections of a similar law, from which the search begins.
         speed_places: s of the required speeds, which the law found has.
+        most: number of coefficients of a deflection.
 
     Raises:
         NotConverged: no such law is near.
@@ -72,6 +80,7 @@ def find_law_in_balance(
         SCALAR_STEP * np.where(terms > 0.0, terms, 1.0),
         first_coefficient_count(law.degree),
         previous,
+        most=most,
     )
     return shift_conditions(balance.scalars).law, balance
 

@@ -52,26 +52,28 @@ class ElasticStage(NamedTuple):
     """How calm the law of an elastic robot is.
 
     share: of the least cost, which smoothness may take.
+    max_coefficients: of a deflection; more are not worth their time where a calmer law will do.
     max_squared_speed: of z times the duration squared. A law that is quick in sigma at its ends shakes
         springs that carry inertia.
     """
 
     share: float
-    max_squared_speed: float
+    max_coefficients: int
+    max_squared_speed: float = np.inf
 
 
 # in turn, until deflections are resolved and at rest at both ends
 ELASTIC_STAGES = (
-    ElasticStage(4e-3, np.inf),
-    ElasticStage(4e-3, 100.0),
-    ElasticStage(1e-2, 20.0),
-    ElasticStage(2e-2, 8.0),
-    ElasticStage(0.3, 4.0),
-    ElasticStage(0.8, 4.0),
-    ElasticStage(3.0, 4.0),
+    ElasticStage(4e-3, 240),
+    ElasticStage(4e-3, 240, 100.0),
+    ElasticStage(1e-2, 240, 20.0),
+    ElasticStage(2e-2, 240, 8.0),
+    ElasticStage(0.3, 400, 4.0),
+    ElasticStage(0.8, 400, 4.0),
+    ElasticStage(3.0, 400, 4.0),
 )
 CALM_STAGES = ELASTIC_STAGES[3:]  # of redundant motors, whose deflections passes alone have to resolve
-SPLINE_STAGES = (ElasticStage(8e-2, np.inf), ElasticStage(0.3, np.inf), ElasticStage(3.0, np.inf))
+SPLINE_STAGES = (ElasticStage(8e-2, 400), ElasticStage(0.3, 400), ElasticStage(3.0, 400))
 
 
 class OptimalMotion(NamedTuple):
@@ -228,7 +230,13 @@ class _ElasticSearch:
         """Return the nearest law in balance, and its motion, again where deflections move required speeds."""
         for _ in range(MAX_SPEED_STEPS):
             previous = None if self.balance is None else self.balance.deflections
-            law, self.balance = find_law_in_balance(self.next_task, law, previous, self.speed_places)
+            law, self.balance = find_law_in_balance(
+                self.next_task,
+                law,
+                previous,
+                self.speed_places,
+                most=self.stages[self.stage].max_coefficients,
+            )
             dynamics = _resolve_law(self.task, law, self.balance.deflections)
             if self._has_required_speeds(law, dynamics):
                 break
