@@ -274,7 +274,7 @@ class _ElasticSearch:
         self.first_failure = self.first_failure or failure
         self.balance = self.response = self.speed_places = None
         self.stage += 1
-        if self.last_law is None and self.stages is not SPLINE_STAGES:  # no series is such a law
+        if self.stage == 2 and self.last_law is None and self.stages is not SPLINE_STAGES:
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
