@@ -45,7 +45,7 @@ MAX_SPEED_STEPS = 4  # of placing required speeds where the deflected robot is s
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 SERIES_DEGREE = 40  # of z as one series
-WORTHWHILE_GAP = 2e-2  # of the cost above the least, from which half of it is tried
+WORTHWHILE_GAP = 1.5e-2  # of the cost above the least, from which half of it is tried
 
 
 class ElasticStage(NamedTuple):
