@@ -114,8 +114,12 @@ def _coordinate_slopes(robot: ParallelRobot, motions: Array, force_change: Array
 def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
     """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations by y, dy and torque.
 
-    The total derivative along p is the partial one plus d(motor)/d(y") dy"/dp, with dy"/dp in `slopes`.
-    `changes` (3, T, k, n_a) are the partial ones, by unit steps of positions, rates and accelerations.
+    They are partial derivatives, and those by y" times the derivatives of y".
+
+    Args:
+        changes: (3, T, k, n_a) partial derivatives by the k entries of y, dy and y".
+        slopes: (T, k, 2 d + n_a) derivatives of y" by y, dy and torque.
+        d: number of independent coordinates.
     """
     by_y, by_dy, by_ddy = changes.swapaxes(2, 3)
     motor = by_ddy @ slopes

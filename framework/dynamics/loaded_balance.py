@@ -146,7 +146,11 @@ def motion_and_load(
     wrenches: ExternalWrenches,
     stiffer: float,
 ) -> tuple[Motion, Array]:
-    """Compute the motion of all joints, whose loops are closed, and the load r + K l (T, nv)."""
+    """Compute the motion of all joints, whose loops are closed, and the load r + K l (T, nv).
+
+    Args:
+        stiffer: factor of the springs' stiffness K.
+    """
     rates = (prescribed.dl, prescribed.ddl) if robot.elastic_inertia else ()
     motion = motion_at(robot, closed, prescribed.dx, prescribed.ddx, *rates)
     motion = motion.with_wrenches(wrenches.evaluate(robot, closed.linearised.frames, prescribed.s))

@@ -61,7 +61,7 @@ class PlannedFriction(ReadOnlyArrays):
         return PlannedFriction(tuple(instants), tuple(between))
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Return the torque (T, n_a) at t (T,), (n_a,) at a scalar; 0 at the ends of intervals."""
+        """Return the torque (T, n_a) [N m] at t (T,), (n_a,) at a scalar; 0 at a change of sign."""
         times = np.asarray(t, dtype=float)
         values = []
         for instants, between in zip(self.instants, self.between, strict=True):

@@ -178,7 +178,10 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
 
 
 def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
-    """Compute wrenches (T, joints, 6) in the joints of the open tree, and the joints' origins."""
+    """Compute wrenches (T, joints, 6) in the joints of the open tree, and the joints' origins.
+
+    Wrenches [N, N m] are about the joint's origin, on the axes of the base; origins (T, joints, 3) [m].
+    """
     scratch, count = scratch_of(robot), len(motion.q)
     poses, forces = np.empty((count, *scratch.joints.shape)), np.empty((count, *scratch.forces.shape))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):

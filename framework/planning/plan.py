@@ -356,7 +356,7 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     law that the search found (`SearchEvidence`). `bend` among the options stands for `path_modification`.
     """
     robot = searched.branch.robot
-    if request.at is not None:  # an imposed point: what was said of the located ones does not hold there
+    if request.at is not None:  # the proofs are of the located points, not of imposed ones
         return None
     if not request.may_be_optimal:
         may_cross = request.smoothness <= HIGHEST_SMOOTHNESS and is_crossable(searched)
@@ -368,11 +368,10 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
         return None
     if evidence.quickest is not None:
         return {"longest" if request.duration is None else "duration": evidence.quickest}
-    return evidence.limits and {
-        option: {
-            name: float(limit)
-            for name, limit in zip(robot.actuator_names, limits, strict=True)
-            if np.isfinite(limit)
-        }
-        for option, limits in evidence.limits.items()
-    }
+    if evidence.limits is None:
+        return None
+    remedy = {}
+    for option, limits in evidence.limits.items():  # (n_a,) of each option
+        finite = np.flatnonzero(np.isfinite(limits))
+        remedy[option] = {robot.actuator_names[motor]: float(limits[motor]) for motor in finite}
+    return remedy

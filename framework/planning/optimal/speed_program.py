@@ -102,9 +102,10 @@ class SpeedProgram:
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
-        """Return the program with points on cells (k + 1,) of xi.
+        """Return the program with rows at points of cells (k + 1,) of xi, and in the limit at each crossing.
 
-        Each crossing is in the middle of a cell.
+        Each crossing is in the middle of a cell. Cells about a crossing and at the ends have more points:
+        torques change quickly there.
         """
         basis = problem.basis_on(cells)
         crossings = np.unique(problem.crossing_xi)
@@ -115,7 +116,8 @@ class SpeedProgram:
         rows = motor_rows(problem, basis, conditions, xi)
         limit_weights = _weigh_limits(xi, cells, counts, crossings)
         if limit_weights:
-            rows = rows.stack(rows.combine(sparse.csr_array(np.array(limit_weights))))
+            rows_at_crossings = rows.combine(sparse.csr_array(np.array(limit_weights)))
+            rows = rows.stack(rows_at_crossings)
         return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0))
 
     @property
@@ -149,10 +151,10 @@ class SpeedProgram:
 
     @cached_property
     def curvature(self) -> AffineRows:
-        """Rows (M - 2, n) whose sum of squares is the curvature's integral.
+        """Compute rows (M - 2, n) whose sum of squares is the integral of (d2z/dsigma2)^2.
 
-        It is that of (d2z/dsigma2)^2, in a unit of its size. d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at the
-        points, times the root of their weights.
+        A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
+        All are divided by their root mean square, so that the integral is near 1.
         """
         stretch = self.problem.task.stretch
         inside = self._inner_points
