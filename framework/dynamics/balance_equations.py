@@ -88,28 +88,44 @@ class Step(NamedTuple):
 
 
 class LinearBalance(NamedTuple):
-    """The linearised equations of balance and of rest, their unknowns scaled by the columns' sizes."""
+    """The linearised equations of balance and of rest, their unknowns scaled by the columns' sizes.
 
-    balance: Array  # (T n_e, unknowns) B, derivative of F
-    rest: Array  # (rows, unknowns) R
+    Deflections of a panel do not act on F of another one. So the normal equations N = B'B + small^2 are
+    factored panel by panel, and the scalars of the law last.
+    """
+
+    by_series: Array  # (panels, R, C) derivatives of F on each panel by its own coefficients
+    by_scalars: Array  # (panels, R, k) by the law's scalars
+    rest: Array  # (rows, unknowns)
     sizes: Array  # (unknowns,) of the columns before
-    factor: tuple[Array, bool]  # Cholesky's, of the normal equations N = B'B + small^2
+    factors: tuple[tuple[Array, bool], ...]  # Cholesky's, of each panel
+    eliminated: Array  # (panels, C, k) N_series^-1 N_series,scalars
+    core: Array  # (k, k) of the scalars, once the series are eliminated
     rest_response: Array  # (unknowns, rows) N^-1 R'
 
     @staticmethod
-    def factorise(balance: Array, rest: Array, series_size: int) -> LinearBalance:
+    def factorise(by_series: Array, by_scalars: Array, rest: Array) -> LinearBalance:
         """Factor the normal equations of balance.
 
-        Columns of the series, the first `series_size`, count as not smaller than their median.
+        Columns of the series count as not smaller than their median.
         """
         from scipy.linalg import cho_factor, cho_solve
 
-        sizes = np.linalg.norm(balance, axis=0)
-        sizes[:series_size] = np.maximum(sizes[:series_size], np.median(sizes[:series_size]))
-        sizes[sizes == 0.0] = 1.0  # a scalar that changes nothing
-        balance, rest = balance / sizes, rest / sizes
-        factor = cho_factor(balance.T @ balance + WEAK_COLUMN**2 * np.eye(len(sizes)))
-        return LinearBalance(balance, rest, sizes, factor, cho_solve(factor, rest.T))
+        series_sizes = np.linalg.norm(by_series, axis=1)  # (panels, C)
+        series_sizes = np.maximum(series_sizes, np.median(series_sizes))
+        scalar_sizes = np.linalg.norm(by_scalars, axis=(0, 1))
+        scalar_sizes[scalar_sizes == 0.0] = 1.0  # a scalar that changes nothing
+        by_series, by_scalars = by_series / series_sizes[:, None], by_scalars / scalar_sizes
+        small = WEAK_COLUMN**2
+        factors = tuple(cho_factor(block.T @ block + small * np.eye(block.shape[1])) for block in by_series)
+        coupling = by_series.swapaxes(1, 2) @ by_scalars
+        eliminated = np.stack([cho_solve(*pair) for pair in zip(factors, coupling, strict=True)])
+        core = by_scalars.swapaxes(1, 2) @ by_scalars - coupling.swapaxes(1, 2) @ eliminated
+        core = core.sum(axis=0) + small * np.eye(len(scalar_sizes))
+        sizes = np.append(series_sizes, scalar_sizes)
+        rest = rest / sizes
+        linear = LinearBalance(by_series, by_scalars, rest, sizes, factors, eliminated, core, rest.T)
+        return linear._replace(rest_response=linear._solve_normal(rest.T))
 
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with as many coefficients.
@@ -121,10 +137,12 @@ class LinearBalance(NamedTuple):
         series, F = state.series, state.balance.F.ravel()
         unknowns = np.append(series.ravel(), np.zeros(len(state.scalars))) * self.sizes
         weight = min(1.0, state.misfit / END_RATE_MISFIT)
-        y = self._least_change(F[:, None], self.rest @ unknowns[:, None], weight)[:, 0]
-        remaining = float(np.abs(self.balance @ y + F).max() / state.balance.size)
-        step = y / self.sizes
-        return Step(step[: series.size].reshape(series.shape), step[series.size :], remaining)
+        y = self._least_change(F[:, None], self.rest @ unknowns[:, None], weight)
+        of_series, of_scalars = self._split(y)
+        remaining = self.by_series @ of_series + self.by_scalars @ of_scalars
+        predicted = float(np.abs(remaining.ravel() + F).max() / state.balance.size)
+        step = y[:, 0] / self.sizes
+        return Step(step[: series.size].reshape(series.shape), step[series.size :], predicted)
 
     def follow(self, F: Array) -> Array:
         """Compute changes (unknowns, k) that cancel changes F (T n_e, k) of the balance, and keep rest."""
@@ -133,11 +151,28 @@ class LinearBalance(NamedTuple):
 
     def _least_change(self, F: Array, rest: Array, weight: float) -> Array:
         """Return the scaled changes y (unknowns, k) for F (T n_e, k) and terms of rest (rows, k)."""
-        from scipy.linalg import cho_solve
-
-        y = -cho_solve(self.factor, self.balance.T @ F)  # y_0
+        F = F.reshape(*self.by_series.shape[:2], -1)
+        gradient = self.by_series.swapaxes(1, 2) @ F
+        scalar_gradient = (self.by_scalars.swapaxes(1, 2) @ F).sum(axis=0)
+        y = -self._solve_normal(np.concatenate([*gradient, scalar_gradient]))  # y_0
         core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.rest_response
         return np.asarray(y - self.rest_response @ np.linalg.solve(core, rest + self.rest @ y))
+
+    def _solve_normal(self, right: Array) -> Array:
+        """Solve the normal equations N y = right (unknowns, k)."""
+        from scipy.linalg import cho_solve
+
+        of_series, of_scalars = self._split(right)
+        solved = np.stack([cho_solve(*pair) for pair in zip(self.factors, of_series, strict=True)])
+        remaining = of_scalars - (self.eliminated.swapaxes(1, 2) @ of_series).sum(axis=0)
+        scalars = np.linalg.solve(self.core, remaining)
+        return np.concatenate([*(solved - self.eliminated @ scalars), scalars])
+
+    def _split(self, unknowns: Array) -> tuple[Array, Array]:
+        """Split unknowns (unknowns, k) into those of each panel (panels, C, k) and the scalars."""
+        panels, _, count = self.by_series.shape
+        of_series, of_scalars = np.split(unknowns, [panels * count])
+        return of_series.reshape(panels, count, -1), of_scalars
 
 
 class BalanceEquations:
@@ -217,27 +252,25 @@ class BalanceEquations:
 
     def linearise(self, state: BalanceState, slopes: LoadSlopes) -> LinearBalance:
         """Return the linear equations for a step from this state, and from others near this one."""
-        balance, rest = self._balance_matrix(state, slopes), self._rest_matrix(state)
-        return LinearBalance.factorise(balance, rest, state.series.size)
+        return LinearBalance.factorise(*self._balance_slopes(state, slopes), self._rest_matrix(state))
 
-    def _balance_matrix(self, state: BalanceState, slopes: LoadSlopes) -> Array:
-        """Compute the derivative (T n_e, panels N n_e + k) of F = Y' load by coefficients and scalars.
+    def _balance_slopes(self, state: BalanceState, slopes: LoadSlopes) -> tuple[Array, Array]:
+        """Compute derivatives of F = Y' load on each panel by its coefficients and by the scalars.
 
         A coefficient c_ji of spring i changes F_e at node t of its own panel by the sum over the orders o of
         F_e,oi T_j^(o), with T_j^(o) the o-th time derivative of T_j(p(t)).
+
+        Returns:
+            Arrays (panels, 2 N n_e, N n_e) and (panels, 2 N n_e, k).
         """
         panels, N, n_e = state.series.shape
         value, rate, acceleration = state.samples.bases
         bases = np.stack([value, rate / state.samples.rate[:, None], acceleration][: self.orders], axis=2)
         F_slopes = np.einsum("tfe,tfd->ted", state.balance.Y, slopes.evaluate(2 * N))  # Y' load
-        by_deflections = F_slopes[..., : self.orders * n_e].reshape(len(bases), n_e, self.orders, n_e)
-        blocks = (bases[:, None] @ by_deflections).reshape(panels, 2 * N, n_e, N * n_e)
-        matrix = np.zeros((panels, 2 * N, n_e, state.series.size + len(self.steps)))
-        for panel, block in enumerate(blocks):
-            matrix[panel, ..., panel * N * n_e : (panel + 1) * N * n_e] = block
-        by_scalars = F_slopes[..., self.orders * n_e :]
-        matrix[..., state.series.size :] = by_scalars.reshape(panels, 2 * N, n_e, -1)
-        return matrix.reshape(panels * 2 * N * n_e, -1)
+        by_deflections, by_scalars = np.split(F_slopes, [self.orders * n_e], axis=2)
+        by_series = bases[:, None] @ by_deflections.reshape(len(bases), n_e, self.orders, n_e)
+        rows = (panels, 2 * N * n_e)  # (T, n_e, N, n_e) before
+        return by_series.reshape(*rows, N * n_e), by_scalars.reshape(*rows, -1)
 
     def _rest_matrix(self, state: BalanceState) -> Array:
         """Compute the weighted derivative (rows, unknowns) of the terms that vanish at rest.

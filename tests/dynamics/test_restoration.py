@@ -70,8 +70,9 @@ def test_slopes_of_the_balance_are_those_of_central_differences():
     near = state.balance.motion.q
     ahead = equations.evaluate(series + step, pace, near=near).balance.F
     behind = equations.evaluate(series - step, -pace, near=near).balance.F
-    matrix = equations._balance_matrix(state, equations.slopes(state))
-    foreseen = (matrix @ np.concatenate([step.ravel(), pace])).reshape(ahead.shape)
+    by_series, by_scalars = equations._balance_slopes(state, equations.slopes(state))
+    foreseen = by_series @ step.reshape(len(step), -1, 1) + by_scalars @ pace[:, None]
+    foreseen = foreseen.reshape(ahead.shape)
     change = 0.5 * (ahead - behind)
     assert np.abs(change - foreseen).max() <= 1e-6 * np.abs(change).max()
 

@@ -16,7 +16,7 @@ from framework.numerics.time_limit import SearchEnded
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import NoneFound, cost_of, find_least_cost, solve_least_cost
 from framework.planning.optimal.smooth_search import SmoothSearch, find_exceeded_places
-from framework.planning.optimal.speed_program import Speed, SpeedProgram
+from framework.planning.optimal.speed_program import Speed, SpeedProgram, Units
 from framework.tolerances import SMOOTHNESS_COST
 
 MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
@@ -65,15 +65,20 @@ class Best(NamedTuple):
 
 
 def find_best_law(
-    problem: LawProblem, cells: Array | None = None, *, share: float = SMOOTHNESS_COST
+    problem: LawProblem,
+    cells: Array | None = None,
+    *,
+    share: float = SMOOTHNESS_COST,
+    units: Units | None = None,
 ) -> Best | NoneFound:
     """Find the smoothest law whose cost is within a share of the least.
 
     Args:
         cells: (k + 1,) of xi, which are refined; uniform ones unless given.
+        units: those of a similar program.
     """
     goal = problem.specification.goal
-    least_cost = find_least_cost(problem, cells)
+    least_cost = find_least_cost(problem, cells, units=units)
     if isinstance(least_cost, NoneFound):
         return least_cost if goal == "peak_torque" else _find_least_peak(problem, least_cost, share)
     program, least, units = least_cost

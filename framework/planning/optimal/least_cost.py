@@ -80,7 +80,11 @@ def first_cells(problem: LawProblem) -> Array:
 
 
 def find_least_cost(
-    problem: LawProblem, cells: Array | None = None, *, torque_limits: bool = True
+    problem: LawProblem,
+    cells: Array | None = None,
+    *,
+    torque_limits: bool = True,
+    units: Units | None = None,
 ) -> LeastCost | NoneFound:
     """Find the least cost on cells that are cut where the coefficients of z are nearly zero, or bend sharply.
 
@@ -91,14 +95,14 @@ def find_least_cost(
     limited = problem.specification.limited
     cells = first_cells(problem) if cells is None else cells
     if goal == "peak_torque" and limited and torque_limits:
-        unlimited = find_least_cost(problem, cells, torque_limits=False)
+        unlimited = find_least_cost(problem, cells, torque_limits=False, units=units)
         if isinstance(unlimited, NoneFound) or unlimited.speed.peak <= 1.0:
             return unlimited
         return solve_least_cost(SpeedProgram.on_cells(problem, unlimited.program.cells))
     best: LeastCost | None = None
     for _ in range(MAX_REFINEMENTS + 1):
         program = SpeedProgram.on_cells(problem, cells)
-        solved = solve_least_cost(program, best and best.units, torque_limits=torque_limits)
+        solved = solve_least_cost(program, best.units if best else units, torque_limits=torque_limits)
         if isinstance(solved, NoneFound):
             return best or _solve_on_cells_of_least_peak(problem, cells, solved)
         # a higher cost on smaller cells is right too: of more points, between which the limits were exceeded

@@ -244,7 +244,7 @@ class _ElasticSearch:
         return law, dynamics
 
     def _find_law(self) -> Best:
-        """Find the law of this stage, from the last one if that has as many coefficients."""
+        """Find the law of this stage, in the units of the last one if there is one."""
         stage = self.stages[self.stage]
         problem = problem_of(self.next_task, self.points, self.speed_places)
         problem = problem._replace(sampled=self.sampled, response=self.response)
@@ -257,10 +257,7 @@ class _ElasticSearch:
             duration = self.last_law.law.duration
         if duration is not None:
             problem = problem._replace(max_squared_speed=stage.max_squared_speed / duration**2)
-        similar = self.last_law
-        if similar is not None and similar.program.problem.degree != problem.degree:
-            similar = None
-        return solve_problem(problem, share=self.share or stage.share, similar=similar)
+        return solve_problem(problem, share=self.share or stage.share, similar=self.last_law)
 
     def _improves(self, cost: float) -> bool:
         """Whether a cost is below that of the best motion by more than the error of peaks."""

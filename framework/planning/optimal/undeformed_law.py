@@ -116,14 +116,15 @@ def solve_problem(
 
     Args:
         share: of the least cost, which smoothness may take.
-        similar: the law of a similar problem, with z in the same functions.
+        similar: the law of a similar problem, which the search resumes if z is in the same functions.
 
     Raises:
         As `find_undeformed_law`.
     """
-    if similar is None:
-        return _require_law(problem, find_best_law(problem, share=share))
-    return _require_law(problem, resume_law(similar, problem, share=share))
+    if similar is not None and similar.program.problem.degree == problem.degree:
+        return _require_law(problem, resume_law(similar, problem, share=share))
+    units = None if similar is None else similar.search.units
+    return _require_law(problem, find_best_law(problem, share=share, units=units))
 
 
 def _linearise_damping(problem: LawProblem, points: Sequence[CrossingPoint], z0: SquaredSpeed) -> LawProblem:
