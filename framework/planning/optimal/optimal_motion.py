@@ -45,7 +45,7 @@ MAX_SPEED_STEPS = 4  # of placing required speeds where the deflected robot is s
 ENERGY_SAMPLES = 2001
 RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
 SERIES_DEGREE = 40  # of z as one series
-WORTHWHILE_GAP = 1.5e-2  # of the cost above the least, from which half of it is tried
+WORTHWHILE_GAP, GAP_REDUCTION = 1.5e-2, 8.0  # of the cost above the least, from which an eighth is tried
 
 
 class ElasticStage(NamedTuple):
@@ -73,7 +73,7 @@ ELASTIC_STAGES = (
     ElasticStage(3.0, 400, 4.0),
 )
 CALM_STAGES = ELASTIC_STAGES[3:]  # of redundant motors, whose deflections passes alone have to resolve
-SPLINE_STAGES = (ElasticStage(8e-2, 400), ElasticStage(0.3, 400), ElasticStage(3.0, 400))
+SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (2e-2, 8e-2, 0.3, 3.0))
 
 
 class OptimalMotion(NamedTuple):
@@ -187,7 +187,10 @@ class _ElasticSearch:
                 if isinstance(failure, SearchEnded) or self.is_near_end:
                     return self.best_motion
                 self.is_near_end = True
-                self.stage = min(self.stage + 1, len(self.stages) - 1)  # a calmer law may still be better
+                if self.share is None:  # a calmer law may still be better
+                    self.stage = min(self.stage + 1, len(self.stages) - 1)
+                else:
+                    self.share = float(np.sqrt(self.share * self.best_motion.best.gap))
                 continue
             excess = limit_excess(motion.dynamics, self.task.specification)
             is_settled = motion is self.best_motion  # the law costs no less
@@ -201,8 +204,7 @@ class _ElasticSearch:
                 gap = motion.best.gap
                 if self.balance is None or gap < WORTHWHILE_GAP or self.stages is SPLINE_STAGES:
                     return motion
-                self.share = gap / 2.0
-                self.is_near_end = True
+                self.share = gap / GAP_REDUCTION
             self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
@@ -271,7 +273,7 @@ class _ElasticSearch:
         self.first_failure = self.first_failure or failure
         self.balance = self.response = self.speed_places = None
         self.stage += 1
-        if self.stage == 2 and self.last_law is None and self.stages is not SPLINE_STAGES:
+        if self.last_law is None and self.stages is not SPLINE_STAGES:  # no series is such a law
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
