@@ -14,12 +14,14 @@ from framework.planning.saved import save_plan
 from tests.oracles.planar import without_rotors
 from tests.planning.test_orthogonal_path import PLACE, bent
 
-LIMIT = 0.48  # [N m]
+LIMIT = 0.44  # [N m]
 STEEP = np.array([0.03, 0.06])
 
 
 @pytest.mark.slow
-def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_allows(tmp_path):
+def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_allows(tmp_path, monkeypatch):
+    # from 0.6 % of the path on, where the limit still refuses: each refusal is explained at length
+    monkeypatch.setattr("framework.planning.path_modification.DOUBLED_BENDS", 4)
     robot = robots.load("five_bar")
     path, twist = bent(robot, 0.02)
     asked = {"duration": 1.5, "law": "optimal", "torque_limit": LIMIT}
@@ -53,7 +55,7 @@ def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_al
     # half of the bend is not enough
     points = plan.path.points
     half = Spline(0.5 * (points + path(np.linspace(0.0, 1.0, len(points)))))
-    with pytest.raises(NoLaw, match="no law of free shape was found"):
+    with pytest.raises(NoLaw, match="admissible"):
         plan_crossing(robot, half, **asked)
     save_plan(plan, tmp_path)
     assert load_plan(tmp_path).path == plan.path
