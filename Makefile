@@ -19,9 +19,11 @@ SOURCES := $(shell find framework robots urdf -type f ! -name '*.pyc' 2>/dev/nul
 METADATA := pyproject.toml constraints.txt
 NOTEBOOKS := $(wildcard notebooks/*.ipynb)
 DEMO := crossing_C
-# what meets every package that the framework calls, in at most one minute
-SOME_TESTS := tests/numerics tests/laws tests/singularity/test_traced_locus.py tests/robots/test_every_robot.py \
-  tests/show/test_plots.py tests/planning/optimal/test_best_law.py tests/test_cli_pose.py tests/test_cli_simulate.py
+# what meets every package that the framework calls, in less than half a minute; and what meets the interpreter
+PROCESSES := tests/numerics/test_interruption.py tests/numerics/test_workers.py
+SOME_TESTS := $(filter-out $(PROCESSES), $(wildcard tests/numerics/test_*.py)) tests/laws \
+  tests/singularity/test_traced_locus.py tests/robots/test_every_robot.py tests/show/test_plots.py \
+  tests/planning/test_motor_without_limit.py tests/test_cli_pose.py tests/test_cli_simulate.py
 # the API reference: the package and the modules that its docstring names
 API := framework $(shell grep -oE '`framework(\.[a-z_]+)+`' framework/__init__.py | tr -d '`' | sort -u)
 
@@ -43,8 +45,8 @@ lowest: $(VENV)-lowest/.test  ## run some tests with the lowest version that pyp
 	$(VENV)-lowest/bin/python -m pytest $(ON_ALL_CORES) -W default::DeprecationWarning $(SOME_TESTS) $(PYTEST_ARGS)
 
 pythons:  ## run some tests on Python 3.12 and 3.13, where they are here and pin has a wheel for them
-	.ci/try_python python3.12 $(VENV)-python3.12 $(SOME_TESTS) $(PYTEST_ARGS)
-	.ci/try_python python3.13 $(VENV)-python3.13 $(SOME_TESTS) $(PYTEST_ARGS)
+	.ci/try_python python3.12 $(VENV)-python3.12 $(ON_ALL_CORES) $(SOME_TESTS) $(PROCESSES) $(PYTEST_ARGS)
+	.ci/try_python python3.13 $(VENV)-python3.13 $(ON_ALL_CORES) $(SOME_TESTS) $(PROCESSES) $(PYTEST_ARGS)
 
 slow: $(VENV)/.test  ## run the tests marked slow
 	$(BIN)/python -m pytest -m slow $(ON_ALL_CORES) $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
@@ -101,7 +103,7 @@ $(VENV)/.test: $(VENV)/.created $(METADATA)
 $(VENV)-lowest/.test: $(METADATA) .ci/lowest_versions
 	$(PYTHON) -m venv $(@D)
 	$(PYTHON) .ci/lowest_versions > $(@D)/constraints.txt
-	$(@D)/bin/python -m pip install --disable-pip-version-check --constraint $(@D)/constraints.txt --editable '.[test]'
+	$(@D)/bin/python -m pip install --no-compile --disable-pip-version-check --constraint $(@D)/constraints.txt --editable '.[test]'
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.created $(METADATA)

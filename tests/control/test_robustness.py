@@ -89,9 +89,9 @@ def test_an_optimal_law_is_held_over_each_period_to_second_order_too():
 
 @pytest.mark.slow
 def test_the_quickest_law_passes_as_the_polynomial_does_if_it_leaves_a_tenth_of_the_torque():
-    """The README's numbers: 40 runs each, motors that give no more than the polynomial's own peak.
+    """The README's numbers, with motors that give no more than the polynomial's own peak.
 
-    The polynomial, which is slow and passes, has a dozen.
+    Each controller makes 40 runs of both quickest laws, and 12 of the polynomial, which is slow and passes.
     """
     robot = robots.load("five_bar")
     polynomial = plan_scene(robot, "C", smoothness=4)

@@ -20,7 +20,7 @@ from tests.identification.measured_poses import TRACKER, off_by, only, poses, wi
 
 KINDS = ("five_bar", "three_rrr", "delta", "gough_stewart")
 NOMINAL = {name: robots.load(name) for name in KINDS}
-SEEDS = {"five_bar": 20, "three_rrr": 3, "delta": 2, "gough_stewart": 1}
+SEEDS = {"five_bar": 10, "three_rrr": 3, "delta": 2, "gough_stewart": 1}
 MEASURED = ("motor_angle", "platform")
 
 
@@ -53,17 +53,10 @@ def test_poses_held_out_are_predicted_to_the_noise():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_a_millimetre_and_a_degree_converge(name):
-    """Or it is said that they do not, at most of one in twenty."""
-    wrong = 0
     for seed in range(SEEDS[name]):
-        try:
-            _, found = calibrated(name, seed, 60)
-        except NotConverged:
-            wrong += 1
-            continue
+        _, found = calibrated(name, seed, 60)
         assert 0.6 < found.noise < 1.5
         assert found.error_after.max() < 0.05 * found.error_before.max()  # more than noise beside Type 2
-    assert wrong <= SEEDS[name] // 20
 
 
 @pytest.mark.slow

@@ -9,8 +9,9 @@ import subprocess
 import sys
 import time
 import weakref
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,7 @@ COMMANDS = {
     "robustness": STUDY,
     "robustness with workers": [*STUDY, "--workers", "2"],
 }
+AT_ONCE = [("plan", signal.SIGTERM), ("robustness with workers", signal.SIGINT)]
 
 
 @pytest.fixture(autouse=True)
@@ -106,19 +108,14 @@ def workers(group: int, count: int) -> list[int]:
 needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="there is no /proc")
 
 
-def with_signals(cases: Iterable[object], at_once: Mapping[object, int]) -> list:
-    """Return each case with each signal as parameters, those not `at_once` for the slow tests."""
-    return [
-        pytest.param(case, number, marks=() if at_once.get(case) == number else pytest.mark.slow)
-        for case in cases
-        for number in SIGNALS
-    ]
-
-
 @needs_proc
 @pytest.mark.parametrize(
     ("command", "number"),
-    with_signals(COMMANDS, {"plan": signal.SIGTERM, "robustness with workers": signal.SIGINT}),
+    [
+        pytest.param(command, number, marks=() if (command, number) in AT_ONCE else pytest.mark.slow)
+        for command in COMMANDS
+        for number in SIGNALS
+    ],
 )
 def test_a_command_that_is_told_to_end_ends(tmp_path, command, number):
     writes = command in ("plan", "robustness", "robustness with workers")
@@ -150,7 +147,10 @@ def hears(process: subprocess.Popen[str]) -> bool:
 @needs_proc
 @pytest.mark.parametrize(
     ("delay", "number"),
-    with_signals([0.0, 0.15, *(0.1 * k for k in range(3, 20))], {0.0: signal.SIGINT, 0.15: signal.SIGTERM}),
+    [
+        pytest.param(delay, number, marks=pytest.mark.slow if delay > 0.15 else ())
+        for delay, number in zip([0.0, 0.15, *(0.1 * k for k in range(3, 20))], cycle(SIGNALS))
+    ],
 )
 def test_from_its_first_import_on_a_command_ends_with_one_line(tmp_path, delay, number):
     """Half a second of imports, then a plan, then matplotlib's imports and figures."""

@@ -1,7 +1,7 @@
 """What laws and refusals of one robot say against each other: each law is a counterexample to a worse one.
 
-The robots are those of `tests.planning.optimal.random_crossings` and of the catalogue, all rigid and under
-gravity.
+The robots are those of `tests.planning.optimal.random_crossings`, in each slow test one of every kind, and
+of the catalogue those of other kinds; all rigid and under gravity.
 """
 
 from __future__ import annotations
@@ -23,17 +23,7 @@ from tests.planning.optimal.random_crossings import RandomCrossing
 from tests.planning.optimal.random_crossings import random_crossing as draw_crossing
 from tests.robots.transformed import in_other_units, mirrored, permuted_joints, reversed_joints
 
-SLOW = range(40)  # some of them in each test; of all of them: tests/benchmarks/README.md
-CATALOGUE = (
-    ("five_bar", "C"),
-    ("five_bar_heavy", "C"),
-    ("three_rrr", "crossing"),
-    ("three_rpr", "crossing"),
-    ("delta", "cross"),
-    ("orthoglide", "cross"),
-    ("par4", "cross"),
-    ("gough_stewart", "turn"),
-)
+CATALOGUE = (("three_rpr", "crossing"), ("gough_stewart", "turn"))
 LONGEST = (1.0, 20.0, 1000.0)  # times the duration
 SAME = 0.01  # share of a value by which two laws of the same request may differ
 NO_WORSE = 1.01  # what more freedom may cost all the same: shares for smoothness, and limits between points
@@ -92,8 +82,8 @@ def test_no_law_is_beaten_in_its_own_goal_and_none_is_refused_that_another_reque
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", SLOW[::4])
-def test_no_law_of_ten_robots_is_beaten_in_its_own_goal(k):
+@pytest.mark.parametrize("k", [4, 8, 12, 16, 20])
+def test_no_law_of_five_robots_is_beaten_in_its_own_goal(k):
     check_dominance(random_crossing(k))
 
 
@@ -155,14 +145,14 @@ def test_more_torque_is_no_worse_and_half_a_load_is_between():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", [15, *SLOW[1::8]])
-def test_more_torque_or_time_is_no_worse_for_six_robots(k):
+@pytest.mark.parametrize("k", [1, 9, 15, 17, 33])
+def test_more_torque_or_time_is_no_worse_for_five_robots(k):
     check_monotone(random_crossing(k))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", [15, *SLOW[2::8]])
-def test_half_a_load_is_between_for_six_robots(k):
+@pytest.mark.parametrize("k", [2, 15, 18, 26, 34])
+def test_half_a_load_is_between_for_five_robots(k):
     check_loads(random_crossing(k))
 
 
@@ -237,15 +227,14 @@ def test_direction_names_and_mirror_change_no_law():
     check_same(one, reversed_path(with_description(one, lambda robot: permuted(mirrored(robot, "x")))))
 
 
-@pytest.mark.parametrize("k", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in SLOW[3::16])])
+@pytest.mark.parametrize("k", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 19, 35))])
 def test_units_change_no_law(k):
     check_units(random_crossing(k))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("k", SLOW[11::16])
-@pytest.mark.parametrize("check", [check_direction, check_names, check_mirror])
-def test_direction_names_and_mirror_change_no_law_of_two_robots(check, k):
+@pytest.mark.parametrize(("check", "k"), [(check_direction, 11), (check_names, 27), (check_mirror, 29)])
+def test_direction_names_and_mirror_change_no_law_of_three_robots(check, k):
     check(random_crossing(k))
 
 
@@ -285,7 +274,7 @@ def check_refusal(one: RandomCrossing) -> None:
         assert 0.95 < bound / asked.torque_limit / evidence.least.torque_peak < 1.0
 
 
-@pytest.mark.parametrize("k", with_cheapest([3, *SLOW[::8]], 0))
+@pytest.mark.parametrize("k", with_cheapest([0, 3, 16, 24, 32], 0))
 def test_limits_of_a_law_of_its_own_change_nothing_and_lower_ones_name_what_would_do(k):
     check_idempotence(random_crossing(k))
     check_refusal(random_crossing(k))

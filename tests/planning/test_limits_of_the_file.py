@@ -53,7 +53,8 @@ def test_a_polynomial_that_was_asked_for_is_refused_beyond_the_limits(options):
 
 
 @pytest.mark.slow
-def test_a_largest_load_is_within_the_limits_of_the_file():
+def test_a_largest_load_is_within_the_limits_of_the_file(monkeypatch):
+    monkeypatch.setattr("framework.fidelity.capacity.BRACKET_RATIO", 1.0)  # doubling will do here
     capacity = largest_load(limited(0.2), LINE, wrenches={"left_tip": [0, -1, 0, 0, 0, 0]}, duration=1.5)
     assert capacity.multiple > 0.0
     assert peak(capacity.plan) <= 0.2

@@ -14,17 +14,20 @@ from framework.planning.saved import save_plan
 from tests.oracles.planar import without_rotors
 from tests.planning.test_orthogonal_path import PLACE, bent
 
-LIMIT = 0.4  # [N m]
+LIMIT = 0.44  # [N m]
 STEEP = np.array([0.03, 0.06])
 
 
 @pytest.mark.slow
-def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_allows(tmp_path):
+def test_a_path_orthogonal_to_the_twist_is_bent_as_little_as_the_torque_limit_allows(tmp_path, monkeypatch):
+    # from 0.6 % of the path on, where the limit still refuses: each refusal is explained at length
+    monkeypatch.setattr("framework.planning.path_modification.DOUBLED_BENDS", 4)
     robot = robots.load("five_bar")
     path, twist = bent(robot, 0.02)
     asked = {"duration": 1.5, "law": "optimal", "torque_limit": LIMIT}
-    with pytest.raises(NoLaw, match="no speed meets"):
+    with pytest.raises(NoLaw, match="no speed meets") as refused:
         plan_crossing(robot, path, **asked)
+    assert refused.value.remedy == {"bend": True}
     found = plan_request_with_modified_path(robot, Request.of(robot, path, **asked))
     plan = found.plan
     assert simulate(robot, plan).tracking_error < 1e-8

@@ -15,7 +15,7 @@ from framework import CrossingPlan, Line, NoAnswer, NoLaw, ParallelRobot, locate
 from framework.planning.optimal.peak_bound import bound_plan
 from tests.oracles.lagrange import platform_force
 
-COUNT, SEED = 28, 2026
+COUNT, SEED = 14, 2026
 G = 9.81
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 SIDE = (1.0, -1.0)  # both elbows point outward: left of the line from motor to tip, and right of it
@@ -195,5 +195,5 @@ def test_a_random_robot_under_gravity_crosses_with_nearly_the_least_torque(k, tm
 @pytest.mark.slow
 def test_all_random_robots_do_and_most_have_no_polynomial(tmp_path):
     refused, ratios = zip(*(ratio_to_best(k, tmp_path) for k in range(COUNT)), strict=True)
-    assert sum(refused) >= 20
+    assert sum(refused) >= 10
     assert max(ratios) < 1.02

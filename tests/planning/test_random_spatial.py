@@ -6,8 +6,6 @@ the bound of all laws.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -19,7 +17,7 @@ from framework.planning.scenes import scene_path
 from tests.oracles.equations_of_motion import defects
 
 SCENES = {"delta": "cross", "orthoglide": "cross", "par4": "cross", "gough_stewart": "turn"}
-COUNT, SEED = 6, 11
+COUNT, SEED = 3, 11
 
 
 def random_motions(name: str, count: int) -> tuple[ParallelRobot, list[tuple[Line, float]]]:
@@ -94,15 +92,3 @@ def test_a_random_line_is_crossed_and_refused_with_a_proof_where_the_motors_are_
 @pytest.mark.parametrize("name", SCENES)
 def test_random_lines_of_all_spatial_robots(name, k):
     check_random_motion(name, k, bounded=True)
-
-
-def test_a_stop_on_the_locus_is_refused_with_what_gravity_leaves_of_condition_8():
-    robot = robots.load("five_bar")
-    heavy = ParallelRobot.from_description(replace(robot.description, gravity=(0.0, -9.81, 0.0)))
-    point = locate_singularities(heavy, Line([0.1, 0.345], [-0.05, 0.195]))[0]
-    with pytest.raises(NoLaw, match="a stop on the locus") as refused:
-        plan_crossing(heavy, Line([0.1, 0.345], point.platform), duration=1.0)
-    proof = refused.value.proof
-    assert proof.stop
-    assert proof.s == pytest.approx(1.0, abs=1e-9)
-    assert abs(proof.gamma) > 0.1  # [N] of the weight along t_s: there is nothing else at rest

@@ -17,13 +17,14 @@ from tests.robots.back_on_path import BACK, misses
 from tests.robots.every_robot import ELASTIC, RIGID, SCENES, asks_nothing, crossing, in_stages
 
 LAWFUL = [(name, scene) for name, scene in SCENES if not asks_nothing(RIGID[name].description.scenes[scene])]
+FIRST = list({name: (name, scene) for name, scene in reversed(LAWFUL)}.values())  # scene of each robot
 UNPREPARED = [case for case in SCENES if case not in LAWFUL]
 # Rods with mass hang between a drive's spring and their own: each spring on the way to the motor needs two
 # more derivatives of s to start from rest. With 4 the springs would be set ringing, by 1e-6 m at most.
 SMOOTHNESS = {"flexible_joints": 4, "flexible_links": 8}
 
 
-@pytest.mark.parametrize("case", in_stages(LAWFUL, at_once=lambda case: True))
+@pytest.mark.parametrize("case", in_stages(LAWFUL, at_once=lambda case: case in FIRST))
 def test_planned_torques_bring_a_rigid_robot_along_the_path(case):
     name, scene = case
     robot = RIGID[name]

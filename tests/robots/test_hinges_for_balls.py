@@ -51,8 +51,8 @@ def test_where_a_way_of_the_motors_ends_something_moves(name):
 
 @pytest.mark.slow
 def test_no_way_of_the_delta_ends_where_rod_1a_passes_the_horizontal():
-    """With the hinges in the order x, y, z five of these ended there, and seven went on through Type 2."""
+    """With the hinges in the order x, y, z, of 400 five ended there, and seven went on through Type 2."""
     robot = RIGID["delta"]
-    rates = [fastest_part(robot, q) for q in ends(robot, 400, 3.1, seed=5)]
-    assert len(rates) > 300
+    rates = [fastest_part(robot, q) for q in ends(robot, 200, 3.1, seed=5)]
+    assert len(rates) > 150
     assert min(rates) > 1e-3

@@ -40,7 +40,10 @@ def test_a_file_in_robots_is_all_that_the_generated_tests_need(tmp_path):
         (folder / file.name.replace(SOURCE, NEW)).write_text(text, encoding="utf-8")
     (tmp_path / "robots" / f"{NEW}.py").write_text(ENTRY, encoding="utf-8")
 
-    options = ["-q", "-m", "slow or not slow", "-k", NEW, "-p", "no:cacheprovider", "--junitxml=found.xml"]
+    # its links are so stiff that the witness takes half a minute for them; drives are springs as well
+    chosen = f"{NEW} and not (elastic_robot_along_the_path and flexible_links)"
+    options = ["-q", "--assert=plain", "-m", "slow or not slow", "-k", chosen, "-p", "no:cacheprovider"]
+    options.append("--junitxml=found.xml")
     files = [str(file.relative_to(PROJECT)) for file in SUITE]
     run = subprocess.run(
         [sys.executable, "-m", "pytest", *options, *files],

@@ -88,3 +88,8 @@ def test_exactly_orthogonal_a_straight_path_asks_for_no_acceleration(angle):
     (crossing,) = plan.crossings
     assert crossing.acceleration == pytest.approx(0.0, abs=1e-14 * crossing.speed**2)  # rounding of the law
     assert plan.certificate.tail < 1e-12
+    unprepared = plan_crossing(
+        without_rotors(), Line(PLACE - along, PLACE + along), duration=1.5, times=[], law="polynomial"
+    )
+    assert unprepared.certificate.tail < 1e-10
+    assert unprepared.crossings[0].residual < 1e-11

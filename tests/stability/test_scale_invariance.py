@@ -103,13 +103,11 @@ AT_ONCE = {
     "large, mirrored, reversed and swapped": both(both(LARGE, MIRRORED), both(REVERSED, SWAPPED)),
 }
 ONE_BY_ONE = {
-    **{f"lengths x {size:g}": units(length=size) for size in (1e-6, 1e-4, 1e-2, 1e3)},
-    **{f"masses x {size:g}": units(mass=size) for size in (1e-9, 1e-4, 1e4, 1e9)},
-    **{f"times x {size:g}": units(time=size) for size in (1e-3, 1e-2, 1e2, 1e4)},
+    **{f"lengths x {size:g}": units(length=size) for size in (1e-6, 1e-4, 1e3)},
+    **{f"masses x {size:g}": units(mass=size) for size in (1e-9, 1e9)},
+    **{f"times x {size:g}": units(time=size) for size in (1e-3, 1e4)},
     "a speck": units(1e-4, **SPECK),
     "a smaller speck": units(1e-5, **SPECK),
-    "small": SMALL,
-    "large": LARGE,
     "turned": TURNED,
     "permuted": PERMUTED,
     "reversed": REVERSED,
@@ -220,13 +218,7 @@ def test_a_crossing_is_planned_alike(name, change):
     check_alike(name, change, a_crossing(name))
 
 
-FAR_OFF = [
-    pytest.param(name, marks=[] if name in ("five_bar", "orthoglide") else [pytest.mark.slow])
-    for name in robots.CATALOGUE
-]
-
-
-@pytest.mark.parametrize("name", FAR_OFF)
+@pytest.mark.parametrize("name", ["five_bar", "orthoglide"])
 def test_a_crossing_is_planned_alike_and_checked_alike_a_kilometre_off(name):
     check_alike(name, "a kilometre off", a_crossing(name))
     check_says_the_same(name, "a kilometre off")

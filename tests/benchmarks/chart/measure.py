@@ -29,14 +29,14 @@ SHORTEST = 2e-3  # [s] a run that is shorter is repeated within one measurement
 
 
 class Effort(NamedTuple):
-    """How much is spent: repeats of each run, its longest time [s], and settings of a series."""
+    """How much is spent: repeats after the first run, its longest time [s], and settings of a series."""
 
     repeats: int
     longest: float
     settings: int
 
 
-FULL, QUICK = Effort(9, 0.6, 99), Effort(1, 0.1, 1)
+FULL, QUICK = Effort(9, 0.6, 99), Effort(0, 0.1, 1)
 
 
 class Judged(NamedTuple):

@@ -8,7 +8,8 @@ that up to the size of the cells the optimum is below that of every smooth law. 
 nearly stops, it has been seen 2.5 % above a law that exists.
 
 Torques are virtual work with the closures of `closure_rows`. Of the framework the poses on the path and its
-singular points are taken.
+singular points are taken. The energy of a required duration is not convex: the least of several local
+optima, each of which waits somewhere else, is no bound either.
 
 Source: Verscheure et al., IEEE TAC 54 (2009).
 """
@@ -31,6 +32,9 @@ from tests.oracles.closure_rows import closure_rows, frame_of
 from tests.oracles.forward_simulation import kinematics, mass_matrix, motors, rotors
 
 CELLS = 1000
+WAITING_WIDTH = 0.02  # in s, where a law waits at first
+MAX_INNER_PLACES, MAX_TANGENTS = 2, 6  # of waits inside the path; of steps from each
+MIN_GAIN, NEARLY = 1e-3, 0.999  # of a step, of the energy; of a duration
 LEAST_HALF_WIDTH, NARROWER_CELLS = 1 / 64, 10  # of the cell of a crossing, to others there; on either side
 WEIGHTLESS = 1e-9  # [1/s^2]: gamma over alpha and beta
 MAX_ENTRY = 100.0  # of a row of torques: beside a crossing they are larger, and scaled
@@ -194,6 +198,24 @@ class BestLaws:
         """Estimate the least energy [N^2 m^2 s] of laws within a duration [s]."""
         return self._cone("energy", longest=longest)
 
+    def waiting_places(self) -> list[float]:
+        """Return s of the ends, and of the least |torque|^2 at rest between crossings."""
+        power = (self.torques.constant**2).sum(axis=1)
+        inner = np.flatnonzero((power[1:-1] < power[:-2]) & (power[1:-1] < power[2:])) + 1
+        best = inner[np.argsort(power[inner])[:MAX_INNER_PLACES]]
+        middle = 0.5 * (self.edges[1:] + self.edges[:-1])[self.smooth]
+        return [0.0, 1.0, *map(float, middle[best])]
+
+    def _waiting(self, z: np.ndarray, place: float, duration: float) -> np.ndarray:
+        """Return z at the inner edges, lowered about a place so that the law takes a duration [s]."""
+        about = np.abs(self.edges[1:-1] - place) < WAITING_WIDTH
+        low, high = 1e-12 / duration**2, float(z.max())
+        for _ in range(60):
+            level = np.sqrt(low * high)
+            lowered = np.where(about, np.minimum(z, level), z)
+            low, high = (level, high) if self.time(lowered)[0] > duration else (low, level)
+        return lowered
+
     def time(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the duration [s] of z at the inner edges, and its derivatives."""
         root = np.sqrt(np.concatenate([[0.0], np.maximum(z, 1e-300), [0.0]]))
@@ -237,13 +259,21 @@ class BestLaws:
         return np.nan if solution is None else solution.value
 
     def _solution(
-        self, goal: str, longest: float | None = None, limit: float | None = None
+        self,
+        goal: str,
+        longest: float | None = None,
+        limit: float | None = None,
+        *,
+        tangent: _Tangent | None = None,
+        start: _Optimum | None = None,
     ) -> _Optimum | None:
-        """Solve in units that are corrected by the optimum."""
+        """Solve in units that are corrected by the optimum, first those of a start."""
         unit, size = self._units(limit)
         unit = min(longest or np.inf, unit)
+        if start is not None:
+            unit, size = start.duration, np.sqrt(start.value / start.duration)
         for _ in range(MAX_UNIT_CHANGES):
-            found = _ConeProgram(self, goal, unit, size, longest, limit).solve()
+            found = _ConeProgram(self, goal, unit, size, longest, limit, tangent).solve()
             if found is None:
                 unit *= 0.3
                 continue
@@ -253,6 +283,13 @@ class BestLaws:
                 break
             unit, size = found.duration, limit or own
         return found
+
+
+class _Tangent(NamedTuple):
+    """A required duration [s], and the z (k,) at whose tangent to T(z) it is asked for."""
+
+    z: np.ndarray
+    duration: float
 
 
 class _Optimum(NamedTuple):
@@ -268,10 +305,17 @@ class _ConeProgram:
     """One program in units of time [s] and torque [N m]: z, peak, roots r, durations v, energies e."""
 
     def __init__(
-        self, laws: BestLaws, goal: str, unit: float, size: float, longest: float | None, limit: float | None
+        self,
+        laws: BestLaws,
+        goal: str,
+        unit: float,
+        size: float,
+        longest: float | None,
+        limit: float | None,
+        tangent: _Tangent | None,
     ) -> None:
-        self.laws, self.goal, self.unit, self.size = laws, goal, unit, size
-        self.longest, self.limit = longest, limit
+        self.laws, self.goal, self.unit, self.size, self.limit = laws, goal, unit, size, limit
+        self.longest, self.tangent = longest, tangent
         self.cells = len(laws.edges) - 1
         self.n = self.cells - 1
         energies = len(laws.smooth) if goal == "energy" else 0
@@ -350,13 +394,19 @@ class _ConeProgram:
                 self.add(clarabel.NonnegativeConeT(len(start)), rows, sign * big @ start)
 
     def _add_bounds(self) -> None:
-        """Ask for the limit and the longest duration."""
+        """Ask for the limit, the longest duration, and the tangent of a required one."""
         if self.limit is not None:
             ceiling = self.rows(peak=sparse.csr_array([[-1.0]]))
             self.add(clarabel.NonnegativeConeT(1), ceiling, np.array([self.limit / self.size]))
         if self.longest is not None:
             whole = self.rows(v=sparse.csr_array(-np.ones((1, self.cells))))
             self.add(clarabel.NonnegativeConeT(1), whole, np.array([self.longest / self.unit]))
+        if self.tangent is not None:
+            time, slope = self.laws.time(self.tangent.z)
+            row, offset = slope / self.unit**2, time - slope @ self.tangent.z - self.tangent.duration
+            norm = float(np.abs(row).max())
+            above = self.rows(z=sparse.csr_array(row[None] / norm))
+            self.add(clarabel.NonnegativeConeT(1), above, np.array([offset / norm]))
 
     def _add_roots(self, width: np.ndarray, torques: list[Any], starts: list[np.ndarray]) -> None:
         """Ask for r^2 <= z, v r >= width in the mean of a cell, and e r >= width torque^2."""
@@ -398,3 +448,26 @@ class _ConeProgram:
             settings,
         ).solve()
         return solution if str(solution.status) in ("Solved", "AlmostSolved") else None
+
+
+# ------------------------------------------------------------------ energy of a required duration
+
+
+def least_energy_lasting(laws: BestLaws, duration: float) -> float:
+    """Estimate the least energy [N^2 m^2 s] of laws of a duration [s]: the least found from several starts.
+
+    T(z) is convex, and its tangent at a slow z is at least D where T is; the first z waits at one place.
+    """
+    free = laws._solution("energy", longest=duration)
+    if free is None:
+        return np.nan
+    found = [free.value] if free.duration > NEARLY * duration else []
+    for place in [] if found else laws.waiting_places():
+        z, least = laws._waiting(free.z, place, duration), np.inf
+        for _ in range(MAX_TANGENTS):
+            solution = laws._solution("energy", longest=None, tangent=_Tangent(z, duration), start=free)
+            if solution is None or solution.value > (1.0 - MIN_GAIN) * least:
+                break
+            z, least = solution.z, solution.value
+        found.append(least if solution is None else min(least, solution.value))
+    return min(found)

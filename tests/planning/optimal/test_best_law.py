@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import robots
 from framework import (
     InvalidInput,
     Line,
-    NoAnswer,
     NoLaw,
-    ParallelRobot,
-    assemble,
     inverse_dynamics,
     locate_singularities,
     plan_crossing,
@@ -212,88 +206,6 @@ def test_what_cannot_be_asked_is_told(robot, options, words):
 def test_limits_that_are_too_low_are_an_answer(robot):
     with pytest.raises(NoLaw, match=r"least peak of torque found is .* times the limits"):
         plan_crossing(robot, LINE, duration=1.0, torque_limit=0.01)
-
-
-@pytest.mark.slow
-def test_twelve_crossings_on_one_path():
-    robot = robots.load("three_rpr")
-    start = assemble(robot).x
-    path = Line(start, start + np.array([0.0, 0.0, 6 * np.pi]))
-    plan = plan_crossing(robot, path, duration=10.0)
-    assert len(plan.crossings) == len(locate_singularities(robot, path)) >= 10
-    assert plan.law.kind == "optimal"
-    assert plan.duration == 10.0
-    assert max(crossing.residual for crossing in plan.crossings) < 1e-11
-
-
-# ------------------------------------------------------------------ under gravity
-
-
-def hanging() -> ParallelRobot:
-    """The five-bar with 1 kg rods and geared motors, standing upright: gravity pulls across its locus."""
-    description = robots.load("five_bar_heavy").description
-    return ParallelRobot.from_description(replace(description, gravity=(0.0, -9.81, 0.0)))
-
-
-def random_motions(count: int, seed: int) -> list[tuple[Line, float]]:
-    """Lines from above the locus to below it, with durations [s] of 1 to 3."""
-    rng = np.random.default_rng(seed)
-    robot, found = hanging(), []
-    while len(found) < count:
-        ends = rng.uniform([-0.1, 0.28], [0.1, 0.36]), rng.uniform([-0.1, 0.12], [0.1, 0.22])
-        duration = float(rng.uniform(1.0, 3.0))
-        try:
-            crosses = len(locate_singularities(robot, Line(*ends))) == 1
-        except NoAnswer:
-            continue
-        if crosses:
-            found.append((Line(*ends), duration))
-    return found
-
-
-def power_balance(plan) -> float:
-    """Work of the motors less the gain of potential energy, from rest to rest, over the largest of both [-].
-
-    The open tree's masses and the path are all that it needs; nothing of how the torques were found.
-    """
-    robot = plan.robot
-    edges = plan.dynamics.torques.edges
-    points, weights = np.polynomial.legendre.leggauss(48)
-    half = 0.5 * np.diff(edges)[:, None]
-    t = (edges[:-1, None] + half * (points + 1)).ravel()
-    work = np.sum((half * weights).ravel()[:, None] * plan.torque(t) * plan.motor_angle(t, 1))
-    data = robot.model.createData()
-    low, high = (
-        pin.computePotentialEnergy(robot.model, data, q)
-        for q in plan.dynamics.configuration(np.array([0.0, plan.duration]))
-    )
-    return float(abs(work - (high - low)) / abs(high - low))
-
-
-def check_under_gravity(line: Line, duration: float) -> None:
-    robot = hanging()
-    with pytest.raises(NoLaw):
-        plan_crossing(robot, line, duration=duration, law="polynomial")
-    plan = plan_crossing(robot, line, duration=duration, law="optimal")
-    assert plan.duration == duration
-    assert plan.certificate.monotone
-    assert plan.certificate.tail < 1e-10
-    assert max(crossing.residual for crossing in plan.crossings) < 1e-11
-    t = np.linspace(0.0, duration, 3001)
-    assert np.all(np.diff(plan.law(t)) > 0)
-    assert power_balance(plan) < 1e-8
-    bound = bound_plan(plan).value
-    assert 1.0 < float((np.abs(plan.torque(t)) / plan.optimality.reference).max()) / bound < 1.02
-
-
-def test_a_robot_under_gravity_crosses_where_no_polynomial_advances():
-    check_under_gravity(*random_motions(1, seed=11)[0])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("k", range(1, 7))
-def test_random_lines_under_gravity(k):
-    check_under_gravity(*random_motions(7, seed=11)[k])
 
 
 def beside_the_locus(robot, distance: float) -> Line:

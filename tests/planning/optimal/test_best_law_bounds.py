@@ -8,7 +8,12 @@ import pytest
 import robots
 from framework import Line, plan_crossing
 from framework.planning.optimal.peak_bound import bound_plan
-from tests.planning.optimal.best_law_bounds import BestLaws, conditions_at, torques_along
+from tests.planning.optimal.best_law_bounds import (
+    BestLaws,
+    conditions_at,
+    least_energy_lasting,
+    torques_along,
+)
 from tests.planning.optimal.law_contradictions import Asked, answer
 from tests.planning.optimal.random_crossings import random_crossing
 
@@ -35,6 +40,16 @@ def test_estimates_of_the_flat_5r_are_the_known_optima():
     laws = BestLaws(robots.load("five_bar"), Line([0.1, 0.345], [-0.05, 0.195]))
     assert laws.least_time(0.164918) == pytest.approx(TIME, rel=2e-3)
     assert laws.least_peak(1.5) == pytest.approx(PEAK, rel=2e-3)
+
+
+@pytest.mark.parametrize("k", [15, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_energy_of_a_required_duration_is_nearly_the_least_though_motors_hold_a_weight(k):
+    one = random_crossing(k)
+    laws, duration = BestLaws(one.robot, one.path, 100), 1.5 * one.duration
+    least = least_energy_lasting(laws, duration)
+    assert least > 1.02 * laws.least_energy(duration)  # within it a quicker law takes less
+    lasting = answer(*one.plan_arguments(), Asked("energy", duration=duration))
+    assert lasting.value == pytest.approx(least, rel=0.02)
 
 
 @pytest.mark.slow

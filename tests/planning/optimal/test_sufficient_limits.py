@@ -11,7 +11,7 @@ from framework.errors import format_distinct
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 DURATION = 1.5  # [s]
-DRAWS = 4  # of limits of a robot
+DRAWS = 2  # of limits of a robot
 NEAR = 0.99  # of limits that would do: they are the least ones to 1 %
 
 
