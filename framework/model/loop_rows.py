@@ -116,11 +116,19 @@ class LoopRows(ReadOnlyArrays):
         axes = np.array([self.first_axis, self.second_axis])
         return read_only(np.concatenate([4 * ends + axes, 4 * ends + 3]))
 
+    def joint_signs(self, carried: Array) -> Array:
+        """Return how each joint moves the two bodies of each row, (m, nv).
+
+        It is 1 if the joint carries the second body alone, -1 if the first alone, 0 if both or neither.
+        `carried` (F, nv) is 1 where the joint carries the frame, else 0.
+        """
+        return carried[self.second] - carried[self.first]
+
     def coupling_residual(self, q: Array) -> Array:
         """Compute residuals (T, c) [rad, m] of the c couplings at configurations q (T, nq)."""
         rows = self.coupled
         joint, of = self.places[rows].T
-        return np.asarray(q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows])
+        return q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows]
 
     def coupling_jacobian(self, nv: int) -> Array:
         """Return derivatives (m, nv) of coupling rows along the velocities; 0 in other rows."""
