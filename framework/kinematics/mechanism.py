@@ -126,6 +126,16 @@ class Mechanism(ReadOnlyArrays):
     def n_e(self) -> int:
         return len(self.elastic)
 
+    @property
+    def nv(self) -> int:
+        """Number of entries of pinocchio's velocity vector."""
+        return self.model.nv
+
+    @cached_property
+    def has_balls(self) -> bool:
+        """Whether a joint keeps a quaternion, so that q has more entries than the velocity vector."""
+        return self.model.nq > self.model.nv
+
     @cached_property
     def mass(self) -> float:
         """Mass of the bodies that move [kg]."""
@@ -154,7 +164,7 @@ class Mechanism(ReadOnlyArrays):
     def spring_names(self) -> tuple[str, ...]:
         """Names of all springs: of virtual joints, then of joints of the URDF."""
         sprung = np.flatnonzero(self.joint_stiffness)
-        return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
+        return (*self.elastic_names, *(self.coordinates.name_of(column) for column in sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
         """Describe the dry friction of columns, such as `knee 0.1 N m`.
@@ -198,7 +208,7 @@ class Mechanism(ReadOnlyArrays):
     def reference_values(self, q: Array) -> dict[str, float]:
         """Return q (nq,) as a `reference`: all coordinates by name, springs left out."""
         values = self.coordinates.positions(q[None])[0]
-        return {self.coordinates.name_of(int(column)): float(values[column]) for column in self.joints}
+        return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
 
     def __repr__(self) -> str:
         loops = ", ".join(closure.name for closure in self.description.closures)

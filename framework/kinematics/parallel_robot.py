@@ -224,8 +224,7 @@ class Equations(ReadOnlyArrays):
     ) -> Equations:
         """Return the table of loop equations and `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
-        loop_signs = carried[loops.second] - carried[loops.first]  # (m, nv)
-        signs = np.concatenate([platform.joint_incidence(carried[0]), loop_signs])
+        signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
         couplings[n:] = loops.coupling_jacobian(signs.shape[1])
         pattern = (signs != 0.0) | (couplings != 0.0)

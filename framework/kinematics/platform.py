@@ -65,9 +65,7 @@ class _Coordinates(ReadOnlyArrays):
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute the matrix E (T, n, n) of v = E(x) dx at x (T, n)."""
-        unit_rates = np.tile(np.eye(self.n), (len(x), 1))  # (T n, n)
-        columns = self.twist(np.repeat(x, self.n, axis=0), unit_rates)[0]  # E times each
-        return columns.reshape(len(x), self.n, self.n).swapaxes(1, 2)
+        return self.unit_twists((x, np.zeros_like(x), np.zeros_like(x)))[0].swapaxes(1, 2)
 
     def path_twist(self, path: Path, s: float) -> Array:
         """Compute v (n,) of the platform for ds/dt = 1 at path coordinate s."""

@@ -204,7 +204,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist = robot.platform.twist(closed.x, dx[None])[0]
-    rates = joint_rates(robot, closed.linearised, twist, np.zeros((1, robot.n_e)))[0]
+    rates = joint_rates(robot, closed.linearised, twist)[0]
     size = float(np.linalg.norm(rates / robot.column_scale))
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")

@@ -27,6 +27,8 @@ from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
 from framework.numerics.arrays import Array
+from framework.numerics.ordered_sums import singular_values
+from framework.numerics.subspaces import split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
@@ -62,7 +64,7 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
     """
     q = robot.reference.q
     motions = _free_motions(robot, q)  # (nv, f)
-    driven_rates = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
+    driven_rates = [_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]]
     undriven = motions @ null_space(np.concatenate(driven_rates) @ motions)  # (nv, k)
     mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
     with_mass, without_mass = row_and_null_space(mass_velocities, NEARLY_AT_REST)
@@ -105,7 +107,7 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> 
     proposals: list[tuple[str, ...]] = []
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
     for axes in by_turns if freedoms else ():
-        least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
+        least = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)
         if least > PROPOSED_AXES_CLEARANCE:
             names = tuple(AXES[axis] for axis in axes)
             if set(names) != set(stated):
@@ -181,14 +183,12 @@ def null_space(matrix: Array) -> Array:
 
 
 def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
-    """Compute orthonormal bases of the row space and the null space of a matrix.
+    """Compute orthonormal columns (c, r) of a matrix's row space, (c, c - r) of its null space.
 
-    They are (c, rank) and (c, c - rank) for a matrix with c columns. The rank r counts singular values above
-    a level.
+    The rank r counts singular values above a level.
     """
-    _, values, right = np.linalg.svd(matrix)
-    rank = int(np.sum(values > level))
-    return right[:rank].T, right[rank:].T
+    span, null = split_row_space(matrix, level, scale=(1.0, 1.0))
+    return span.T, null.T
 
 
 def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
