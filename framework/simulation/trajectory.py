@@ -9,7 +9,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.simulation.collocation import CollocationStep
 from framework.tolerances import SAME_PLACE
 
