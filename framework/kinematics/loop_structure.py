@@ -18,7 +18,7 @@ from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
-from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
@@ -32,7 +32,7 @@ class LoopStructure(ReadOnlyArrays):
 
     independent: IntArray  # (m,) ascending, of the mechanism's `rows`: equations that do not repeat others
     dropped: IntArray  # (rows - m,) ascending, equations that repeat others
-    springs_alone: tuple[str, ...]  # names of equations that springs can move and joints cannot
+    springs_alone: Names  # names of equations that springs can move and joints cannot
     idle: IntArray  # passive joints that rest because their motion moves nothing
     row_sizes: Array  # (m,) divides the independent equations where rank is judged
 
@@ -83,9 +83,7 @@ def independent_rows(matrix: Array) -> IntArray:
     return np.sort(pivot_rows(matrix)[: numerical_rank(matrix)])
 
 
-def spring_only_rows(
-    mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]
-) -> tuple[str, ...]:
+def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
     """Return the names of loop equations that springs can move and joints cannot.
 
     A closure with such an equation would hold by its springs alone, which no loop may rely on.

@@ -22,7 +22,7 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
 from framework.kinematics.rounded_loops import assemble_mechanism
 from framework.model.loop_rows import LoopRows
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 from framework.numerics.banded_lu import Band, Factors
 
 
@@ -130,7 +130,7 @@ class ParallelRobot(Mechanism):
         return read_only(np.where(self.translations, self.length, 1.0))
 
     @cached_property
-    def actuator_names(self) -> tuple[str, ...]:
+    def actuator_names(self) -> Names:
         return self.description.motor_joints
 
     @property
@@ -162,7 +162,7 @@ class ParallelRobot(Mechanism):
         )
 
     @property
-    def axis_names(self) -> tuple[str, ...]:
+    def axis_names(self) -> Names:
         """Names of the platform coordinates, e.g. ("x", "y"), or names of joints."""
         return self.description.platform.names
 

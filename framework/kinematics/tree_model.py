@@ -25,7 +25,7 @@ import pinocchio as pin
 from framework.errors import format_distinct
 from framework.model.placement import rotation_with_axis
 from framework.model.urdf_elements import SEVERAL
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
@@ -110,7 +110,7 @@ class Coordinates:
     model: pin.Model
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Names:
         """A name for each entry, (nv,): its joint's, of a ball NAME_rx, NAME_ry, NAME_rz."""
         return coordinate_names(self.model)
 
@@ -137,7 +137,7 @@ def single_columns(model: pin.Model) -> frozenset[int]:
     return frozenset(int(joint.idx_v) for joint in list(model.joints)[1:] if joint.nv == 1)
 
 
-def coordinate_names(model: pin.Model) -> tuple[str, ...]:
+def coordinate_names(model: pin.Model) -> Names:
     """Return a name for each entry of the velocity vector, (nv,)."""
     names: list[str] = []
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):

@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from framework.model.description import AXES, Closure
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 
 Product = Literal["u.d", "u.w", "d.d"]  # u, w: an axis of the first, of the second frame; d = p2 - p1
 
@@ -67,7 +67,7 @@ class LoopRows(ReadOnlyArrays):
     places: IntArray  # (m, 2) the same in the configuration vector
     ratio: Array  # (m,)
     offset: Array  # (m,) [rad or m]
-    names: tuple[str, ...]  # closure.axis
+    names: Names  # closure.axis
 
     @cached_property
     def translation(self) -> BoolArray:
@@ -210,7 +210,7 @@ class LockedDirections(NamedTuple):
     first: IntArray  # (d,) frame, as index into Mechanism.frames
     second: IntArray  # (d,)
     axis: IntArray  # (d,) 0..2, of both frames
-    closures: tuple[str, ...]  # (d,) names
+    closures: Names  # (d,) names
 
     def take(self, which: IntArray) -> LockedDirections:
         """Return the pairs at indices (k,)."""

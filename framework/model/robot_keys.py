@@ -51,6 +51,7 @@ from framework.numerics.fields import (
     text,
     vector3,
 )
+from framework.numerics.output import Document
 
 VERSION = 1
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
@@ -75,7 +76,7 @@ TREE: Table = {
 }
 
 
-def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
+def added_frame_reader(urdf: Tree) -> Reader[Document]:
     """Return a reader of a frame on a link, with mass [kg] and inertia if stated."""
     table = {
         "name": required(text),
@@ -86,7 +87,7 @@ def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
         "inertia": optional(_read_moments),
     }
 
-    def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
+    def make(where: str, values: Document) -> Document:
         """Return the stated values; a body's inertia needs its mass."""
         if values["inertia"] is not None and values["mass"] is None:
             raise RobotFileError(f"{where}.inertia: needs a mass beside it")
@@ -218,7 +219,7 @@ def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
         "offset": optional(number, 0.0),
     }
 
-    def make(where: str, values: dict[str, Any]) -> Coupling:
+    def make(where: str, values: Document) -> Coupling:
         if values["joint"] == values["of"]:
             raise RobotFileError(f"{below(where, 'of')}: needs another joint than {values['joint']!r}")
         return Coupling(**values)
@@ -268,7 +269,7 @@ def merge_joint_dynamics(
     }
 
 
-def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
+def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | Document]:
     """Return a reader of a virtual spring, or of values of a URDF joint's spring."""
     virtual = {
         "name": required(text),
@@ -284,7 +285,7 @@ def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[s
         "rest": optional(number, 0.0),
     }
 
-    def read(where: str, given: Any) -> Spring | dict[str, Any]:
+    def read(where: str, given: Any) -> Spring | Document:
         if "joint" in mapping(where, given):
             return read_table(where, given, on_joint)
         spring = Spring(**read_table(where, given, virtual))
@@ -347,7 +348,7 @@ def select_path(
     return kind, points, paths["blend"]
 
 
-def _make_scene(where: str, values: dict[str, Any]) -> Scene:
+def _make_scene(where: str, values: Document) -> Scene:
     """Make a scene of its values, still without its name."""
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
@@ -358,10 +359,10 @@ def _make_scene(where: str, values: dict[str, Any]) -> Scene:
     return Scene(name="", kind=kind, points=points, **rest)
 
 
-def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
+def _wrenches_reader(urdf: Tree) -> Reader[Document]:
     """Return a reader of wrenches by frame; a joint stands for its child."""
 
-    def read(where: str, given: Any) -> dict[str, Any]:
+    def read(where: str, given: Any) -> Document:
         stated = mapping_of(anything, _frame_reader(urdf))(where, given)
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 

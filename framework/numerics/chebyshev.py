@@ -121,10 +121,22 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
 def _all_roots(series: Array) -> NDArray[Any]:
     """Return all roots of one Chebyshev series (degree + 1,), complex or real.
 
-    They are the eigenvalues of the colleague matrix, its rows and columns in reverse order, which reduces
-    rounding errors, as in numpy's `chebroots`.
+    They are the eigenvalues of the colleague matrix: that of T_degree, from whose first column the lower
+    coefficients over the last are subtracted, times weights. Rows and columns are in reverse order, which
+    reduces rounding errors, as in numpy's `chebroots`.
     """
-    return np.linalg.eigvals(chebyshev.chebcompanion(series)[::-1, ::-1])
+    degree = len(series) - 1
+    weights = np.full(degree, 0.5)
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
+    matrix = _colleague_matrix(degree).copy()
+    matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
+    return np.linalg.eigvals(matrix)
+
+
+@lru_cache(maxsize=64)
+def _colleague_matrix(degree: int) -> Array:
+    """Return the colleague matrix of T_degree, rows and columns in reverse order."""
+    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)

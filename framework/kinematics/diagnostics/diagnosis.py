@@ -25,6 +25,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.numerics.arrays import Names
 from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
 MOVED_REFERENCE = 1e-3  # [rad, robot lengths] of a joint: a file of four digits is nearer
@@ -36,19 +37,19 @@ class Diagnosis:
 
     robot: str
     flexibility: str
-    platform_axes: tuple[str, ...]
-    actuators: tuple[str, ...]
-    passive_joints: tuple[str, ...]
-    idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass
-    loose_joints: tuple[str, ...]  # one for each that moves masses without a motor and a platform axis
-    springs: tuple[str, ...]
+    platform_axes: Names
+    actuators: Names
+    passive_joints: Names
+    idle_joints: Names  # a passive joint for each motion that moves no centre of mass
+    loose_joints: Names  # one for each that moves masses without a motor and a platform axis
+    springs: Names
     mobility: int  # degrees of freedom with all springs locked, idle ones included
     redundant_motors: int  # actuators beyond the mobility less the idle ones
     loop_equations: int
     rank: int
-    redundant_rows: tuple[str, ...]  # closure.axis
+    redundant_rows: Names  # closure.axis
     mass: float  # [kg]
-    massless_joints: tuple[str, ...]  # joints that carry no mass of their own
+    massless_joints: Names  # joints that carry no mass of their own
     closure_error: float  # [m or rad] at the reference
     reference: dict[str, float]  # joint angles of the assembled reference [rad, m]
     platform: tuple[float, ...]
@@ -57,7 +58,7 @@ class Diagnosis:
     smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
     square: bool  # as many platform axes as degrees of freedom, all of them moving, and no fewer actuators
     stuck_axes: str  # along which the platform cannot move; empty if there are none
-    axes_that_do: tuple[tuple[str, ...], ...]  # sufficient platform axes, if the stated ones are not
+    axes_that_do: tuple[Names, ...]  # sufficient platform axes, if the stated ones are not
     assembled: bool  # whether the loops close near the reference of the file; if not, a pose was searched
     gap_at_reference: float  # [m or rad] of the loops near the reference of the file; 0 if it is assembled
     advice: tuple[str, ...]

@@ -26,7 +26,7 @@ from framework.kinematics.loop_structure import motion_matrix, pivot_rows
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.subspaces import split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
@@ -39,8 +39,8 @@ class Mobility(NamedTuple):
     """The freedoms of a robot at its reference."""
 
     freedoms: int  # all of them, springs locked
-    idle: tuple[str, ...]  # a joint for each motion that moves no centre of mass
-    loose: tuple[str, ...]  # a joint for each that moves masses without a motor or a platform coordinate
+    idle: Names  # a joint for each motion that moves no centre of mass
+    loose: Names  # a joint for each that moves masses without a motor or a platform coordinate
 
     @property
     def working(self) -> int:
@@ -54,7 +54,7 @@ class PlatformAxes(NamedTuple):
     stuck: str  # axes stuck at the reference and at nearby poses; empty if there are none
     stuck_here: str  # axes stuck at the reference
     velocities: int  # independent ones among all six of the frame
-    proposals: tuple[tuple[str, ...], ...]  # sufficient axes, if the stated ones are not
+    proposals: tuple[Names, ...]  # sufficient axes, if the stated ones are not
 
 
 def count_freedoms(robot: ParallelRobot) -> Mobility:
@@ -98,13 +98,13 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     )
 
 
-def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[Names, ...]:
     """Return sets of axes along which a frame can move, fewest turns first.
 
     `twists` (6, f) are those of the frame at each pose. Two turns are coordinates in series, and their order
     matters: if the `stated` axes are two insufficient turns, the other order is proposed.
     """
-    proposals: list[tuple[str, ...]] = []
+    proposals: list[Names] = []
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
     for axes in by_turns if freedoms else ():
         least = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)
@@ -166,7 +166,7 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
     return np.concatenate(velocities) / robot.length * robot.column_scale
 
 
-def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
+def _name_stuck_axes(stuck: Array, names: Names) -> str:
     """Name the axes of immovable combinations (n, k): alone, or several together."""
     sizes = np.linalg.norm(stuck, axis=1)  # (n,) 1 for an axis that is itself a combination
     alone = [name for name, size in zip(names, sizes, strict=True) if size > 1.0 - FILE_ROUNDING]

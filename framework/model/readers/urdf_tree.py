@@ -27,7 +27,7 @@ from framework.model.urdf_elements import (
     read_joint,
     read_tree,
 )
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, Names
 from framework.tolerances import FILE_ROUNDING
 
 MAX_LOOPS = 1000  # in a file
@@ -47,7 +47,7 @@ class UnreadElement(NamedTuple):
     """
 
     what: str
-    acts_on: tuple[str, ...]
+    acts_on: Names
     is_decisive: bool = False
 
 
@@ -205,7 +205,7 @@ class UrdfTree(Tree):
     def close(
         self,
         name: str,
-        locked: tuple[str, ...],
+        locked: Names,
         ends: Iterable[tuple[str, str, Array]],
         axes: Sequence[Array] = (),
     ) -> None:
