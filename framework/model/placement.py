@@ -29,8 +29,12 @@ def invert_placement(matrix: Array) -> Array:
 
 
 def rotation_about(axis: Sequence[float] | Array, angle: float) -> Array:
-    """Compute the rotation (3, 3) by an angle [rad] about an axis of any length."""
-    return pin.AngleAxis(float(angle), np.divide(axis, np.linalg.norm(axis))).toRotationMatrix()
+    """Compute the rotation (3, 3) by an angle [rad] about an axis of any length.
+
+    R = 1 + sin(angle) K + (1 - cos(angle)) K K with K = [axis]x (Rodrigues).
+    """
+    skew = pin.skew(np.divide(axis, np.linalg.norm(axis)))
+    return np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
 
 
 def from_rpy(rpy: Sequence[float] | Array) -> Array:

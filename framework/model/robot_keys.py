@@ -51,7 +51,6 @@ from framework.numerics.fields import (
     text,
     vector3,
 )
-from framework.numerics.output import Document
 
 VERSION = 1
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
@@ -76,7 +75,7 @@ TREE: Table = {
 }
 
 
-def added_frame_reader(urdf: Tree) -> Reader[Document]:
+def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
     """Return a reader of a frame on a link, with mass [kg] and inertia if stated."""
     table = {
         "name": required(text),
@@ -87,7 +86,7 @@ def added_frame_reader(urdf: Tree) -> Reader[Document]:
         "inertia": optional(_read_moments),
     }
 
-    def make(where: str, values: Document) -> Document:
+    def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
         """Return the stated values; a body's inertia needs its mass."""
         if values["inertia"] is not None and values["mass"] is None:
             raise RobotFileError(f"{where}.inertia: needs a mass beside it")
@@ -219,7 +218,7 @@ def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
         "offset": optional(number, 0.0),
     }
 
-    def make(where: str, values: Document) -> Coupling:
+    def make(where: str, values: dict[str, Any]) -> Coupling:
         if values["joint"] == values["of"]:
             raise RobotFileError(f"{below(where, 'of')}: needs another joint than {values['joint']!r}")
         return Coupling(**values)
@@ -269,7 +268,7 @@ def merge_joint_dynamics(
     }
 
 
-def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | Document]:
+def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
     """Return a reader of a virtual spring, or of values of a URDF joint's spring."""
     virtual = {
         "name": required(text),
@@ -285,7 +284,7 @@ def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | Docume
         "rest": optional(number, 0.0),
     }
 
-    def read(where: str, given: Any) -> Spring | Document:
+    def read(where: str, given: Any) -> Spring | dict[str, Any]:
         if "joint" in mapping(where, given):
             return read_table(where, given, on_joint)
         spring = Spring(**read_table(where, given, virtual))
@@ -348,7 +347,7 @@ def select_path(
     return kind, points, paths["blend"]
 
 
-def _make_scene(where: str, values: Document) -> Scene:
+def _make_scene(where: str, values: dict[str, Any]) -> Scene:
     """Make a scene of its values, still without its name."""
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
@@ -359,10 +358,10 @@ def _make_scene(where: str, values: Document) -> Scene:
     return Scene(name="", kind=kind, points=points, **rest)
 
 
-def _wrenches_reader(urdf: Tree) -> Reader[Document]:
+def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
     """Return a reader of wrenches by frame; a joint stands for its child."""
 
-    def read(where: str, given: Any) -> Document:
+    def read(where: str, given: Any) -> dict[str, Any]:
         stated = mapping_of(anything, _frame_reader(urdf))(where, given)
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 
