@@ -331,7 +331,7 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
     twist, twist_rate = robot.platform.twist(state.x, state.dx, ddx)
     v, a = np.zeros((2, len(state.q), robot.model.nv))
     v[:, columns] = solve(F, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
-    motions = frame_motions(robot, frames, state.q, v)
+    motions = frame_motions(robot, frames, v)
     platform_part = twist_rate - robot.platform.drift(motions)
     loop_part = -closure_drift(rows, motions)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))

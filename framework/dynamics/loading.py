@@ -34,12 +34,7 @@ from framework.dynamics.tangent_stiffness import (
     moving_columns,
     tangent_stiffness,
 )
-from framework.kinematics.continuation.turning_point import (
-    CurveEquations,
-    Curves,
-    TurningPoints,
-    find_turning_points,
-)
+from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
 from framework.kinematics.frames import integrate_columns
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.modes import mode_signs
@@ -277,7 +272,7 @@ def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[A
         return state.closing + matvec(state.null, step[:, :-1]), step[:, -1]
 
 
-def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoints:
+def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
     """Find the turning points of the share ahead of points on the curve."""
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -294,7 +289,7 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> TurningPoin
         return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
 
     columns, still = moving_columns(robot), np.zeros((len(start.q), robot.model.nv))
-    return find_turning_points(Curves(robot, columns, still, evaluate), start.q, start.share)
+    return Curves(robot, columns, still, evaluate).find_turning_points(start.q, start.share)
 
 
 def _move_joints(robot: ParallelRobot, q: Array, step: Array) -> Array:

@@ -187,7 +187,6 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.forwardKinematics(robot.model, scratch.data, q)
         pin.rnea(robot.model, scratch.data, q, v, a)
-        scratch.update()
         poses[k], forces[k] = scratch.joints, scratch.forces
     on_base_axes = matvec(rotation_matrices(poses)[:, :, None], forces.reshape(*forces.shape[:2], 2, 3))
     return on_base_axes.reshape(forces.shape), poses[..., 9:]

@@ -170,7 +170,7 @@ def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Arra
     the accelerations, v' c" v.
     """
     repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))
-    motions = frame_motions(robot, repeated, repeated.q, v.reshape(-1, v.shape[2]))
+    motions = frame_motions(robot, repeated, v.reshape(-1, v.shape[2]))
     loops = closure_drift(robot.loops, motions).reshape(*v.shape[:2], -1)
     platform = robot.platform.drift(motions).reshape(*v.shape[:2], -1)
     return matvec(loops, multipliers) + matvec(platform, w)

@@ -14,6 +14,7 @@ from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import remark_on_turns
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
+from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
@@ -180,7 +181,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     again. Configurations lie in different directions. A structure, which cannot move, has none.
     """
     joints = mechanism.joints
-    allowed = _loop_null_space(mechanism, reference)  # (f, joints)
+    allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]  # (f, joints)
     draw = Random(0)  # numpy's takes time to import
     configurations: list[Array] = []
     directions: list[Array] = []
@@ -200,13 +201,6 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         if len(configurations) == MAX_NEARBY:
             break
     return tuple(configurations)
-
-
-def _loop_null_space(mechanism: Mechanism, q: Array) -> Array:
-    """Compute orthonormal joint motions (f, joints) that the loops allow at q (nq,) [rad, robot lengths]."""
-    values, right = np.linalg.svd(joint_loops_matrix(mechanism, q))[1:]
-    rank = int(np.sum(values > BRANCHES_MEET * values.max(initial=0.0)))
-    return right[rank:]
 
 
 def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:

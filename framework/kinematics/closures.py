@@ -58,7 +58,7 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     residual, wrench = loop_wrenches(rows, frames)
     at_base = move_wrench(wrench, frames.position[:, rows.second])  # (T, m, 6)
     powers = matmul(at_base, frames.screws.swapaxes(1, 2))  # (T, m, nv)
-    jacobian = powers * row_joint_signs(rows, frames)
+    jacobian = powers * rows.joint_signs(frames.carried)
     if rows.has_couplings:
         jacobian += rows.coupling_jacobian(jacobian.shape[2])
     return LoopEquations(residual, jacobian)
@@ -67,14 +67,6 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
 def base_wrenches(rows: LoopRows, frames: FrameStack) -> Array:
     """Compute the wrenches (T, m, 6) of `loop_wrenches` about the base's origin."""
     return move_wrench(loop_wrenches(rows, frames).wrench, frames.position[:, rows.second])
-
-
-def row_joint_signs(rows: LoopRows, frames: FrameStack) -> Array:
-    """Return how each joint moves the two bodies of each row, (m, nv).
-
-    1 if the joint carries the second body alone, -1 the first alone, 0 both or neither.
-    """
-    return frames.carried[rows.second] - frames.carried[rows.first]
 
 
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.closures import base_wrenches, row_joint_signs, wrench_changes
+from framework.kinematics.closures import base_wrenches, wrench_changes
 from framework.kinematics.frames import FrameStack, move_frames
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carrying_joints
@@ -52,7 +52,7 @@ def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, mul
 
     Row i, column j is the change of the force on joint i when joint j moves.
     """
-    units = np.eye(mechanism.model.nv)[None]
+    units = np.eye(mechanism.nv)[None]
     wrenches = base_wrenches(rows, frames)
     return loop_force_changes(mechanism, rows, frames, wrenches, multipliers, units).swapaxes(1, 2)
 
@@ -72,7 +72,7 @@ def loop_force_changes(
     frames.
     """
     screws, placements = frames.screws, frames.placements[:, None]
-    carried = (multipliers[..., None] * row_joint_signs(rows, frames)).swapaxes(1, 2)  # (T, nv, m)
+    carried = (multipliers[..., None] * rows.joint_signs(frames.carried)).swapaxes(1, 2)  # (T, nv, m)
     steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) the twist of each joint's own motion
     changes = wrench_changes(rows, placements, move_frames(frames.carried @ steps, placements))
     displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps

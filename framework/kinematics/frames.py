@@ -7,6 +7,7 @@ frame's origin (pinocchio's LOCAL_WORLD_ALIGNED), screws of joints at the origin
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -72,23 +73,25 @@ class FrameMotions(NamedTuple):
 def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
     """Compute poses of all frames and screws of all joints at q (T, nq)."""
     model, scratch = mechanism.model, scratch_of(mechanism)
-    data, placements, columns = scratch.data, scratch.placements, scratch.columns
-    poses = np.empty((len(q), *placements.shape))
-    screws = np.empty((len(q), *columns.shape))
-    for k in range(len(q)):
-        pin.computeJointJacobians(model, data, q[k])
-        pin.updateFramePlacements(model, data)
-        scratch.update()
-        poses[k] = placements
-        screws[k] = columns
-    return select_frames(scratch, poses, screws, q)
+
+    def compute(k: int) -> pin.Model:
+        pin.computeJointJacobians(model, scratch.data, q[k])
+        return model
+
+    return collect_frames(scratch, q, compute)
 
 
-def select_frames(scratch: Scratch, placements: Array, screws: Array, q: Array) -> FrameStack:
-    """Select the robot's frames from placements (T, frames of the model, 12) at q (T, nq).
+def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Model]) -> FrameStack:
+    """Collect poses of frames and screws of joints that pinocchio computes one after the other.
 
-    The screws (T, nv, 6) are those of all joints.
+    Args:
+        compute: computes joints and their screws at q[k] in the memory of `scratch`; returns the model.
     """
+    placements = np.empty((len(q), *scratch.placements.shape))  # (T, frames of the model, 12)
+    screws = np.empty((len(q), *scratch.columns.shape))
+    for k in range(len(q)):
+        pin.updateFramePlacements(compute(k), scratch.data)
+        placements[k], screws[k] = scratch.placements, scratch.columns
     own = placements.take(scratch.frames, axis=1)  # (T, F, 12)
     return FrameStack(own.reshape(*own.shape[:2], 4, 3), screws, scratch.carried, q)
 
@@ -121,9 +124,13 @@ def move_wrench(wrench: Array, arm: Array) -> Array:
     return moved
 
 
-def frame_motions(mechanism: Mechanism, frames: FrameStack, q: Array, v: Array) -> FrameMotions:
-    """Compute the motions of `frames` at q (T, nq) with joint rates v (T, nv) and no joint acceleration."""
-    twists = body_twists(mechanism, q, v, np.zeros_like(v))
+def frame_motions(mechanism: Mechanism, frames: FrameStack, v: Array) -> FrameMotions:
+    """Compute the motions of `frames` with joint rates v (T, nv) and no joint acceleration."""
+    return move_with_bodies(mechanism, frames, body_twists(mechanism, frames.q, v, np.zeros_like(v)))
+
+
+def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) -> FrameMotions:
+    """Return the motions of `frames` on bodies with twists and rates (2, T, bodies, 6), see `body_twists`."""
     return FrameMotions.of(frames.placements, *twists.take(scratch_of(mechanism).bodies, axis=2))
 
 
@@ -133,7 +140,6 @@ def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):
         pin.computeForwardKinematicsDerivatives(mechanism.model, scratch.data, q[k], v[k], a[k])
-        scratch.update()
         twists[0, k] = scratch.velocities
         twists[1, k] = scratch.accelerations
     return twists
@@ -141,9 +147,9 @@ def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
     """Move configurations q (..., nq) by tangent vectors (..., nv), as pinocchio's `integrate`."""
-    model = mechanism.model
-    if model.nq == model.nv:  # no balls: integrating is adding
+    if not mechanism.has_balls:  # integrating is adding
         return q + step
+    model = mechanism.model
     starts = np.broadcast_to(q, (*step.shape[:-1], model.nq)).reshape(-1, model.nq)
     pairs = zip(starts, step.reshape(-1, model.nv), strict=True)
     ends = [pin.integrate(model, *map(np.ascontiguousarray, pair)) for pair in pairs]
@@ -152,7 +158,7 @@ def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
 
 def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array:
     """Return tangent vectors (..., nv) with motions (..., k) in some columns and zero elsewhere."""
-    full = np.zeros((*motion.shape[:-1], mechanism.model.nv))
+    full = np.zeros((*motion.shape[:-1], mechanism.nv))
     full[..., columns] = motion
     return full
 
@@ -169,9 +175,9 @@ def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
 
 def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Compute tangent vectors (..., nv) from start (..., nq) to q (..., nq), as pinocchio's `difference`."""
-    model = mechanism.model
-    if model.nq == model.nv:
+    if not mechanism.has_balls:
         return q - start
+    model = mechanism.model
     pairs = np.broadcast_arrays(start, q)
     starts, ends = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
     differences = [pin.difference(model, *pair) for pair in zip(starts, ends, strict=True)]
@@ -191,8 +197,7 @@ def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array)
     With D the derivative of the difference at q (T, nq) they are D' force. Only on balls D is not 1: a
     rotation vector is no coordinate of the angular velocity.
     """
-    model = mechanism.model
-    if model.nq == model.nv or not force.any():
+    if not (mechanism.has_balls and force.any()):
         return force
     return matvec(_difference_jacobian(mechanism, start, q).swapaxes(1, 2), force)
 
@@ -202,15 +207,13 @@ def forces_on_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffne
 
     A ball has the same stiffness about all axes, so its torque is this stiffness times its rotation vector.
     """
-    model = mechanism.model
-    if model.nq == model.nv:
-        return np.broadcast_to(np.diag(stiffness), (len(q), model.nv, model.nv))
+    if not mechanism.has_balls:
+        return np.broadcast_to(np.diag(stiffness), (len(q), mechanism.nv, mechanism.nv))
     return stiffness[:, None] * _difference_jacobian(mechanism, start, q)
 
 
 def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:
     """Compute the rates (T, nv) of `difference` from start (nq,) to q (T, nq) at joint rates v (T, nv)."""
-    model = mechanism.model
-    if model.nq == model.nv:
+    if not mechanism.has_balls:
         return v
     return matvec(_difference_jacobian(mechanism, start, q), v)

@@ -30,14 +30,11 @@ class IdleTurns:
     """The k idle turns at T instants."""
 
     motions: Array  # Z (T, nv, k): the motion of each turn alone
-    rows: Array  # (T, k, nv): a motion v is free along the turns where rows v = 0
+    rows: Array  # Z' G (T, k, nv), of a resting turn the unit row of its joint
     weights: Array  # G (k, nv) of each turn; zero where it rests
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to joint rates (..., T, nv).
-
-        With the result rows (rates + Z y) = right (T, k).
-        """
+        """Add turns Z y to rates (..., T, nv), with Z' G (rates + Z y) = right (T, k)."""
         missing = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
@@ -74,7 +71,7 @@ def _driving_weights(robot: ParallelRobot) -> Array:
 
     Without damping it is their armature.
     """
-    weights = np.zeros((len(robot.structure.idle), robot.model.nv))
+    weights = np.zeros((len(robot.structure.idle), robot.nv))
     damping = _isotropic_ball_values(robot, robot.joint_damping)
     armature = _isotropic_ball_values(robot, robot.model.armature)
     if len(weights) and (damping.any() or armature.any()):
@@ -89,7 +86,7 @@ def _driving_weights(robot: ParallelRobot) -> Array:
 
 def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
     """Return values (nv,) on balls that have the same value about all axes, zero elsewhere."""
-    isotropic = np.zeros(robot.model.nv)
+    isotropic = np.zeros(robot.nv)
     for ball in ball_columns(robot.model):
         if np.ptp(values[ball]) == 0.0:
             isotropic[ball] = values[ball]
@@ -107,6 +104,6 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
     """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
     closing = -linearised.factors.solve(gaps.transpose(2, 0, 1))  # (k, T, moving)
-    motions = np.zeros((len(gaps), robot.model.nv, gaps.shape[2]))
+    motions = np.zeros((len(gaps), robot.nv, gaps.shape[2]))
     motions[:, robot.moving] = closing.transpose(1, 2, 0)
     return motions

@@ -42,6 +42,12 @@ MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # Newton steps towards it, [rad] that o
 
 def require_square(robot: ParallelRobot) -> None:
     """Raise InvalidInput unless x and the loops determine all joints, with enough motors."""
+    require_joints_close(robot)
+    require_mobility(robot)
+
+
+def require_joints_close(robot: ParallelRobot) -> None:
+    """Raise InvalidInput where springs alone can close a loop."""
     springs_alone = robot.structure.springs_alone
     if springs_alone:
         raise InvalidInput(
@@ -49,7 +55,6 @@ def require_square(robot: ParallelRobot) -> None:
             f"the joints cannot move along them; lock fewer axes there (axes: [...]) or leave those axes "
             f"out of the springs' motion"
         )
-    require_mobility(robot)
 
 
 def require_mobility(robot: ParallelRobot) -> None:

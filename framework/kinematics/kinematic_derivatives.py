@@ -85,17 +85,14 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
 
 
 def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
-    """Compute the derivatives of the pose along k joints.
-
-    The passive joints close the loops.
-    """
-    steps = np.eye(robot.model.nv)[columns]  # (k, nv) unit rates of the joints
+    """Compute the derivatives of pose and matrices along k joints, loops closed by the passive ones."""
+    steps = np.eye(robot.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):
         gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest
         steps[:, robot.following] = -closed.linearised.passive_factors.solve(gaps[:, None])[:, 0]
     copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))  # the pose once for each joint
-    changes = jacobian_rates(robot, copies, steps)[0]
-    matrices = matrices_and_changes(robot, copies, changes)[1]
+    jacobian_changes, _ = jacobian_rates(robot, copies, steps)
+    _, changes = matrices_and_changes(robot, copies, jacobian_changes)
     twist = closed.linearised.platform[0] @ steps.T  # (n, k)
-    x = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twist)  # v = E dx
-    return PoseSlopes(steps.T, x, *matrices)
+    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twist)  # v = E dx
+    return PoseSlopes(q=steps.T, x=dx, A=changes.A, B=changes.B, C=changes.C)

@@ -33,8 +33,14 @@ class LinearisedLoops:
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at one of the configurations (T = 1), or at several."""
-        which = slice(k, k + 1) if isinstance(k, int) else k
+        """Return the equations at one of the configurations (T = 1), or at several.
+
+        If these are all, they are the equations themselves, with their factors.
+        """
+        every = np.arange(len(self.residual))
+        which = np.atleast_1d(every[k])
+        if np.array_equal(which, every):
+            return self
         return LinearisedLoops(
             equations=self.equations,
             frames=self.frames.select(which),

@@ -13,6 +13,7 @@ from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
+from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
 
 CHOLESKY_CLEARANCE = 1e-4  # singular values of P whose squares are above what rounding makes of P'P
@@ -40,7 +41,7 @@ def passive_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the least singular value (T,) of P: 0 at Type 2, infinite without passive joints."""
-    values = np.linalg.svd(passive_matrix(robot, linearised), compute_uv=False)
+    values = singular_values(passive_matrix(robot, linearised))
     return values.min(axis=1, initial=np.inf)
 
 
@@ -97,7 +98,7 @@ def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: f
     A rank is lost with a singular value, in radians and robot lengths, below level times the largest, or
     times 1 if that is more.
     """
-    values = np.linalg.svd(scaled_loops(robot, linearised)[:, :, robot.moving], compute_uv=False)
+    values = singular_values(scaled_loops(robot, linearised)[:, :, robot.moving])
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
     return np.sum(values < level * largest[:, None], axis=1)
 

@@ -18,7 +18,9 @@ from framework.kinematics.closures import scale_jacobian
 from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
-from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, ReadOnlyArrays
+from framework.numerics.ordered_sums import singular_values
+from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
 
 ODD_SIZE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it
@@ -30,7 +32,7 @@ class LoopStructure(ReadOnlyArrays):
 
     independent: IntArray  # (m,) ascending, of the mechanism's `rows`: equations that do not repeat others
     dropped: IntArray  # (rows - m,) ascending, equations that repeat others
-    springs_alone: tuple[str, ...]  # names of equations that springs can move and joints cannot
+    springs_alone: Names  # names of equations that springs can move and joints cannot
     idle: IntArray  # passive joints that rest because their motion moves nothing
     row_sizes: Array  # (m,) divides the independent equations where rank is judged
 
@@ -81,19 +83,21 @@ def independent_rows(matrix: Array) -> IntArray:
     return np.sort(pivot_rows(matrix)[: numerical_rank(matrix)])
 
 
-def spring_only_rows(
-    mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]
-) -> tuple[str, ...]:
+def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
     """Return the names of loop equations that springs can move and joints cannot.
 
-    No loop may rely on them. `matrices` are those of `motion_matrix` at several poses.
+    A closure with such an equation would hold by its springs alone, which no loop may rely on.
+
+    Args:
+        independent: rows that are independent along the joints.
+        matrices: those of `motion_matrix` at several poses; the loops are their last rows.
     """
     if not len(mechanism.elastic):
         return ()
     names = mechanism.rows.names
     for matrix in matrices:
         with_springs = independent_rows(matrix[-len(names) :])  # along all columns, those of springs too
-        if len(with_springs) > len(independent):
+        if len(with_springs) > len(independent):  # the rank grows by rows that only springs move
             return tuple(names[row] for row in np.setdiff1d(with_springs, independent))
     return ()
 
@@ -135,7 +139,7 @@ def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
 
 def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
     """Count singular values above `level` times the largest."""
-    values = np.linalg.svd(matrix, compute_uv=False)
+    values = singular_values(matrix)
     return int(np.sum(values > level * values.max(initial=0.0)))
 
 
@@ -144,9 +148,7 @@ def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 
 
     They are the right singular vectors of values below level times the largest, or times 1 if that is more.
     """
-    values, right = np.linalg.svd(matrix)[1:]
-    rank = int(np.sum(values >= level * max(values.max(initial=0.0), 1.0)))
-    return right[min(rank, len(right) - at_least) :]
+    return split_row_space(matrix, level, scale=(1.0, np.inf), at_least=at_least)[1]
 
 
 def pivot_rows(matrix: Array) -> IntArray:

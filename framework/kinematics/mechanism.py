@@ -32,7 +32,7 @@ from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows,
 from framework.model.readers.recognise import parse_any
 from framework.model.urdf_edits import copy_without_shapes, insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import SEVERAL, coordinates_of
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays, read_only
 
 MAX_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
 
@@ -54,7 +54,7 @@ class Mechanism(ReadOnlyArrays):
     joint_rest: Array  # (nv,) positions at which these springs have no torque
     joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
     joint_friction: Array  # (nv,) dry [N m, N]
-    elastic_names: tuple[str, ...]  # (n_e,)
+    elastic_names: Names  # (n_e,)
     frames: tuple[int, ...]  # pinocchio frames whose motion the equations need; the platform is 0
     rows: LoopRows  # all loop equations, redundant ones too
     rounded: LoopRows  # rows set aside that repeat others but for rounding: see `rounded_loops`
@@ -126,6 +126,16 @@ class Mechanism(ReadOnlyArrays):
     def n_e(self) -> int:
         return len(self.elastic)
 
+    @property
+    def nv(self) -> int:
+        """Number of entries of pinocchio's velocity vector."""
+        return self.model.nv
+
+    @cached_property
+    def has_balls(self) -> bool:
+        """Whether a joint keeps a quaternion, so that q has more entries than the velocity vector."""
+        return self.model.nq > self.model.nv
+
     @cached_property
     def mass(self) -> float:
         """Mass of the bodies that move [kg]."""
@@ -151,10 +161,10 @@ class Mechanism(ReadOnlyArrays):
         return read_only(stiffness)
 
     @property
-    def spring_names(self) -> tuple[str, ...]:
+    def spring_names(self) -> Names:
         """Names of all springs: of virtual joints, then of joints of the URDF."""
         sprung = np.flatnonzero(self.joint_stiffness)
-        return (*self.elastic_names, *(self.coordinates.name_of(int(column)) for column in sprung))
+        return (*self.elastic_names, *(self.coordinates.name_of(column) for column in sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
         """Describe the dry friction of columns, such as `knee 0.1 N m`.
@@ -198,7 +208,7 @@ class Mechanism(ReadOnlyArrays):
     def reference_values(self, q: Array) -> dict[str, float]:
         """Return q (nq,) as a `reference`: all coordinates by name, springs left out."""
         values = self.coordinates.positions(q[None])[0]
-        return {self.coordinates.name_of(int(column)): float(values[column]) for column in self.joints}
+        return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
 
     def __repr__(self) -> str:
         loops = ", ".join(closure.name for closure in self.description.closures)

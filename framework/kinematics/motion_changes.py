@@ -82,8 +82,7 @@ def coordinate_changes(
 
 def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
     """Solve J rates = right (T, k, n + m) for rates (T, k, nv) of the moving joints."""
-    at_rest = np.zeros((len(right), robot.n_e))
-    return solve_rates(robot, motion.linearised, right.swapaxes(0, 1), at_rest).swapaxes(0, 1)
+    return solve_rates(robot, motion.linearised, right.swapaxes(0, 1)).swapaxes(0, 1)
 
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
@@ -98,7 +97,7 @@ def require_turns_at_rest(robot: ParallelRobot) -> None:
     """Raise InvalidInput where the damping or the armature of balls drives an idle turn."""
     turns = driven_turns(robot)
     if len(turns):
-        names = ", ".join(robot.coordinates.name_of(int(column)) for column in turns)
+        names = ", ".join(robot.coordinates.name_of(column) for column in turns)
         raise InvalidInput(
             f"{robot.name}: the damping or the armature of balls drives the idle turns {names}; "
             f"they are taken for turns at rest here: leave damping and armature of these balls out"

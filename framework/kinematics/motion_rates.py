@@ -17,7 +17,7 @@ from framework.errors import NotAssembled
 from framework.kinematics.closures import closure_drift, wrench_changes
 from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frame_variations import bracket, tree_columns
-from framework.kinematics.frames import FrameMotions, body_twists, frame_motions, frames_at
+from framework.kinematics.frames import FrameMotions, body_twists, frame_motions, frames_at, move_with_bodies
 from framework.kinematics.idle_turns import idle_turns
 from framework.kinematics.linearised_loops import (
     ClosedStack,
@@ -25,7 +25,6 @@ from framework.kinematics.linearised_loops import (
     linearised_at,
 )
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec
 
@@ -45,24 +44,28 @@ class Motion:
         return replace(self, wrenches=wrenches) if wrenches else self
 
 
-def joint_rates(robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array) -> Array:
+def joint_rates(
+    robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None
+) -> Array:
     """Compute the joint rates (..., T, nv) for platform velocities (..., T, n).
 
-    Deflections have rates `elastic` (T, n_e).
+    Deflections have rates `elastic` (T, n_e), or rest.
     """
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : platform.shape[-1]] = platform
     return solve_rates(robot, linearised, right, elastic)
 
 
-def solve_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array) -> Array:
-    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic.
+def solve_rates(
+    robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array | None = None
+) -> Array:
+    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic, springs at rest.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
     """
-    rates = np.zeros((*right.shape[:-1], robot.model.nv))
-    if robot.n_e:
+    rates = np.zeros((*right.shape[:-1], robot.nv))
+    if elastic is not None:
         rates[..., robot.elastic] = elastic
         right = right - matvec(linearised.jacobian[:, :, robot.elastic], elastic)
     rates[..., robot.moving] = moving_rates(robot, linearised, right)
@@ -95,10 +98,7 @@ def motion_at(
     ddq_e: Array | None = None,
 ) -> Motion:
     """Compute the motion of all joints for platform rates dx, ddx (T, n) and deflection rates (T, n_e)."""
-    still = np.zeros((len(dx), robot.n_e))
-    elastic = (still if dq_e is None else dq_e, still if ddq_e is None else ddq_e)
-    twists = robot.platform.twist(closed.x, dx, ddx)
-    return _motion_of_twist(robot, closed.q, closed.linearised, twists, elastic)
+    return _motion_of_twist(robot, closed.linearised, robot.platform.twist(closed.x, dx, ddx), dq_e, ddq_e)
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
@@ -108,38 +108,33 @@ def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Mo
     """
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
-    twists = platform_twists(robot, Motion(q, v, a, linearised))
-    still = np.zeros((len(q), robot.n_e))
-    return _motion_of_twist(robot, q, linearised, twists, (still, still))
+    return _motion_of_twist(robot, linearised, platform_twists(robot, Motion(q, v, a, linearised)))
 
 
 def platform_twists(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]:
     """Compute the platform's velocity v and its time derivative, each (T, n)."""
-    frames, jacobian = motion.linearised.frames, motion.linearised.platform
-    drift = robot.platform.drift(frame_motions(robot, frames, motion.q, motion.v))
+    jacobian = motion.linearised.platform
+    drift = robot.platform.drift(frame_motions(robot, motion.linearised.frames, motion.v))
     return matvec(jacobian, motion.v), matvec(jacobian, motion.a) + drift
 
 
 def _motion_of_twist(
     robot: ParallelRobot,
-    q: Array,
     linearised: LinearisedLoops,
     twist: tuple[Array, Array],
-    elastic: tuple[Array, Array],
+    dq_e: Array | None = None,
+    ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints for rates and accelerations of platform and deflections.
-
-    `twist` are v and dv/dt (T, n), `elastic` the deflections' rates and accelerations (T, n_e).
-    """
-    v = joint_rates(robot, linearised, twist[0], elastic[0])
+    """Compute the motion of all joints for a twist, v and dv/dt (T, n), and deflection rates (T, n_e)."""
+    v = joint_rates(robot, linearised, twist[0], dq_e)
     turns = idle_turns(robot, linearised)
     if turns is not None:
         v = turns.add_turns(v)
-    motions = frame_motions(robot, linearised.frames, q, v)
+    motions = frame_motions(robot, linearised.frames, v)
     drift = closure_drift(linearised.equations.loops, motions)
     platform_drift = robot.platform.drift(motions)
     right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
-    motion = Motion(q, v, solve_rates(robot, linearised, right, elastic[1]), linearised)
+    motion = Motion(linearised.frames.q, v, solve_rates(robot, linearised, right, ddq_e), linearised)
     if turns is None:
         return motion
     rows_rate = turns.rows_rate(robot, linearised, jacobian_rates(robot, linearised, v)[0])
@@ -156,7 +151,7 @@ def jacobian_rates(
     """
     frames, owner = linearised.frames, tree_columns(robot).owner
     twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
-    motions = FrameMotions.of(frames.placements, *twists.take(scratch_of(robot).bodies, axis=2))
+    motions = move_with_bodies(robot, frames, twists)
     V, A = twists.take(owner, axis=2)
     dS = bracket(V, frames.screws)
     ddS = bracket(A, frames.screws) + bracket(V, dS)

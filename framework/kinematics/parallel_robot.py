@@ -22,7 +22,7 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
 from framework.kinematics.rounded_loops import assemble_mechanism
 from framework.model.loop_rows import LoopRows
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 from framework.numerics.banded_lu import Band, Factors
 
 
@@ -130,7 +130,7 @@ class ParallelRobot(Mechanism):
         return read_only(np.where(self.translations, self.length, 1.0))
 
     @cached_property
-    def actuator_names(self) -> tuple[str, ...]:
+    def actuator_names(self) -> Names:
         return self.description.motor_joints
 
     @property
@@ -162,7 +162,7 @@ class ParallelRobot(Mechanism):
         )
 
     @property
-    def axis_names(self) -> tuple[str, ...]:
+    def axis_names(self) -> Names:
         """Names of the platform coordinates, e.g. ("x", "y"), or names of joints."""
         return self.description.platform.names
 
@@ -224,8 +224,7 @@ class Equations(ReadOnlyArrays):
     ) -> Equations:
         """Return the table of loop equations and `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
-        loop_signs = carried[loops.second] - carried[loops.first]  # (m, nv)
-        signs = np.concatenate([platform.joint_incidence(carried[0]), loop_signs])
+        signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
         couplings[n:] = loops.coupling_jacobian(signs.shape[1])
         pattern = (signs != 0.0) | (couplings != 0.0)

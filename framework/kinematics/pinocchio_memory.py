@@ -6,9 +6,8 @@ Reading a stack of poses element by element through pinocchio's accessors costs 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,8 +20,7 @@ from framework.numerics.arrays import Array, IntArray
 class Scratch(NamedTuple):
     """Pinocchio's working memory for a mechanism, with its results as arrays.
 
-    The arrays are views of the memory of `data`: they change with every call of pinocchio on it. If its
-    layout is not the expected one they are copies, which `update` refreshes after a call.
+    The arrays are views of the memory of `data`: they change with every call of pinocchio on it.
     """
 
     data: pin.Data
@@ -35,35 +33,30 @@ class Scratch(NamedTuple):
     frames: IntArray  # (F,) rows of `placements`
     bodies: IntArray  # (F,) rows of `velocities` that carry the frames
     carried: Array  # (F, nv)
-    refresh: Callable[[], None] | None  # None: the arrays are pinocchio's own memory
-
-    def update(self) -> None:
-        """Refresh the arrays after a call of pinocchio."""
-        if self.refresh is not None:
-            self.refresh()
 
     @staticmethod
     def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
-        """Allocate working memory for a model and some of its frames."""
+        """Allocate working memory for a model and some of its frames.
+
+        Raises:
+            RuntimeError: `eigenpy.sharedMemory` is switched off, so that pinocchio hands out copies.
+        """
         data = model.createData()
-        # results of a motion that all differ tell whether the views read the right numbers
-        motion = np.linspace(0.5, 1.0, model.nv)
-        q = pin.integrate(model, pin.neutral(model), motion)
-        pin.rnea(model, data, q, motion, motion)
-        pin.computeForwardKinematicsDerivatives(model, data, q, motion, motion)
-        pin.updateFramePlacements(model, data)
-        copies, views = _copy_arrays(data), _view_arrays(data)
-        arrays = views if views is not None and all(map(np.array_equal, views, copies)) else copies
-
-        def refresh() -> None:
-            """Copy pinocchio's results into the arrays once more."""
-            for array, current in zip(arrays, _copy_arrays(data), strict=True):
-                array[...] = current
-
+        if data.J.flags.owndata:
+            raise RuntimeError("pinocchio hands out copies of its memory: call eigenpy.sharedMemory(True)")
         bodies = np.array([model.frames[frame].parentJoint for frame in frames], dtype=np.intp)
-        rows = np.array(frames, dtype=np.intp)
-        refresher = refresh if arrays is copies else None
-        return Scratch._make((data, *arrays, rows, bodies, carrying_joints(model, bodies), refresher))
+        return Scratch(
+            data=data,
+            placements=_view_vector(data.oMf, "rotation", 12),
+            columns=data.J.reshape(6, -1).T,
+            velocities=_view_vector(data.ov, "linear", 6),
+            accelerations=_view_vector(data.oa, "linear", 6),
+            joints=_view_vector(data.oMi, "rotation", 12),
+            forces=_view_vector(data.f, "linear", 6),
+            frames=np.array(frames, dtype=np.intp),
+            bodies=bodies,
+            carried=carrying_joints(model, bodies),
+        )
 
 
 def scratch_of(mechanism: Mechanism) -> Scratch:
@@ -84,51 +77,14 @@ def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> S
     return Scratch.of(model, frames)
 
 
-def _copy_arrays(data: pin.Data) -> tuple[Array, ...]:
-    """Copy the six arrays of `Scratch` by pinocchio's public accessors, element by element.
+def _view_vector(vector: Any, first_part: str, width: int) -> Array:
+    """View a C++ vector of pinocchio as an array (elements, width), its elements with `first_part` ahead.
 
-    That costs more than computing the numbers.
+    A C++ vector keeps its elements in one block of memory, at a constant stride [bytes].
     """
-    return (
-        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMf]),
-        data.J.reshape(6, -1).T.copy(),
-        np.array([motion.vector for motion in data.ov]),
-        np.array([motion.vector for motion in data.oa]),
-        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in data.oMi]),
-        np.array([force.vector for force in data.f]),
-    )
-
-
-def _view_arrays(data: pin.Data) -> tuple[Array, ...] | None:
-    """Return the six arrays of `Scratch` as views of pinocchio's memory.
-
-    None if its layout is not the expected one.
-    """
-    blocks = (
-        _view_vector([pose.rotation for pose in data.oMf], 12),
-        None if data.J.flags.owndata else data.J.reshape(6, -1).T,
-        _view_vector([motion.linear for motion in data.ov], 6),
-        _view_vector([motion.linear for motion in data.oa], 6),
-        _view_vector([pose.rotation for pose in data.oMi], 12),
-        _view_vector([force.linear for force in data.f], 6),
-    )
-    views = tuple(block for block in blocks if block is not None)
-    return views if len(views) == len(blocks) else None
-
-
-def _view_vector(first_numbers: list[Array], width: int) -> Array | None:
-    """View a C++ vector of pinocchio as an array (elements, width).
-
-    None if its memory is not one block. The vector keeps its elements in one block at a constant stride
-    [bytes]. `first_numbers` are views of the first numbers of each element.
-    """
-    if any(numbers.flags.owndata for numbers in first_numbers):
-        return None  # they are copies
-    addresses = np.array([numbers.__array_interface__["data"][0] for numbers in first_numbers])
-    strides = np.unique(np.diff(addresses))
-    if len(strides) != 1 or strides[0] < 8 * width:
-        return None
-    return as_strided(first_numbers[0], (len(addresses), width), (int(strides[0]), 8))
+    first, second = (getattr(vector[k], first_part) for k in range(2))
+    stride = second.ctypes.data - first.ctypes.data
+    return as_strided(first, (len(vector), width), (stride, first.itemsize))
 
 
 def carrying_joints(model: pin.Model, bodies: IntArray) -> Array:

@@ -24,7 +24,7 @@ from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, 
 from framework.kinematics.frames import FrameMotions, FrameStack
 from framework.laws.path import Path
 from framework.model.description import AXES, Platform
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import cross, matmul, matvec
 from framework.numerics.rotations import whole_turns, wrap_angles
 
@@ -65,9 +65,7 @@ class _Coordinates(ReadOnlyArrays):
 
     def rate_matrix(self, x: Array) -> Array:
         """Compute the matrix E (T, n, n) of v = E(x) dx at x (T, n)."""
-        unit_rates = np.tile(np.eye(self.n), (len(x), 1))  # (T n, n)
-        columns = self.twist(np.repeat(x, self.n, axis=0), unit_rates)[0]  # E times each
-        return columns.reshape(len(x), self.n, self.n).swapaxes(1, 2)
+        return self.unit_twists((x, np.zeros_like(x), np.zeros_like(x)))[0].swapaxes(1, 2)
 
     def path_twist(self, path: Path, s: float) -> Array:
         """Compute v (n,) of the platform for ds/dt = 1 at path coordinate s."""
@@ -85,7 +83,7 @@ class FramePlatform(_Coordinates):
     attitude: Attitude  # of no coordinates where it does not turn
 
     @staticmethod
-    def from_axes(names: tuple[str, ...]) -> FramePlatform:
+    def from_axes(names: Names) -> FramePlatform:
         """Return the coordinates on axes out of x, y, z, rx, ry, rz."""
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
@@ -228,7 +226,7 @@ class JointPlatform(_Coordinates):
     places: IntArray  # (n,) entries of q
 
     @staticmethod
-    def from_joints(names: tuple[str, ...], model: pin.Model) -> JointPlatform:
+    def from_joints(names: Names, model: pin.Model) -> JointPlatform:
         """Return the coordinates on joints of one degree of freedom."""
         joints = [model.joints[model.getJointId(name)] for name in names]
         slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])

@@ -8,7 +8,6 @@ gap of the others is measured along each motion and stands in its certificate.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -30,18 +29,12 @@ from framework.tolerances import EXPORT_ROUNDING
 ROUNDED_ROW = 10 * EXPORT_ROUNDING  # singular value over the largest; the catalogue's weakest row has 8e-3
 
 
-class AssembledMechanism(NamedTuple):
-    """A mechanism whose `rows` close exactly, and its closed pose at the reference."""
-
-    mechanism: Mechanism
-    closing: Closing
-
-
-def assemble_mechanism(mechanism: Mechanism) -> AssembledMechanism:
+def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
     """Close the loops at the reference, without rows that repeat others but for rounding.
 
-    A mechanism may close to the last digit in the pose of its drawing, and its rounding locks it there. So
-    rows that repeat others at poses nearby, too, are set aside.
+    Returned are the mechanism whose `rows` close exactly, and its closed pose. A mechanism may close to the
+    last digit in the pose of its drawing, and its rounding locks it there. So rows that repeat others at
+    poses nearby, too, are set aside.
 
     Raises:
         NotAssembled: the loops do not close, for another reason than rounding; see `close_reference`.
@@ -52,15 +45,15 @@ def assemble_mechanism(mechanism: Mechanism) -> AssembledMechanism:
         reduced = _set_rounded_rows_aside(mechanism, failure.q)
         if reduced is None:
             raise
-        return AssembledMechanism(reduced, close_reference(reduced))
+        return reduced, close_reference(reduced)
     # with its size at the closed pose for the length, which scales the rows
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
     matrix = joint_loops_matrix(sized, closing.q)
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
         reduced = _set_rounded_rows_aside(sized, closing.q)
         if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
-            return AssembledMechanism(replace(reduced, length=mechanism.length), closing)
-    return AssembledMechanism(mechanism, closing)
+            return replace(reduced, length=mechanism.length), closing
+    return mechanism, closing
 
 
 def rounded_gap(mechanism: Mechanism, q: Array) -> float:

@@ -26,11 +26,11 @@ class SinglePose:
         self.robot, self.scratch, m = robot, scratch, len(rows.names)
         self._placed = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame
         self._turning, self._factor = rows.rotation[:, None], rows.derivative_weight[:, None]
-        self._signs = scratch.carried[rows.second] - scratch.carried[rows.first]
-        self._coupled = rows.coupling_jacobian(robot.model.nv)
+        self._signs = rows.joint_signs(scratch.carried)
+        self._coupled = rows.coupling_jacobian(robot.nv)
         self._wrench = np.empty((m, 6))
         self.residual = np.empty(m)  # of all loop equations [m, rad]
-        self.jacobian = np.empty((m, robot.model.nv))
+        self.jacobian = np.empty((m, robot.nv))
 
     def place(self, q: Array) -> None:
         """Compute residual (rows,) and jacobian (rows, nv) of all loop equations at q (nq,)."""
@@ -81,7 +81,6 @@ class SinglePose:
     def _measure(self, q: Array) -> tuple[Array, Array]:
         """Compute the residual from the frames, and return both factors (rows, 3) of the equations."""
         scratch, rows = self.scratch, self.robot.rows
-        scratch.update()
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placed)
         a, b = row_factors(rows, self._placed)
         np.einsum("ij,ij->i", a, b, out=self.residual)  # a . b of each row

@@ -17,7 +17,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 import pinocchio as pin
@@ -25,7 +25,7 @@ import pinocchio as pin
 from framework.errors import format_distinct
 from framework.model.placement import rotation_with_axis
 from framework.model.urdf_elements import SEVERAL
-from framework.numerics.arrays import Array, IntArray
+from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
@@ -110,11 +110,11 @@ class Coordinates:
     model: pin.Model
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Names:
         """A name for each entry, (nv,): its joint's, of a ball NAME_rx, NAME_ry, NAME_rz."""
         return coordinate_names(self.model)
 
-    def name_of(self, column: int) -> str:
+    def name_of(self, column: SupportsIndex) -> str:
         """Return the name of one entry."""
         return self.names[column]
 
@@ -137,7 +137,7 @@ def single_columns(model: pin.Model) -> frozenset[int]:
     return frozenset(int(joint.idx_v) for joint in list(model.joints)[1:] if joint.nv == 1)
 
 
-def coordinate_names(model: pin.Model) -> tuple[str, ...]:
+def coordinate_names(model: pin.Model) -> Names:
     """Return a name for each entry of the velocity vector, (nv,)."""
     names: list[str] = []
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
@@ -183,10 +183,11 @@ def link_axes(model: pin.Model, j: int) -> pin.SE3:
 
 
 class JointLimit(NamedTuple):
-    """The limits of one joint in a URDF; `coordinate` is its index in q."""
+    """The limits of one joint in a URDF."""
 
     joint: str
-    coordinate: int
+    coordinate: int  # its index in q
+    column: int  # in the velocity vector
     lower: float
     upper: float
     unit: str  # rad or m
@@ -202,9 +203,9 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
         lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
         if lower == upper:
             continue
-        name = joint.get("name", "")
-        coordinate = model.joints[model.getJointId(name)].idx_q
-        limits.append(JointLimit(name, coordinate, lower, upper, "m" if kind == "prismatic" else "rad"))
+        name, unit = joint.get("name", ""), "m" if kind == "prismatic" else "rad"
+        own = model.joints[model.getJointId(name)]
+        limits.append(JointLimit(name, own.idx_q, own.idx_v, lower, upper, unit))
     return tuple(limits)
 
 
@@ -221,13 +222,15 @@ def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
 def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str, str]:
     """Describe the joints of q (T, nq) beyond their limits: `position -4.27 rad of -3.2` by joint."""
     exceeded = {}
-    for joint, coordinate, lower, upper, unit in limits:
-        least, largest = float(np.min(q[:, coordinate])), float(np.max(q[:, coordinate]))
-        excesses, slack = [], SAME_PLACE * max(abs(lower), abs(upper))
-        for position, limit, excess in ((least, lower, lower - least), (largest, upper, largest - upper)):
-            if excess > slack:
-                value, bound = format_distinct(position, limit, 6)
-                excesses.append(f"{value} {unit} of {bound}")
-        if excesses:
-            exceeded[joint] = "position " + " and ".join(excesses)
+    for limit in limits:
+        positions, slack = q[:, limit.coordinate], SAME_PLACE * max(abs(limit.lower), abs(limit.upper))
+        extremes = []  # beyond the limits, with the limit
+        if limit.lower - positions.min() > slack:
+            extremes.append((float(positions.min()), limit.lower))
+        if positions.max() - limit.upper > slack:
+            extremes.append((float(positions.max()), limit.upper))
+        texts = (format_distinct(*pair, 6) for pair in extremes)
+        if extremes:
+            excesses = " and ".join(f"{position} {limit.unit} of {bound}" for position, bound in texts)
+            exceeded[limit.joint] = f"position {excesses}"
     return exceeded

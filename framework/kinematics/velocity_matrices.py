@@ -43,9 +43,9 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
 def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
-    With N the basis of `velocity_matrices`, M the Jacobian of platform and loops and M_p its passive columns,
-    N M_p = 0 for all times, so that N' M_p = -N M_p'. Of all smooth bases N' = -N M_p' M_p^+ is the one that
-    does not turn in itself. Another basis adds R A, R B, R C with one R to the rates.
+    With L the rows N' of the header, M the Jacobian of platform and loops and M_p its passive columns,
+    L M_p = 0 for all times, so that dL/dt M_p = -L dM_p/dt. Taken is the solution of least norm, dL/dt =
+    -L dM_p/dt M_p^+. Other rows add R A, R B, R C with one R to the rates.
     """
     return matrices_and_changes(
         robot, motion.linearised, jacobian_rates(robot, motion.linearised, motion.v)[0]

@@ -61,7 +61,7 @@ class OnParameter:
         s, ds, dds = (law.phi(sigma, order) for order in range(3))  # derivatives in sigma
         dxi = law.stretch(sigma, 1)
         ddxi = law.stretch(sigma, 2)
-        return [s, ds * root, dds * z + ds * u], np.asarray(dxi * root), np.asarray(ddxi * z + dxi * u)
+        return [s, ds * root, dds * z + ds * u], dxi * root, ddxi * z + dxi * u
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

@@ -90,7 +90,7 @@ class SpeedSpace(NamedTuple):
         They are the equalities and, if a duration is given, T(y) - duration. T = integral of z^(-1/2), so
         that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
         """
-        slopes = np.asarray(equalities.matrix @ np.eye(len(y)))
+        slopes = equalities.matrix @ np.eye(len(y))
         values = equalities(y)
         if duration is None:
             return slopes, values

@@ -59,16 +59,16 @@ class Smoothstep:
         if order == 0:
             from scipy.special import betainc  # takes time to import, and not all plans need it
 
-            return np.asarray(betainc(self.order + 1, self.order + 1, sigma))
+            return betainc(self.order + 1, self.order + 1, sigma)
         end_distance = np.minimum(sigma, 1.0 - sigma)
         value = polynomial.polyval(end_distance, _slope_powers(self.order, order))
-        return np.asarray(np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value))
+        return np.where(sigma > 0.5, (-1.0) ** (order + 1) * value, value)
 
     def inverse(self, s: ArrayLike) -> Array:
         """Solve phi(sigma) = s for sigma."""
         from scipy.special import betaincinv
 
-        return np.asarray(betaincinv(self.order + 1, self.order + 1, np.asarray(s, dtype=float)))
+        return betaincinv(self.order + 1, self.order + 1, s)
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Stretch:
         sigma = np.asarray(sigma, dtype=float)
         start, end = self._unscaled_ends
         scaled = 2.0 * (self._evaluate_unscaled(sigma, order) - (0.0 if order else start)) / (end - start)
-        return np.asarray(scaled if order else scaled - 1.0)
+        return scaled if order else scaled - 1.0
 
     @cached_property
     def _unscaled_ends(self) -> tuple[float, float]:
@@ -115,7 +115,7 @@ class Stretch:
             arctangents = -2.0 * w * d / denominator**2
         else:
             arctangents = w * (6.0 * d**2 - 2.0 * w**2) / denominator**3
-        return np.asarray(identity + STRETCH_HEIGHT * arctangents.sum(axis=-1))
+        return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
 
     def inverse(self, xi: ArrayLike) -> Array:
         """Solve xi(sigma) = xi for sigma by Newton's method, started from a table."""
@@ -124,7 +124,7 @@ class Stretch:
         sigma = np.interp(xi, self(grid), grid)
         for _ in range(4):  # the table has a few digits right, and each step doubles them
             sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
-        return np.asarray(sigma)
+        return sigma
 
 
 @lru_cache(maxsize=64)
@@ -228,10 +228,10 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         z = {k: evaluate_on_cells(cells, self.series, xi, k) for k in range(1, order + 1)}
         dxi = {k: self.stretch(sigma, k) for k in range(1, order + 1)}
         if order == 1:
-            return np.asarray(z[1] * dxi[1])
+            return z[1] * dxi[1]
         if order == 2:
-            return np.asarray(z[2] * dxi[1] ** 2 + z[1] * dxi[2])
-        return np.asarray(z[3] * dxi[1] ** 3 + 3 * z[2] * dxi[1] * dxi[2] + z[1] * dxi[3])
+            return z[2] * dxi[1] ** 2 + z[1] * dxi[2]
+        return z[3] * dxi[1] ** 3 + 3 * z[2] * dxi[1] * dxi[2] + z[1] * dxi[3]
 
     def time(self, sigma: ArrayLike) -> Array:
         """Compute the instant t [s] of parameters sigma, with the shape of sigma.
@@ -240,10 +240,9 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         """
         time_in_panel, instants = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
-        panel = np.searchsorted(time_in_panel.edges, flat, side="right") - 1  # of each sigma
-        panel = np.clip(panel, 0, len(instants) - 2)
+        panel = np.searchsorted(time_in_panel.edges[1:-1], flat, side="right")  # of each sigma
         t = np.where(flat < 1.0, instants[panel] + time_in_panel(flat)[:, 0], self.duration)
-        return np.asarray(t.reshape(np.shape(sigma)))
+        return t.reshape(np.shape(sigma))
 
     def parameter(self, t: ArrayLike) -> Array:
         """Compute sigma at the instants t [s].
@@ -284,15 +283,15 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
             return phi[0]
         z = self.squared_speed(sigma)
         if order == 1:
-            return np.asarray(phi[1] * np.sqrt(z))
+            return phi[1] * np.sqrt(z)
         u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]
         if order == 2:
-            return np.asarray(phi[1] * u[0] + phi[2] * z)
+            return phi[1] * u[0] + phi[2] * z
         J = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z
         if order == 3:
-            return np.asarray(np.sqrt(z) * J)
+            return np.sqrt(z) * J
         dJ = phi[1] * u[2] + 4 * phi[2] * u[1] + 5 * phi[3] * u[0] + phi[4] * z
-        return np.asarray(u[0] * J + z * dJ)
+        return u[0] * J + z * dJ
 
     @property
     def edges(self) -> Array:
@@ -346,7 +345,7 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     """
     t = np.frombuffer(instants)
     time_in_panel, panel_starts = law._time
-    panel = np.clip(np.searchsorted(panel_starts, t, side="right") - 1, 0, len(panel_starts) - 2)
+    panel = np.searchsorted(panel_starts[1:-1], t, side="right")
     start = time_in_panel.edges[panel]
     width = np.diff(time_in_panel.edges)[panel]
     time = t - panel_starts[panel]  # since the start of the panel
@@ -381,7 +380,7 @@ def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0
     """
     xi = np.asarray(xi, dtype=float)
     flat = xi.ravel()  # (T,)
-    cell = np.clip(np.searchsorted(cells, flat, side="right") - 1, 0, len(cells) - 2)
+    cell = np.searchsorted(cells[1:-1], flat, side="right")
     half_widths = 0.5 * np.diff(cells)
     local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # in [-1, 1] on its cell
     derivative = series @ derivative_matrix(series.shape[1], order).T / half_widths[:, None] ** order
@@ -396,37 +395,36 @@ def _evaluate_each(x: Array, series: Array) -> Array:
     return np.einsum("tk,tk->t", polynomials, series)
 
 
-def slowness_on_panels(cells: Array, series: Array, stretch: Stretch) -> TimeFunction:
-    """Resolve dt/d sigma = z^(-1/2) by Chebyshev series on panels.
+def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
+    """Resolve dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels that are halved until each is accurate.
 
-    z is given by Chebyshev series (k, size) on cells of xi. Panels are halved until the truncation error of
-    each panel's time is below a share of the duration, or below the error that rounding eps of z makes: eps
-    z^(-3/2) / 2, which grows where z is near zero.
+    z is given by Chebyshev series (k, size) on cells of xi. A panel is accurate if the truncation error of
+    its time is below a share of the duration, or below the error that rounding eps of z makes: eps z^(-3/2)
+    / 2, which grows where z is near zero.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that time cannot be resolved.
     """
-    z_rounding = float(np.finfo(float).eps * np.abs(series).sum(axis=1).max())
-    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))
+    z_rounding = float(np.finfo(float).eps * np.abs(z_series).sum(axis=1).max())
+    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # of one polynomial: begin with 4 panels
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
         grid = TimeGrid(edges, PANEL_NODES)
         widths = np.diff(edges)
-        z = evaluate_on_cells(cells, series, stretch(grid.times))
+        z = evaluate_on_cells(cells, z_series, stretch(grid.times))
         if not z.min() > 0:
             break
         slowness = grid.fit(z[:, None] ** -0.5)
-        panel_series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
-        duration = panel_series[:, 0] @ widths  # by the mean of each panel
-        truncation = np.abs(panel_series[:, -2:]).max(axis=1) * widths  # of the time of each panel
-        least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
-        rounding = 0.5 * z_rounding * least_z**-1.5 * widths
-        unresolved = np.flatnonzero(truncation > np.maximum(SLOWNESS_TAIL * duration, rounding))
-        if not len(unresolved):
+        series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
+        duration = series[:, 0] @ widths  # by the mean of each panel
+        truncation = np.abs(series[:, -2:]).max(axis=1) * widths  # errors of the time of each panel
+        rounding = 0.5 * z_rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * widths
+        is_coarse = truncation > np.maximum(SLOWNESS_TAIL * duration, rounding)
+        if not is_coarse.any():
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
                 break
             return slowness
-        middles = 0.5 * (edges[unresolved] + edges[unresolved + 1])
+        middles = 0.5 * (edges[:-1] + edges[1:])[is_coarse]
         edges = np.sort(np.concatenate([edges, middles]))
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 

@@ -212,14 +212,17 @@ class Spline(PointPath):
     kind: ClassVar[str] = "spline"
     points: Any
     knots: Array = field(init=False, repr=False)
+    _shares: Array = field(init=False, repr=False)  # (m,) of the chord length, of the points
 
     def __repr__(self) -> str:
         return f"Spline({self.points.tolist()})"
 
     def __post_init__(self) -> None:
-        """Check the distances between points; keep the inner knots of the spline."""
+        """Check the distances between points; compute their shares of the chord length, and the inner knots.
+
+        Not a knot: none at the two points next to an end. scipy 1.13 finds them for odd degrees only.
+        """
         points = _check_points(self.points, 2, "spline")
-        _set_fields(self, points=points)
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
             k = int(np.argmin(chords))
@@ -227,21 +230,18 @@ class Spline(PointPath):
                 f"spline: points {k} and {k + 1} are {chords[k]:.3g} apart, others {chords.max():.3g}: too "
                 f"uneven to tell their places on the curve"
             )
-        degree = min(5, len(points) - 1)
-        _set_fields(self, knots=read_only(np.unique(self._spline.t[degree + 1 : -degree - 1])))
+        shares = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
+        shares[-1] = 1.0
+        _set_fields(self, points=points, knots=read_only(shares[3:-3]), _shares=read_only(shares))
 
     @cached_property
     def _spline(self) -> Any:
         """The interpolating spline of degree 5 at most, over shares of the chord length."""
         from scipy.interpolate import make_interp_spline
 
-        chords = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        parameters = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
-        parameters[-1] = 1.0
         degree = min(5, len(self.points) - 1)
-        # Not a knot: none at the two points next to an end. scipy 1.13 finds them for odd degrees only.
-        knots = np.concatenate((np.zeros(degree + 1), parameters[3:-3], np.ones(degree + 1)))
-        return make_interp_spline(parameters, self.points, k=degree, t=knots)
+        knots = np.concatenate((np.zeros(degree + 1), self.knots, np.ones(degree + 1)))
+        return make_interp_spline(self._shares, self.points, k=degree, t=knots)
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Evaluate the spline or its derivative, zero beyond the degree, (T, n)."""

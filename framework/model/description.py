@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 from framework.errors import RobotFileError, check_choice, check_name
+from framework.numerics.arrays import Names
 
 # Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
@@ -31,7 +32,7 @@ _LOCKED = {
 CLOSURE_KINDS = _LOCKED.keys()
 
 
-def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
+def locked_axes(kind: str, axis: str = "z") -> Names:
     """Return the locked axes of a closure kind, in the first body's frame.
 
     Rows that need a length, such as distance, come last. `axis` in {x, y, z} is the axis of the joint; the
@@ -48,7 +49,7 @@ def locked_axes(kind: str, axis: str = "z") -> tuple[str, ...]:
     return (*(name for name in AXES if name in axes), *with_length)
 
 
-def kinds_with_length() -> tuple[str, ...]:
+def kinds_with_length() -> Names:
     """Return the closure kinds that need a length."""
     return tuple(kind for kind, axes in _LOCKED.items() if not set(axes) <= set(AXES))
 
@@ -61,11 +62,11 @@ class Platform:
     """
 
     frame: str
-    axes: tuple[str, ...] = ()
-    joints: tuple[str, ...] = ()  # instead of axes; the frame is then only drawn
+    axes: Names = ()
+    joints: Names = ()  # instead of axes; the frame is then only drawn
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Names:
         """Names of the coordinates."""
         return self.joints or self.axes
 
@@ -94,7 +95,7 @@ class Closure:
 
     name: str
     frames: tuple[str, str]
-    axes: tuple[str, ...]
+    axes: Names
     length: float | None = None
 
     def __post_init__(self) -> None:
@@ -121,7 +122,7 @@ class Spring:
     name: str
     part: str
     after: str
-    motion: tuple[str, ...]
+    motion: Names
     stiffness: tuple[float, ...]
 
     def exists_in(self, flexibility: str) -> bool:
@@ -130,7 +131,7 @@ class Spring:
         return FLEXIBILITIES.index(flexibility) >= FLEXIBILITIES.index(first)
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Names:
         """Names of its virtual joints, one for each axis."""
         if len(self.motion) <= 1:
             return (self.name,)
@@ -259,7 +260,7 @@ class RobotDescription:
     left_out: tuple[str, ...] = ()  # effects in the file that it was converted from, and not in this one
 
     @property
-    def motor_joints(self) -> tuple[str, ...]:
+    def motor_joints(self) -> Names:
         """Names of the joints with a motor."""
         return tuple(actuator.joint for actuator in self.actuators)
 

@@ -39,7 +39,7 @@ class FrameWrench(ReadOnlyArrays):
         """Compute the wrench (T, 6) at path coordinates s (T,), on its own axes."""
         if self.rows.ndim == 1:
             return np.broadcast_to(self.rows, (len(s), 6))
-        return np.asarray(self._spline(s), dtype=float)
+        return self._spline(s)
 
     def times(self, factor: float) -> FrameWrench:
         """Return the wrench multiplied by a number."""

@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from framework.model.description import AXES, Closure
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 
 Product = Literal["u.d", "u.w", "d.d"]  # u, w: an axis of the first, of the second frame; d = p2 - p1
 
@@ -67,7 +67,7 @@ class LoopRows(ReadOnlyArrays):
     places: IntArray  # (m, 2) the same in the configuration vector
     ratio: Array  # (m,)
     offset: Array  # (m,) [rad or m]
-    names: tuple[str, ...]  # closure.axis
+    names: Names  # closure.axis
 
     @cached_property
     def translation(self) -> BoolArray:
@@ -116,11 +116,19 @@ class LoopRows(ReadOnlyArrays):
         axes = np.array([self.first_axis, self.second_axis])
         return read_only(np.concatenate([4 * ends + axes, 4 * ends + 3]))
 
+    def joint_signs(self, carried: Array) -> Array:
+        """Return how each joint moves the two bodies of each row, (m, nv).
+
+        It is 1 if the joint carries the second body alone, -1 if the first alone, 0 if both or neither.
+        `carried` (F, nv) is 1 where the joint carries the frame, else 0.
+        """
+        return carried[self.second] - carried[self.first]
+
     def coupling_residual(self, q: Array) -> Array:
         """Compute residuals (T, c) [rad, m] of the c couplings at configurations q (T, nq)."""
         rows = self.coupled
         joint, of = self.places[rows].T
-        return np.asarray(q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows])
+        return q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows]
 
     def coupling_jacobian(self, nv: int) -> Array:
         """Return derivatives (m, nv) of coupling rows along the velocities; 0 in other rows."""
@@ -202,7 +210,7 @@ class LockedDirections(NamedTuple):
     first: IntArray  # (d,) frame, as index into Mechanism.frames
     second: IntArray  # (d,)
     axis: IntArray  # (d,) 0..2, of both frames
-    closures: tuple[str, ...]  # (d,) names
+    closures: Names  # (d,) names
 
     def take(self, which: IntArray) -> LockedDirections:
         """Return the pairs at indices (k,)."""

@@ -33,17 +33,14 @@ def rotation_about(axis: Sequence[float] | Array, angle: float) -> Array:
 
     R = 1 + sin(angle) K + (1 - cos(angle)) K K with K = [axis]x (Rodrigues).
     """
-    x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew)
+    skew = pin.skew(np.divide(axis, np.linalg.norm(axis)))
+    return np.eye(3) + math.sin(angle) * skew + (1.0 - math.cos(angle)) * skew @ skew
 
 
 def from_rpy(rpy: Sequence[float] | Array) -> Array:
     """Return the rotation (3, 3) of a URDF's roll, pitch and yaw [rad]."""
     roll, pitch, yaw = rpy
-    return np.asarray(
-        rotation_about((0, 0, 1), yaw) @ rotation_about((0, 1, 0), pitch) @ rotation_about((1, 0, 0), roll)
-    )
+    return rotation_about((0, 0, 1), yaw) @ rotation_about((0, 1, 0), pitch) @ rotation_about((1, 0, 0), roll)
 
 
 def to_rpy(rotation: Array) -> Vector3:
@@ -60,7 +57,7 @@ def to_rpy(rotation: Array) -> Vector3:
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
     """Return the rotation (3, 3) of a quaternion of any length but zero."""
-    return np.asarray(pin.Quaternion(w, x, y, z).normalized().toRotationMatrix())
+    return pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
 
 
 def rotation_with_axis(name: str, axis: Sequence[float] | Array) -> Array:

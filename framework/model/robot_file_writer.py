@@ -16,7 +16,7 @@ from framework.model.description import Closure, RobotDescription, Scene, kinds_
 from framework.model.robot_file import read_robot_file
 from framework.model.robot_keys import VERSION
 from framework.model.urdf_elements import read_tree
-from framework.numerics.output import written_together
+from framework.numerics.output import Document, written_together
 
 
 def write_robot_file(
@@ -52,7 +52,7 @@ def write_robot_file(
     return out / f"{name}.yaml"
 
 
-def record_entry(record: Any) -> dict[str, Any]:
+def record_entry(record: Any) -> Document:
     """Return a record as an entry of a robot file, without empty and zero fields."""
     return {
         key: list(value) if isinstance(value, tuple) else value
@@ -61,9 +61,9 @@ def record_entry(record: Any) -> dict[str, Any]:
     }
 
 
-def robot_document(description: RobotDescription) -> dict[str, Any]:
+def robot_document(description: RobotDescription) -> Document:
     """Return the content of the description's robot file; its URDF is NAME.urdf."""
-    document: dict[str, Any] = {
+    document: Document = {
         "version": VERSION,
         "urdf": f"{description.name}.urdf",
         "gravity": list(description.gravity),
@@ -97,7 +97,7 @@ def _joint_entries(description: RobotDescription) -> dict[str, dict[str, float]]
     }
 
 
-def _closure_entry(closure: Closure) -> dict[str, Any]:
+def _closure_entry(closure: Closure) -> Document:
     """Return the entry of a closure, by kind where its locked axes have one."""
     entry = record_entry(closure)
     kinds = {
@@ -109,7 +109,7 @@ def _closure_entry(closure: Closure) -> dict[str, Any]:
     return entry
 
 
-def _scene_entry(scene: Scene) -> dict[str, Any]:
+def _scene_entry(scene: Scene) -> Document:
     """Return the entry of a scene: its path and stated options."""
     stated = {key: value for key, value in vars(scene).items() if value is not None}
     del stated["name"]

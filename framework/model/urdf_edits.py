@@ -10,12 +10,12 @@ one tree.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import check_name
 from framework.model.description import Spring
@@ -181,8 +181,7 @@ def fix_joint(joint: Joint, *values: float) -> None:
     """Make a joint fixed at the values [rad, m] of its coordinates."""
     if joint.kind in SEVERAL:
         *along, x, y, z = values  # shifts of a joint with 6 freedoms, then the rotation vector
-        angle = math.hypot(x, y, z)
-        motion = placement(rotation_about((x, y, z), angle) if angle else None, along or (0.0, 0.0, 0.0))
+        motion = placement(pin.exp3(np.array([x, y, z])), along or (0.0, 0.0, 0.0))
     elif joint.kind == "prismatic":
         motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
     else:

@@ -27,7 +27,7 @@ from framework.model.documents import (
     read_origin,
     remove_children,
 )
-from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.arrays import Array, ArrayLike, Names
 from framework.tolerances import INERTIA_ROUNDING, POINT_BODY_GYRATION
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
@@ -62,7 +62,7 @@ class Joint:
         return self.kind != "fixed"
 
     @property
-    def coordinates(self) -> tuple[str, ...]:
+    def coordinates(self) -> Names:
         """Names of its coordinates: its own, or one for each freedom."""
         return coordinates_of(self.name, self.kind)
 
@@ -141,7 +141,7 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     raise RobotFileError(f"urdf: the package {package} has no file {shared}")
 
 
-def coordinates_of(name: str, kind: str) -> tuple[str, ...]:
+def coordinates_of(name: str, kind: str) -> Names:
     """Return the names of a joint's coordinates, one for each freedom."""
     if kind in SEVERAL:
         return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])

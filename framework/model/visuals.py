@@ -59,7 +59,7 @@ class Shape(NamedTuple):
 
     def to_node(self, points: Array) -> Array:
         """Return points (m, 3) of the shape's frame in the node's frame."""
-        return np.asarray(points @ self.placement[:3, :3].T + self.placement[:3, 3])
+        return points @ self.placement[:3, :3].T + self.placement[:3, 3]
 
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:

@@ -5,7 +5,7 @@ Each file stands for itself. Open `chebyshev` first: in its series all functions
 * `arrays`: types of arrays, frozen objects; `rotations`: rotation vectors and the left Jacobian of SO(3);
 * `ordered_sums`: products of stacks whose items do not feel each other, to the last bit;
 * `banded_lu`: the factorisation of sparse matrices in a band; `krylov`: systems of which only products are
-  known; `polytope`: zonotopes and slabs;
+  known; `polytope`: zonotopes and slabs; `subspaces`: row spaces and null spaces;
 * `chebyshev`: functions of time as Chebyshev series on panels; `peaks`: their largest values;
   `bernstein`: bounds of functions on cells;
 * `cone_program`: second-order cone programs in named unknowns, the only door to the solver;

@@ -1,4 +1,4 @@
-"""Array types that signatures use, and frozen objects whose arrays are frozen too."""
+"""Types of arrays and of names that signatures use, and frozen objects whose arrays are frozen too."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
+Names = tuple[str, ...]  # of joints, axes, equations, in the order of the entries that they name
 LEAST_DIVISOR = 1e-300  # the least divisor: what it divides is zero too, or infinite
 _Any = TypeVar("_Any", bound=NDArray[Any])
 Stack = TypeVar("Stack", bound=tuple[Any, ...])  # a named tuple of arrays, one item each in all of them

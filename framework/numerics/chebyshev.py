@@ -92,7 +92,7 @@ def real_roots(series: Array) -> Array:
     degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
     if degree == 0 or _constant_dominates(size[: degree + 1]):
         return np.empty(0)
-    roots = _quadratic_roots(series) if degree == 2 else _colleague_eigenvalues(series[: degree + 1])
+    roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
@@ -119,26 +119,25 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
     return np.array([larger, product / larger if larger else 0.0])
 
 
-def _colleague_eigenvalues(series: Array) -> NDArray[Any]:
-    """Return all roots of one Chebyshev series (degree + 1,), complex or real."""
+def _all_roots(series: Array) -> NDArray[Any]:
+    """Return all roots of one Chebyshev series (degree + 1,), complex or real.
+
+    They are the eigenvalues of the colleague matrix: that of T_degree, from whose first column the lower
+    coefficients over the last are subtracted, times weights. Rows and columns are in reverse order, which
+    reduces rounding errors, as in numpy's `chebroots`.
+    """
     degree = len(series) - 1
-    matrix, weights = _colleague_matrix(degree)
-    matrix = matrix.copy()
+    weights = np.full(degree, 0.5)
+    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
+    matrix = _colleague_matrix(degree).copy()
     matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
     return np.linalg.eigvals(matrix)
 
 
 @lru_cache(maxsize=64)
-def _colleague_matrix(degree: int) -> tuple[Array, Array]:
-    """Return the colleague matrix of T_degree and weights (degree,).
-
-    The weights are those of the lower coefficients of a series in the first column. Its eigenvalues are the
-    roots of a series once the lower coefficients over the last, times the weights, are subtracted from the
-    column. Rows and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
-    """
-    weights = np.full(degree, 0.5)
-    weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
-    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1], weights
+def _colleague_matrix(degree: int) -> Array:
+    """Return the colleague matrix of T_degree, rows and columns in reverse order."""
+    return chebyshev.chebcompanion(np.eye(degree + 1)[degree])[::-1, ::-1]
 
 
 @dataclass(frozen=True, eq=False)

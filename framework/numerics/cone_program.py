@@ -32,7 +32,7 @@ class Affine(NamedTuple):
     offset: Array  # (k,)
 
     def __call__(self, y: Array) -> Array:
-        return np.asarray(self.matrix @ y + self.offset)
+        return self.matrix @ y + self.offset
 
 
 class AffineRows(NamedTuple):

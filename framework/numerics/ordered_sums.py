@@ -29,7 +29,7 @@ def dot(a: Array, b: Array) -> Array:
         total = terms[..., 0]
         for k in range(1, terms.shape[-1]):
             total = total + terms[..., k]
-        return np.asarray(total)
+        return total
     total = np.asarray(a[..., 0] * b[..., 0])
     term = np.empty_like(total)
     for k in range(1, a.shape[-1]):

@@ -14,6 +14,7 @@ import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
+from framework.numerics.subspaces import split_row_space
 from framework.tolerances import RANK_ROUNDING, SAME_PLACE
 
 
@@ -76,7 +77,7 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     Its half-space along a unit normal N has the offset N . centre + sum of |N . generator|. Normals across
     the generators make a flat zonotope flat.
     """
-    span, across, _ = _row_space(generators)
+    span, across = split_row_space(generators, RANK_ROUNDING)
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
     normals = np.concatenate([across, *facet_normals])
     normals = _remove_repeated(np.concatenate([normals, -normals]))
@@ -97,8 +98,8 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     sizes = np.linalg.norm(rows, axis=1)
     acting = sizes > 0
     units = rows[acting] / sizes[acting][:, None]
-    span, free, largest = _row_space(rows)
-    rank = len(span)
+    span, free = split_row_space(rows, RANK_ROUNDING)
+    rank, largest = len(span), singular_values(rows).max(initial=0.0)
     in_span = rows @ span.T  # (m, r)
     signs = _sign_combinations(rank)  # (2^r, r)
     subsets = combinations(range(len(rows)), rank) if rank else ()
@@ -115,14 +116,6 @@ def slabs(rows: Array, limits: Array) -> Polytope:
         vertices=_remove_repeated(vertices),
         free=free,
     )
-
-
-def _row_space(rows: Array) -> tuple[Array, Array, float]:
-    """Compute orthonormal bases of the rows (m, n) and across, and the largest singular value."""
-    _, values, right = np.linalg.svd(rows)
-    largest = float(values.max(initial=0.0))
-    rank = int(np.sum(values > RANK_ROUNDING * largest))
-    return right[:rank], right[rank:], largest
 
 
 def _sign_combinations(count: int) -> Array:

@@ -25,7 +25,8 @@ from framework.kinematics.frames import frame_motions
 from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import matmul, matvec
 from framework.simulation.consistent import allowed_motions, balancing_step
-from framework.simulation.equations import EquationsOfMotion, Tangent
+from framework.simulation.equations import EquationsOfMotion
+from framework.simulation.schemes import State
 from framework.tolerances import RANK_ROUNDING, SPRINGS_BALANCED
 
 
@@ -53,10 +54,10 @@ def accelerations(
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
     force = equations.motor_forces(torque) + applied - tangent.force
-    for k in map(int, np.flatnonzero(light.any(axis=1))):
+    for k in np.flatnonzero(light.any(axis=1)).tolist():
         row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, tangent.state(k), Z[k], light[k], force[k], row)
-    drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, q, v))
+        _check_balance(equations, State(q[k : k + 1], v[k : k + 1]), Z[k], light[k], force[k], row)
+    drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, v))
     a = -matvec(closing, drift)  # a_0, (T, nv)
     Z_rows = Z.swapaxes(1, 2)  # Z'
     unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))  # (T, d)
@@ -69,10 +70,11 @@ def accelerations(
 
 
 def _check_balance(
-    equations: EquationsOfMotion, tangent: Tangent, basis: Array, light: BoolArray, free: Array, row: str
+    equations: EquationsOfMotion, state: State, basis: Array, light: BoolArray, free: Array, row: str
 ) -> None:
     """Refuse a state (T = 1) whose springs of parts without mass do not balance the forces (nv,)."""
     robot, massless = equations.robot, basis[:, light]
+    tangent = equations.tangent(*state, np.zeros((1, robot.nv)))
     step = massless @ balancing_step(equations, tangent, basis[:, ~light], massless, -free)
     distances = np.abs(step / robot.column_scale)
     worst = int(np.argmax(distances))

@@ -207,13 +207,13 @@ class _StepEquations:
         The offset is a tangent vector at q0. Only balls need iterations: there the rate depends on the
         offset, its own integral.
         """
-        model = self.equations.robot.model
-        if model.nq == model.nv:
+        robot = self.equations.robot
+        if not robot.has_balls:
             return v
         slope = guess if guess.any() else v
         for _ in range(MAX_SLOPE_ITERATIONS):
-            q = integrate(self.equations.robot, self.q0, self.length * self.table.once @ slope)
-            next_slope = difference_rates(self.equations.robot, self.q0, q, v)
+            q = integrate(robot, self.q0, self.length * self.table.once @ slope)
+            next_slope = difference_rates(robot, self.q0, q, v)
             change = np.abs(next_slope - slope).max()
             slope = next_slope
             if change <= COORDINATE_ROUNDING * max(np.abs(v).max(), LEAST_DIVISOR):

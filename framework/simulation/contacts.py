@@ -44,10 +44,8 @@ class ContactDynamics:
             force = force - self.stiffness * (q - self.rest)
         if self.damping is not None:
             force = force - self.damping * v
-        return np.asarray(
-            pin.constraintDynamics(
-                self.model, self.data, q, v, force, self.contacts, self.contact_data, self.settings
-            )
+        return pin.constraintDynamics(
+            self.model, self.data, q, v, force, self.contacts, self.contact_data, self.settings
         )
 
     @staticmethod
@@ -107,7 +105,7 @@ def _check_contact_robot(equations: EquationsOfMotion) -> None:
             f"{robot.name}: pinocchio's contact dynamics knows loops of kind spherical and fixed, "
             f"not {', '.join(others)}; use another method"
         )
-    if robot.model.nq != robot.model.nv:
+    if robot.has_balls:
         raise InvalidInput(
             f"{robot.name}: pinocchio's contact dynamics is for joints of one degree of freedom"
         )

@@ -102,7 +102,7 @@ class Drive:
         """
         if not self.feedback:
             return None
-        nv = self.robot.model.nv
+        nv = self.robot.nv
         steps = FEEDBACK_DIFFERENCE * np.vstack([np.eye(nv), -np.eye(nv)])  # forwards, then backwards
         same_q, same_v = np.tile(q, (2 * nv, 1)), np.tile(v, (2 * nv, 1))
         all_q = np.vstack([integrate(self.robot, q, steps), same_q])  # (4 nv, nq) steps of q, then of v

@@ -20,7 +20,8 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import loop_equations
-from framework.kinematics.frames import FrameStack, difference, forces_on_joints, select_frames
+from framework.kinematics.frames import FrameStack, collect_frames, difference, forces_on_joints
+from framework.kinematics.inverse_kinematics import require_joints_close
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
@@ -38,13 +39,6 @@ class Tangent(NamedTuple):
     frames: FrameStack
     residual: Array  # (T, m) F [m, rad]
     jacobian: Array  # (T, m, nv) J
-
-    def state(self, k: int) -> Tangent:
-        """Return the terms of one state, T = 1."""
-        entry = slice(k, k + 1)
-        force, by_q, by_v, mass, frames, residual, jacobian = self
-        terms = (force[entry], by_q[entry], by_v[entry], mass[entry])
-        return Tangent(*terms, frames.select(entry), residual[entry], jacobian[entry])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +63,8 @@ class EquationsOfMotion:
             InvalidInput: damping of the wrong length or negative; loops that only springs can close.
             NotAssembled: the loops do not close at the reference.
         """
-        damping = check_damping(damping, (robot.model.nv,))
-        alone = robot.structure.springs_alone
-        if alone:
-            raise InvalidInput(
-                f"{robot.name}, {robot.flexibility}: {', '.join(alone)} can only be closed by springs, and "
-                f"would be left out of the loop equations; lock fewer axes there"
-            )
+        damping = check_damping(damping, (robot.nv,))
+        require_joints_close(robot)
         plain = EquationsOfMotion(
             robot=robot,
             damping=damping + robot.joint_damping,
@@ -106,7 +95,7 @@ class EquationsOfMotion:
 
     def motor_forces(self, torque: Array) -> Array:
         """Compute S' n tau (T, nv), the generalised forces of motor torques (T, n_a), joint side."""
-        force = np.zeros((len(torque), self.robot.model.nv))
+        force = np.zeros((len(torque), self.robot.nv))
         force[:, self.robot.actuated] = self.robot.gear_ratio * torque
         return force
 
@@ -116,27 +105,25 @@ class EquationsOfMotion:
         Pinocchio gives the tree: tau = M a + c + g with its derivatives and M, and frames. Rotors, springs
         and dampers of joints are added.
         """
-        model, scratch, (T, nv) = self.robot.model, self.scratch, v.shape
-        data = scratch.data
+        model, data, (T, nv) = self.robot.model, self.scratch.data, v.shape
         force, (by_q, by_v, mass) = np.empty((T, nv)), np.empty((3, T, nv, nv))
-        placements, screws = np.empty((T, *scratch.placements.shape)), np.empty((T, nv, 6))
-        for k in range(T):
+
+        def compute(k: int) -> pin.Model:
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
-            pin.updateFramePlacements(model, data)
             force[k], by_q[k], by_v[k], mass[k] = data.tau, data.dtau_dq, data.dtau_dv, data.M
-            scratch.update()
-            placements[k], screws[k] = scratch.placements, scratch.columns
+            return model
+
+        frames = collect_frames(self.scratch, q, compute)
         mass[:, range(nv), range(nv)] += self.rotors
         by_q[:, range(nv), range(nv)] += self.stiffness
         by_v[:, range(nv), range(nv)] += self.damping
         force += self.rotors * a + self.damping * v + self.spring_force(q)
-        frames = select_frames(scratch, placements, screws, q)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 
     def tangent_at_rest(self, q: Array) -> Tangent:
         """Compute all terms and derivatives at one configuration (nq,) at rest, T = 1."""
-        rest = np.zeros((1, self.robot.model.nv))
+        rest = np.zeros((1, self.robot.nv))
         return self.tangent(q[None], rest, rest)
 
     def energy(self, q: Array, v: Array) -> Array:
@@ -160,7 +147,7 @@ def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array)
     Stiffness and rest are (nv,) or (T, nv); q is counted from the neutral configuration.
     """
     if not stiffness.any():
-        return np.zeros((len(q), robot.model.nv))
+        return np.zeros((len(q), robot.nv))
     springs = stiffness * (difference(robot, robot.neutral, q) - rest)
     return forces_on_joints(robot, robot.neutral, q, springs)
 

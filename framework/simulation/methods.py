@@ -283,13 +283,19 @@ def explicit_steps(
     nv = len(start.v)
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
     torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
+    # (K, stages, nv) forces of motors without feedback
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
 
     def force_at(k: int, i: int, q: Array, v: Array) -> Array:
         """Compute the generalised forces (nv,) of motors and world at stage i of step k."""
         t = times[k, i : i + 1]
-        force = equations.motor_forces(drive(t, q[None], v[None]))[0] if motors is None else motors[k, i]
-        return force + drive.world(equations.robot, t, q[None])[0] if drive.world.acts else force
+        if motors is None:
+            force = equations.motor_forces(drive(t, q[None], v[None]))[0]
+        else:
+            force = motors[k, i].copy()
+        if drive.world.acts:
+            force += drive.world(equations.robot, t, q[None])[0]
+        return force
 
     y, slopes = np.concatenate(start), np.empty((DOP853.n_stages, 2 * nv))
     for k, h in enumerate(np.diff(edges)):

@@ -167,8 +167,7 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
         NotAssembled: one that was not integrated, because it repeats others at the reference, opens.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    independent = robot.structure.independent
-    dropped = np.setdiff1d(np.arange(gaps.shape[1]), independent)
+    independent, dropped = robot.structure.independent, robot.structure.dropped
     rounding = FILE_ROUNDING * robot.row_lengths[dropped]
     torn = gaps[:, dropped] > rounding + 10 * gaps[:, independent].max(initial=0.0)
     if torn.any():

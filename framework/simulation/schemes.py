@@ -1,7 +1,7 @@
-"""One step of fixed length, for a stack of runs, and three ways to make it.
+"""One step of fixed length, for a stack of runs, and two ways to make it.
 
 Springs and damping enter implicitly, so stiff ones cost no small steps; loops enter by their rates, with
-a correction that takes what is open a share nearer each step. The first two are of order 2 and solve
+a correction that takes what is open a share nearer each step. Both are of order 2 and solve
 
     [ M + h^2 K' + h D'   J' ] [    a    ]   [ forces ]
     [        J            0  ] [ -lambda ] = [ rates  ]
@@ -10,8 +10,6 @@ midpoint: the linear implicit midpoint rule. One mass matrix a step. No numerica
 extrapolated: twice the result of two half steps less that of one whole step of the linear implicit Euler
     method. A coordinate without mass finds its balance in one step, and vibrations too quick for the step die
     out, where the midpoint rule would let them ring.
-contacts: explicit, of order 4, on pinocchio's own contact dynamics, where that applies. The quickest for
-    one run; its step must resolve the springs.
 Source: Hairer, Lubich and Roche, The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
 Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352, for the extrapolation.
 """
@@ -88,17 +86,10 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
 
-class _EulerStep(NamedTuple):
-    """The state after a step, and the rate at which its loops close."""
-
-    state: State
-    closing_rate: Array  # (R, m)
-
-
 def _step_by_euler(
     stack: RobotStack, start: State, driven: Array, h: float, closing_rate: Array | None = None
-) -> _EulerStep:
-    """Step by the linear implicit Euler method, h [s].
+) -> tuple[State, Array]:
+    """Step by the linear implicit Euler method, h [s]; return the rate (R, m) at which loops close too.
 
     The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate, with all terms at q + h v, so
     that a part without mass is in balance after the step. Without a `closing_rate` loops close a share of
@@ -114,7 +105,7 @@ def _step_by_euler(
     forces = driven - terms.bias - springs - stack.damping * v
     loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
     v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces, loop_acceleration)
-    return _EulerStep(State(integrate(robot, q, h * v_end), v_end), closing_rate)
+    return State(integrate(robot, q, h * v_end), v_end), closing_rate
 
 
 def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
@@ -131,28 +122,5 @@ def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
     return State(integrate(robot, halves.q, error), 2 * halves.v - whole.v)
 
 
-def runge_kutta(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the classical Runge-Kutta method of order 4, run by run.
-
-    Accelerations are those of pinocchio's contact dynamics. With y = (q, v) and dy/dt = (v, a(q, v)): stages
-    at 0, h/2, h/2 and h, with weights 1/6, 1/3, 1/3, 1/6.
-    """
-    new = State(np.empty_like(q), np.empty_like(v))
-    several = len(stack.contacts) > 1
-    for k in range(len(q)):
-        acceleration = stack.contacts[k if several else 0].acceleration
-        q1, v1, force = q[k], v[k], driven[k]
-        a1 = acceleration(q1, v1, force)
-        v2 = v1 + 0.5 * h * a1
-        a2 = acceleration(q1 + 0.5 * h * v1, v2, force)
-        v3 = v1 + 0.5 * h * a2
-        a3 = acceleration(q1 + 0.5 * h * v2, v3, force)
-        v4 = v1 + h * a3
-        a4 = acceleration(q1 + h * v3, v4, force)
-        new.q[k] = q1 + h / 6 * (v1 + 2 * (v2 + v3) + v4)
-        new.v[k] = v1 + h / 6 * (a1 + 2 * (a2 + a3) + a4)
-    return new
-
-
 Scheme = Callable[[RobotStack, Array, Array, Array, float], State]
-SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolate, "contacts": runge_kutta}
+SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolate}

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.errors import InvalidInput, choose_from, finite_numbers, whole_number
+from framework.errors import InvalidInput, check_choice, finite_numbers, whole_number
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import check_duration
@@ -94,8 +94,7 @@ def simulate(
     """
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
-    if method not in METHODS:
-        raise InvalidInput(choose_from("method", method, METHODS))
+    check_choice("method", method, METHODS)
     integrator = METHODS[method]
     settings = _method_settings(integrator, method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
@@ -195,4 +194,4 @@ def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array,
             f"the plan is for {owner.name}, {owner.flexibility}, and starts in motion, the robot has other "
             f"springs ({robot.flexibility}); give start and start_velocity"
         )
-    return assemble(robot, planned.platform(0.0)).q, np.zeros(robot.model.nv)
+    return assemble(robot, planned.platform(0.0)).q, np.zeros(robot.nv)

@@ -166,7 +166,7 @@ def _extrapolate_guess(
 ) -> tuple[Array, Array]:
     """Extrapolate accelerations and multipliers at the nodes from the previous step; zero without one."""
     if previous is None:
-        a = np.zeros((table.stages, equations.robot.model.nv))
+        a = np.zeros((table.stages, equations.robot.nv))
         return a, np.zeros((table.stages, len(equations.rows.names)))
     shares = 1.0 + table.nodes * (length / previous.length)
     count = min(GUESS_COEFFICIENTS, table.stages)

@@ -6,21 +6,18 @@ The motor torque is held over the step, as a digital controller holds it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matvec
 from framework.simulation.consistent import consistent_state, free_motions
-from framework.simulation.contacts import ContactDynamics
 from framework.simulation.schemes import SCHEMES, State
 from framework.simulation.terms import RobotStack
 from framework.simulation.world_forces import NO_FORCES, WorldForces
-
-CLOSING_TIME = 0.05  # [s] in which the scheme contacts closes open loops
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +25,7 @@ class Stepper:
     """Advances one robot, one robot in many runs, or as many robots as runs; made by `Stepper.of`."""
 
     stack: RobotStack
-    scheme: str  # midpoint, extrapolated or contacts
+    scheme: str  # of SCHEMES
 
     @staticmethod
     def of(
@@ -44,8 +41,8 @@ class Stepper:
 
         Args:
             damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
-            scheme: midpoint, extrapolated or contacts, see `schemes`; by default midpoint, extrapolated where
-                parts have no mass.
+            scheme: midpoint or extrapolated, see `schemes`; by default midpoint, extrapolated where parts
+                have no mass.
             like: a robot of the same structure that tells which loop equations are independent, which
                 joints idle and whether parts have no mass; the first of the robots by default.
 
@@ -58,15 +55,9 @@ class Stepper:
         massless = light.shape[1] > 0  # whether the loops allow a motion without mass
         if scheme is None:
             scheme = "extrapolated" if massless else "midpoint"
-        if scheme not in SCHEMES:
-            raise InvalidInput(choose_from("scheme", scheme, SCHEMES))
+        check_choice("scheme", scheme, SCHEMES)
         if massless and scheme == "midpoint":
             raise InvalidInput(f"{stack.robots[0].name}: parts without mass need the scheme extrapolated")
-        if scheme == "contacts":
-            each = (stack.equations(k) for k in range(len(stack.robots)))
-            stack = replace(
-                stack, contacts=tuple(ContactDynamics.of(single, CLOSING_TIME) for single in each)
-            )
         return Stepper(stack, scheme)
 
     def start(
@@ -87,13 +78,13 @@ class Stepper:
         """
         robot, q = self.stack.robots[0], np.asarray(q, dtype=float)
         runs = np.atleast_2d(q)  # (R, nq)
-        v = np.zeros((len(runs), robot.model.nv)) if v is None else np.atleast_2d(np.asarray(v, dtype=float))
+        v = np.zeros((len(runs), robot.nv)) if v is None else np.atleast_2d(np.asarray(v, dtype=float))
         tau = np.zeros((len(runs), robot.n_a)) if torque is None else np.atleast_2d(torque)
         states = [
             consistent_state(self.stack.equations(k), runs[k], v[k], tau[k], world) for k in range(len(runs))
         ]
         starts, velocities = map(np.array, zip(*states, strict=True))
-        return State(starts.reshape(q.shape), velocities.reshape(*q.shape[:-1], robot.model.nv))
+        return State(starts.reshape(q.shape), velocities.reshape(*q.shape[:-1], robot.nv))
 
     def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
         """Return the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.

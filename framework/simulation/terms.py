@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +15,11 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, select_frames
+from framework.kinematics.frames import FrameMotions, FrameStack, collect_frames
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
-from framework.numerics.arrays import Array, ArrayLike, IntArray
+from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matmul
-from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import EquationsOfMotion, check_damping
 
 
@@ -47,7 +45,6 @@ class RobotStack:
     stiffness: Array  # (R, nv)
     rest: Array  # (R, nv) where the springs are at rest, as an offset from the neutral configuration
     damping: Array  # (R, nv)
-    contacts: tuple[ContactDynamics, ...] = ()  # for the scheme of that name, else empty
 
     @staticmethod
     def of(
@@ -103,21 +100,19 @@ class RobotStack:
         Pinocchio fills the upper half of a mass matrix, to which the rotors are added.
         """
         (runs, nv), scratch = v.shape, scratch_of(self.robots[0])
-        data = scratch.data
+        data, models = scratch.data, self._models(runs)
         mass, bias, dJ = np.empty((runs, nv, nv)), np.empty((runs, nv)), np.empty((runs, 6, nv))
-        placements, screws = np.empty((runs, *scratch.placements.shape)), np.empty((runs, nv, 6))
-        for k, model in enumerate(self._models(runs)):
-            bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
-            mass[k] = pin.crba(model, data, q[k])
-            pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
-            pin.updateFramePlacements(model, data)
+
+        def compute(k: int) -> pin.Model:
+            bias[k] = pin.nonLinearEffects(models[k], data, q[k], v[k])
+            mass[k] = pin.crba(models[k], data, q[k])
+            pin.computeJointJacobiansTimeVariation(models[k], data, q[k], v[k])
             dJ[k] = data.dJ
-            scratch.update()
-            placements[k], screws[k] = scratch.placements, scratch.columns
-        rows, columns = _lower_half(nv)
-        mass[:, rows, columns] = mass[:, columns, rows]
+            return models[k]
+
+        frames = collect_frames(scratch, q, compute)
+        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)
         mass[:, range(nv), range(nv)] += self.rotors
-        frames = select_frames(scratch, placements, screws, q)
         loops = loop_equations(self.first.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
@@ -141,12 +136,6 @@ class RobotStack:
         screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
         motions = FrameMotions.of(frames.placements, *matmul(rates, screws_and_rates))
         return closure_drift(self.first.rows, motions)
-
-
-@lru_cache(maxsize=128)
-def _lower_half(size: int) -> tuple[IntArray, IntArray]:
-    """Return indices of a matrix below its diagonal."""
-    return np.tril_indices(size, -1)
 
 
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.frames import difference, integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.simulation.collocation import CollocationStep
 from framework.tolerances import SAME_PLACE
 
@@ -34,7 +34,7 @@ class Polynomials:
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
         basis = table.basis((t - times[index]) / lengths[index])
         starts = np.array([step.start for step in self.steps])[index]
-        offset, v = np.empty((2, len(t), self.robot.model.nv))
+        offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
             step, is_inside = self.steps[k], index == k
             offset[is_inside] = basis[is_inside] @ (step.length * table.series_of_integral @ step.slope)
@@ -74,7 +74,7 @@ class Cubics(ReadOnlyArrays):
 Trajectory = Polynomials | Cubics  # q (T, nq) and v (T, nv) at any times (T,) [s] between `edges`
 
 
-def _step_index(edges: Array, t: Array) -> Array:
+def _step_index(edges: Array, t: Array) -> IntArray:
     """Compute the index of the step of each time.
 
     Raises:
@@ -83,4 +83,4 @@ def _step_index(edges: Array, t: Array) -> Array:
     slack = SAME_PLACE * (edges[-1] - edges[0])
     if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):
         raise InvalidInput(f"time {t!r} is outside the simulation, [{edges[0]:g}, {edges[-1]:g}] s")
-    return np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(edges) - 2)
+    return np.searchsorted(edges[1:-1], t, side="right")

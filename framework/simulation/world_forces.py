@@ -63,7 +63,7 @@ class WorldForces:
         """
         data, s = scratch_of(robot).data, self._path_coordinates(t)
         models = [robot.model] * len(q) if models is None else models
-        force = np.zeros((len(q), robot.model.nv))
+        force = np.zeros((len(q), robot.nv))
         for entry in self.wrenches.entries:
             frame, wrench = frame_index(robot.model, entry.frame), np.array(entry(s))
             for k, configuration in enumerate(q):
@@ -79,7 +79,7 @@ class WorldForces:
         frames = frames_at(robot, q)
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
         slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
-        return sum(slopes, start=np.zeros((len(q), robot.model.nv, robot.model.nv)))
+        return sum(slopes, start=np.zeros((len(q), robot.nv, robot.nv)))
 
     def _path_coordinates(self, t: Array) -> Array:
         """Return s (T,) at t (T,), 0 where all wrenches are constant."""

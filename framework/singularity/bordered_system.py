@@ -32,20 +32,20 @@ MAX_ITERATIONS = 20
 
 
 class Border(NamedTuple):
-    """The border (b, c): the last `size` singular vectors of one matrix, for all near the matrix."""
+    """The border (b, c): singular vectors of one matrix, for all near the matrix."""
 
     b: Array  # (n, size) left, or (T, n, size) of T matrices
     c: Array  # (n, size) right, likewise
 
     @staticmethod
-    def of(matrix: Array, size: int = 1) -> Border:
-        """Return the border for matrices near M (..., n, n).
+    def of(M: Array, size: int = 1) -> Border:
+        """Return the border b, c (..., n, size) for matrices near M (..., n, n).
 
-        With it det G has the sign of det M. With singular vectors G of the matrix itself is -diag(sigma),
-        sigma its least singular values. So b is turned over where (-1)^size and the sign of det M, det U det
-        V of M = U S V', differ.
+        With it det G has the sign of det M. b and c are the singular vectors of the `size` least singular
+        values of M = U S V'. With them G of M itself is -diag of these values, of sign (-1)^size, while det M
+        has the sign of det U det V. Where the two signs differ the last column of b is negated.
         """
-        U, _, V_rows = np.linalg.svd(matrix)
+        U, _, V_rows = np.linalg.svd(M)
         b, c = U[..., -size:].copy(), V_rows[..., -size:, :].swapaxes(-1, -2)
         orientation = (-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows)
         b[..., -1] *= np.sign(orientation)[..., None]

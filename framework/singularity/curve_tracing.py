@@ -281,6 +281,11 @@ def _newton_correction(evaluated: Evaluated, tangent: Array) -> tuple[Array, Boo
     return np.where(regular[:, None], change, 0.0), regular
 
 
+def _turn_along(vectors: Array, directions: Array) -> Array:
+    """Turn vectors (S, k) over where against directions (S, k)."""
+    return np.where(np.sum(vectors * directions, axis=1, keepdims=True) < 0, -vectors, vectors)
+
+
 def _points_of(equations: LocusEquations, q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
     """Return the points of curves at q (S, nq).
 
@@ -292,10 +297,7 @@ def _points_of(equations: LocusEquations, q: Array, evaluated: Evaluated, previo
     tangent = np.linalg.svd(evaluated.slopes)[2][:, -1]
     motion = evaluated.eta / np.linalg.norm(evaluated.eta, axis=1, keepdims=True)
     if previous is not None:
-        flips = np.sum(tangent * previous.tangent, axis=1, keepdims=True) < 0
-        tangent = np.where(flips, -tangent, tangent)
-        flips = np.sum(motion * previous.eta, axis=1, keepdims=True) < 0
-        motion = np.where(flips, -motion, motion)
+        tangent, motion = _turn_along(tangent, previous.tangent), _turn_along(motion, previous.eta)
     return Points(
         q=q,
         tangent=tangent,

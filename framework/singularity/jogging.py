@@ -85,39 +85,33 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         InvalidInput: q is not assembled.
     """
     closed = assembled_at(robot, q)
-    linearised, reference = closed.linearised, linearised_at_reference(robot)
+    linearised = closed.linearised
     type1_value, type2_value = _least_singular_values(robot, linearised)
-    usual = np.maximum(_least_singular_values(robot, reference), USUAL_SIZE_FLOOR)
-    level, kind = _proximity_level(type1_value / usual[0]), ""
-    verdict = "regular: the motors hold the platform in every direction"
-    if level != "regular":
-        kind = "type_1"
-        verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
-    pose = JoggedPose(
+    usual = np.maximum(_least_singular_values(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR)
+    has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
+    type1_level = _proximity_level(type1_value / usual[0])
+    type2_level = _proximity_level(type2_value / usual[1]) if has_measure else "regular"
+    level, kind, verdict = type1_level, "", "regular: the motors hold the platform in every direction"
+    if type2_level != "regular":
+        level, kind = type2_level, uncontrolled_motion(robot, linearised).kind
+        name, meaning = CLASSES[kind]
+        verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
+    elif type1_level != "regular":
+        kind, verdict = "type_1", _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+    measure = singularity_measure(robot, linearised)
+    twist = linearised.platform[0] @ measure.motion[0]
+    return JoggedPose(
         q=q,
         x=closed.x[0],
         motors=robot.actuated_coordinates(q[None])[0],
-        g=None,
-        smallest=None,
+        g=float(measure.g[0]) if has_measure else None,
+        smallest=type2_value if has_measure else None,
         level=level,
         kind=kind,
         verdict=verdict,
-        twist=np.zeros(robot.n),
+        twist=twist / (twist_norm(robot, twist) or 1.0),
         stopped=stopped,
     )
-    if not len(robot.following):  # every joint has a motor: no Type 2
-        return pose
-    measure = singularity_measure(robot, linearised)
-    twist = linearised.platform[0] @ measure.motion[0]
-    twist = twist / (twist_norm(robot, twist) or 1.0)
-    pose = replace(pose, g=float(measure.g[0]), smallest=type2_value, twist=twist)
-    level = _proximity_level(type2_value / usual[1])
-    if level == "regular":
-        return pose
-    kind = uncontrolled_motion(robot, linearised).kind
-    name, meaning = CLASSES[kind]
-    verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
-    return replace(pose, level=level, kind=kind, verdict=verdict)
 
 
 def _proximity_level(share: float) -> str:
@@ -137,21 +131,20 @@ class LooseMotion(NamedTuple):
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute a motion of the platform along t_s with closed loops.
+    """Compute closed poses along t_s, which show how little the motors turn; None where the loops open.
 
-    None where the loops open. To first order the loops allow this motion with locked motors. With the loops
-    closed exactly the motors move by the square of the platform's motion. `shift` is that of the platform
-    [robot lengths].
+    To first order the loops allow this motion with locked motors. With the loops closed exactly the motors
+    move by the square of the platform's motion. `shift` is the largest of the platform [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    size = max(linear / (shift * robot.length), angular / largest_turn)  # of t_s over what it may move
+    size = max(linear / (shift * robot.length), angular / largest_turn)  # of t_s over the largest motion
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if size == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
-    farthest = np.linalg.solve(E, pose.twist / size)  # (n,) change of the platform's coordinates
-    x = pose.x + LOOSE_SHARES[:, None] * farthest
+    largest_change = np.linalg.solve(E, pose.twist / size)  # (n,) of the platform's coordinates
+    x = pose.x + LOOSE_SHARES[:, None] * largest_change
     stack = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=MAX_LOOSE_STEP)
     if not stack.closed.all():
         return None

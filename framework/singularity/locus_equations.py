@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, choose_from
+from framework.errors import InvalidInput, check_choice
 from framework.kinematics.frames import FrameStack, difference, integrate_columns
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import linearised_at
@@ -74,8 +74,7 @@ class LocusEquations:
                 raise InvalidInput(f"free: name two axes or two motors of {robot.name}: {', '.join(names)}")
             free = (robot.axis_names[chosen[0]], robot.axis_names[chosen[1]])
         for name in free:
-            if name not in names:
-                raise InvalidInput(choose_from("freedom", name, names))
+            check_choice("freedom", name, names)
         in_motors = free[0] in robot.actuator_names
         column_names = robot.actuator_names if in_motors else robot.axis_names
         if free[0] == free[1] or free[1] not in column_names:

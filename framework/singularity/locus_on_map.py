@@ -105,33 +105,40 @@ def _trace_modes(
 ) -> tuple[list[MapCurve], BoolArray]:
     """Trace the curves of all working modes, modes with most starts first.
 
-    Each mode is traced in rounds, from the minima of |g| and from changes of sign that no curve explains.
+    Args:
+        changes: (e, 4) indices i, j of the poses on both sides of each change of sign.
 
     Returns:
-        The curves, and whether no curve explains each of the changes (e, 4) of sign, (e,).
+        The curves; whether each change of sign is left unexplained, as no curve passes beside it, (e,).
     """
-    minima = _find_minima(poses.g)  # (t, 2)
+    minima = _find_minima(poses.g)  # (t, 2) indices i, j
     curves, unexplained = list[MapCurve](), np.ones(len(changes), dtype=bool)
     change_modes = _working_modes(equations.robot, poses, changes[:, :2])
     minimum_modes = _working_modes(equations.robot, poses, minima)
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
-        starts = [poses.q[tuple(ij)] for ij in minima[(minimum_modes == mode).all(axis=1)]]
-        for _ in range(MAX_ROUNDS):
+        starts = _poses_at(poses, minima[(minimum_modes == mode).all(axis=1)])
+        for _ in range(MAX_ROUNDS):  # from the minima of |g| first, each time from changes not yet explained
             todo = np.flatnonzero(unexplained & of_mode)
-            starts += [poses.q[tuple(ij)] for ij in changes[_choose_evenly(todo), :2]]
-            if not starts:
+            starts = np.concatenate([starts, _poses_at(poses, changes[_choose_evenly(todo), :2])])
+            if not len(starts):
                 break
             for curve in _trace_near(equations.robot, poses, starts):
                 for part in _parts_on_branch(equations, poses, curve):
                     if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # repeats no other
                         curves.append(part)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, EXPLAINED_CELLS)
-            if np.count_nonzero(unexplained & of_mode) in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:
+            remaining = np.count_nonzero(unexplained & of_mode)
+            if remaining in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:  # none helped, or all were tried
                 break
-            starts = []
+            starts = starts[:0]
     return curves, unexplained
+
+
+def _poses_at(poses: MapPoses, cells: IntArray) -> Array:
+    """Return the configurations (e, nq) at indices (e, 2) of the map."""
+    return poses.q[cells[:, 0], cells[:, 1]]
 
 
 def _choose_evenly(indices: IntArray) -> IntArray:
@@ -147,17 +154,13 @@ def _free_axes(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
 
 def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
     """Compute the working mode, the sign of each leg (e, legs), at cells (e, 2) of the map."""
-    i, j = cells.T
-    return leg_signs(robot, linearised_at(robot, poses.q[i, j], None))
+    return leg_signs(robot, linearised_at(robot, _poses_at(poses, cells), None))
 
 
-def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> list[LocusCurve]:
-    """Trace the locus over the map from starts (nq,).
-
-    Curves are in the working mode of the first start.
-    """
+def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: Array) -> list[LocusCurve]:
+    """Trace the locus over the map from starts (k, nq), in the working mode of the first."""
     axes = list(poses.axes)
-    centre = robot.platform.coordinates(frames_at(robot, starts[0][None]))[0, axes]
+    centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
     lengths = robot.platform_scale[axes]
     reach = REGION_MARGIN * float((np.abs(np.stack([poses.lower, poses.upper]) - centre) / lengths).max())
     traced = trace_locus(
@@ -167,7 +170,7 @@ def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: list[Array]) -> l
         reach=reach,
         starts=0,
         one_mode=True,
-        near=starts,
+        near=list(starts),
         longest=reach / STEPS_PER_REACH,
     )
     return [curve for curve in traced.curves if curve.kind != "joints_only"]

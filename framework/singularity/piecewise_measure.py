@@ -297,11 +297,11 @@ def extremum_near(
     Args:
         matrices: the matrices (T, n, n) at s (T,), smooth between the `knots`, of which 0 and 1 are two.
     """
-    k = int(np.clip(np.searchsorted(knots, s, side="right"), 1, len(knots) - 1))
+    k = np.searchsorted(knots[1:-1], s, side="right")
+    lowest, highest = knots[k], knots[k + 1]  # g is not smooth beyond
     half_width = PANEL_HALF_WIDTH
     for k_pass in range(1, CENTRING_PASSES + MAX_HALVINGS + 1):
-        # not over a knot, where g is not smooth
-        start, end = max(knots[k - 1], s - half_width), min(knots[k], s + half_width)
+        start, end = max(lowest, s - half_width), min(highest, s + half_width)
         stack = matrices(np.append(_panel_nodes(start, end), s))  # s last, whose border serves for all
         values = scalar(bordered_solution(stack, -1, size).G)
         series = coefficients(values[:-1, None])[:, 0]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.errors import InvalidInput, NotConverged, Type1Singularity, point
+from framework.errors import InvalidInput, NotConverged, Type1Singularity
 from framework.kinematics.closures import loop_equations, scale_jacobian
 from framework.kinematics.continuation.branch import Branch, with_continuation
 from framework.kinematics.continuation.tracking import escape_error, track_path, weakest_leg
@@ -192,8 +192,8 @@ def _refuse_type_1(type1: Measured, resolved: list[Panel] | Unresolved) -> None:
     x = branch.path(s)
     joint = weakest_leg(robot, type1.guess(np.array([s])))
     raise Type1Singularity(
-        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, "
-        f"{', '.join(robot.axis_names)} = {point(x)}: the leg of {joint} is stretched or folded there",
+        f"{robot.name}: the path meets a Type 1 singularity at s = {s:.6g}, {robot.place(x)}: the leg of "
+        f"{joint} is stretched or folded there",
         s=s,
         platform=x,
         joint=joint,
@@ -245,7 +245,7 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
     all_values = singular_values(all_scaled)
     values = singular_values(scaled_loops(robot, linearised)[0][:, robot.moving])
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
-        dropped = sorted(set(robot.rows.names) - set(robot.loops.names))
+        dropped = [robot.rows.names[k] for k in robot.structure.dropped]
         raise NotConverged(
             f"{robot.name}: the loops are sound at s = {s:.6g}, but the loop equations that were dropped as "
             f"redundant at the reference ({', '.join(dropped)}) are needed there; give a reference nearer to "

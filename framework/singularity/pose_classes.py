@@ -41,7 +41,7 @@ from framework.kinematics.loop_matrices import clearance, type1_matrix, type2_ma
 from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.distances import singularity_distances
@@ -68,8 +68,8 @@ class Classification(ReadOnlyArrays):
     infinite where t_s moves the point, not a number for a platform that only turns.
     """
 
-    kinds: tuple[str, ...]  # of NAMES, in its order; empty where the pose is regular
-    legs: tuple[str, ...]  # Type 1: actuators that can move while the platform rests
+    kinds: Names  # of NAMES, in its order; empty where the pose is regular
+    legs: Names  # Type 1: actuators that can move while the platform rests
     twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, each a unit (`twist_norm`)
     corank: int  # independent motions that locked motors do not hold, of platform or joints
     corank_inverse: int  # independent motions that a locked platform does not hold
@@ -154,7 +154,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     )
 
 
-def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, tuple[str, ...]]:
+def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, Names]:
     """Return whether a pose is of Type 1, and the motors that move.
 
     They move while the platform rests.
@@ -204,7 +204,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist = robot.platform.twist(closed.x, dx[None])[0]
-    rates = joint_rates(robot, closed.linearised, twist, np.zeros((1, robot.n_e)))[0]
+    rates = joint_rates(robot, closed.linearised, twist)[0]
     size = float(np.linalg.norm(rates / robot.column_scale))
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")

@@ -186,7 +186,7 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
     """
     P = type2_matrix(robot, linearised)
     if not P.shape[2]:  # every joint has a motor: det P = 1, nothing escapes
-        return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.model.nv)))
+        return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
     _, values, right = np.linalg.svd(P)
     weakest = right[:, -1]  # (T, n_p) right singular vectors of the least values
     cosines = np.sum(weakest[1:] * weakest[:-1], axis=1)

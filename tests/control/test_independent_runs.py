@@ -33,7 +33,6 @@ STEPPERS = [
     ("gough_stewart", "rigid", "midpoint"),
     ("spherical_rrr", "flexible_joints", "midpoint"),
     ("five_bar", "flexible_links", "extrapolated"),
-    ("biglide", "flexible_joints", "contacts"),
 ]
 SPREAD = Spread(
     payload=0.05, stiffness=0.1, places=1e-5, friction=0.02, delay=0.02, noise=1e-6, speed_noise=1e-4

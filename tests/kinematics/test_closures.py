@@ -40,7 +40,7 @@ def test_jacobian_and_drift_are_the_derivatives_along_a_motion(name):
     size = max(robot.length, 1.0)
     jacobian = loop_equations(robot.rows, at).jacobian[0]
     np.testing.assert_allclose(jacobian @ v, (after - before) / (2 * h), rtol=0, atol=1e-6 * size)
-    drift = closure_drift(robot.rows, frame_motions(robot, at, q[None], v[None]))[0]
+    drift = closure_drift(robot.rows, frame_motions(robot, at, v[None]))[0]
     # h^2 times a fourth derivative, and rounding over h^2
     np.testing.assert_allclose(drift, (after - 2 * here + before) / h**2, rtol=0, atol=1e-5 * size)
 
@@ -51,7 +51,7 @@ def test_each_equation_is_a_wrench_between_its_two_bodies(name):
     robot = robots.load(name, flexibility="flexible_links")
     q, v = anywhere(robot, 2)
     at = frames_at(robot, q[None])
-    motions = frame_motions(robot, at, q[None], v[None])
+    motions = frame_motions(robot, at, v[None])
     twist = np.concatenate([motions.rates[1, 0, :, 3], motions.twist[0, :, 3:]], axis=1)
     first, second = robot.rows.first, robot.rows.second
     relative = twist[second] - twist[first]
@@ -82,7 +82,7 @@ def test_closed_loops_allow_what_rows_written_anew_allow(name):
     allowed = v - scale * (np.linalg.pinv(ours * scale, rcond=1e-9) @ (ours @ v))
     kinematics(model, data, q, allowed)
     anew = closure_rows(model, data, robot.description.closures)
-    drift = closure_drift(robot.rows, frame_motions(robot, at, q[None], allowed[None]))[0]
+    drift = closure_drift(robot.rows, frame_motions(robot, at, allowed[None]))[0]
     a = scale * np.linalg.lstsq(ours * scale, -drift, rcond=1e-9)[0]
     size = max(np.abs(drift).max(), np.abs(anew.drift).max(), robot.length)
     np.testing.assert_allclose(ours @ a, -drift, rtol=0, atol=1e-9 * size)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import eigenpy
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 
 import robots
 from framework.kinematics.frames import frame_motions, frames_at
-from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.pinocchio_memory import Scratch, scratch_of
 from framework.model.description import FLEXIBILITIES
 
 WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -34,7 +33,7 @@ def test_stacks_hold_what_pinocchio_says_of_each_frame(name, flexibility):
     model, data = robot.model, robot.model.createData()
     q, v = states(robot, 3)
     at = frames_at(robot, q)
-    motions = frame_motions(robot, at, q, v)
+    motions = frame_motions(robot, at, v)
     for k in range(3):
         pin.forwardKinematics(model, data, q[k], v[k], np.zeros(model.nv))
         pin.computeJointJacobians(model, data, q[k])
@@ -64,7 +63,7 @@ def test_a_stack_is_not_written_over_by_the_next_one():
     q, v = states(robot, 2)
     first = frames_at(robot, q[:1])
     kept = first.placements.copy(), first.screws.copy()
-    frame_motions(robot, frames_at(robot, q[1:]), q[1:], v[1:])
+    frame_motions(robot, frames_at(robot, q[1:]), v[1:])
     for before, after in zip(kept, first[:2], strict=True):
         np.testing.assert_array_equal(after, before)
 
@@ -79,26 +78,29 @@ def test_threads_do_not_share_a_working_memory():
         np.testing.assert_array_equal(positions, same)
 
 
-@pytest.fixture
-def copies():
-    """Within, eigenpy hands out copies of pinocchio's numbers and no views of its memory."""
-    eigenpy.sharedMemory(False)
-    yield
-    eigenpy.sharedMemory(True)
-
-
 @pytest.mark.parametrize("name", ["five_bar", "gough_stewart", "standing_quadruped"])
-def test_where_the_memory_cannot_be_read_the_accessors_take_over(copies, name):
+def test_the_working_memory_has_the_numbers_of_the_accessors(name):
     robot = robots.CATALOGUE[name].load(flexibility="flexible_links")
-    q, v = states(robot, 4)
-    slow = frames_at(robot, q)
-    slow_motions = frame_motions(robot, slow, q, v)
-    assert scratch_of(robot).refresh is not None
-    eigenpy.sharedMemory(True)
-    other = replace(robot, model=robot.model.copy())  # the same robot with a working memory of its own
-    assert scratch_of(other).refresh is None
-    quick = frames_at(other, q)
-    for one, two in zip(slow, quick, strict=True):
-        np.testing.assert_array_equal(one, two)
-    for one, two in zip(slow_motions, frame_motions(other, quick, q, v), strict=True):
-        np.testing.assert_array_equal(one, two)
+    q, v = states(robot, 1)
+    scratch, model = scratch_of(robot), robot.model
+    pin.rnea(model, scratch.data, q[0], v[0], v[0])
+    pin.computeForwardKinematicsDerivatives(model, scratch.data, q[0], v[0], v[0])
+    pin.updateFramePlacements(model, scratch.data)
+    data = scratch.data
+    frames, joints = (
+        np.array([[*pose.rotation.T.ravel(), *pose.translation] for pose in poses])
+        for poses in (data.oMf, data.oMi)
+    )
+    twists, rates, forces = (np.array([one.vector for one in each]) for each in (data.ov, data.oa, data.f))
+    expected = [frames, data.J.reshape(6, -1).T, twists, rates, joints, forces]
+    for array, numbers in zip(scratch[1:7], expected, strict=True):
+        np.testing.assert_array_equal(array, numbers)
+
+
+def test_copies_of_the_working_memory_are_refused():
+    eigenpy.sharedMemory(False)
+    try:
+        with pytest.raises(RuntimeError, match="sharedMemory"):
+            Scratch.of(robots.load("five_bar").model, (0,))
+    finally:
+        eigenpy.sharedMemory(True)

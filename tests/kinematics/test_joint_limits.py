@@ -107,7 +107,7 @@ def test_our_own_scenes_keep_the_limits_of_our_own_files(name, scene):
     robot = RIGID[name]
     branch = track_path(robot, scene_path(robot.description.scenes[scene]))
     q = branch.guess(np.linspace(0.0, 1.0, 201))
-    for joint, coordinate, lower, upper, _ in robot.limits:
+    for joint, coordinate, _, lower, upper, _ in robot.limits:
         margin = 1e-4 * (upper - lower)
         assert lower + margin < q[:, coordinate].min(), joint
         assert q[:, coordinate].max() < upper - margin, joint

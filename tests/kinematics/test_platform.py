@@ -189,7 +189,7 @@ def test_jacobian_and_drift_are_derivatives_along_the_motion(name):
     ahead, back = (frames_at(robot, pin.integrate(robot.model, q, t * v)[None]) for t in (h, -h))
     change = robot.platform.jacobian(ahead)[0] @ v - robot.platform.jacobian(back)[0] @ v
     at = frames_at(robot, q[None])
-    drift = robot.platform.drift(frame_motions(robot, at, q[None], v[None]))[0]
+    drift = robot.platform.drift(frame_motions(robot, at, v[None]))[0]
     np.testing.assert_allclose(drift, change / (2 * h), rtol=0, atol=1e-7 * max(1.0, np.abs(drift).max()))
 
 
@@ -236,7 +236,7 @@ def test_wrenches_change_as_their_rates_say(name):
 
     (ahead, ahead_screws), (here, screws), (back, back_screws) = map(at, (1, 0, -1))
     screw_rates = [(ahead_screws - back_screws) / (2 * h), (ahead_screws - 2 * screws + back_screws) / h**2]
-    motions = frame_motions(robot, frames_at(robot, q[None]), q[None], v[None])
+    motions = frame_motions(robot, frames_at(robot, q[None]), v[None])
     felt = np.ones((robot.n, 6))
     if PLATFORMS[name] is JOINTS:  # a slide feels no couple
         felt[robot.translations, 3:] = 0.0

@@ -130,7 +130,7 @@ class Branch(ReadOnlyArrays):
     def _cubic_offsets(self, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin at s (T,) by cubic Hermite interpolation of the knots."""
         # k: the last knot not beyond each s
-        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        k = np.searchsorted(self.s[1:-1], s, side="right")
         step = (self.s[k + 1] - self.s[k])[:, None]
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
         start = (1 + 2 * t) * (1 - t) ** 2 * self.u[k] + t * (1 - t) ** 2 * step * self.du[k]
@@ -168,12 +168,11 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     Continuations are tried from wide to narrow, within the smooth piece of the path about s. The polynomial
     of a wider one, though it is not good enough, is the guess for a narrower one.
     """
-    edges = np.concatenate(([0.0], branch.path.knots, [1.0]))
-    piece = int(np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(edges) - 2))
+    piece = np.searchsorted(branch.path.knots, s, side="right")
+    lowest, highest = np.concatenate(([0.0], branch.path.knots, [1.0]))[piece : piece + 2].tolist()
     guessed = branch
     for half_width in HALF_WIDTHS:
-        start = float(max(s - half_width, edges[piece]))
-        end = float(min(s + half_width, edges[piece + 1]))
+        start, end = max(s - half_width, lowest), min(s + half_width, highest)
         continuation, error = _fit_continuation(guessed, s, start, end)
         if continuation is None:
             continue

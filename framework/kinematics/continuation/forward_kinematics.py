@@ -136,7 +136,8 @@ def curve_end_error(
     usual_clearance = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))
     share, x = float(end.share[0]), end.x[0]
-    place = _describe_end(robot, share, x, q_a)
+    motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
+    place = f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"
     if end.clearance[0] > TYPE_2_END_RATIO * usual_clearance:
         return NotAssembled(
             f"{robot.name}: the loops cannot be followed {place}", q=end.q[0], residual=residual
@@ -149,9 +150,3 @@ def curve_end_error(
         share=share,
         platform=x,
     )
-
-
-def _describe_end(robot: ParallelRobot, share: float, x: Array, q_a: Array) -> str:
-    """Describe in words where a curve of the motors to q_a (n_a,) ends."""
-    motors = f"{', '.join(robot.actuator_names)} = {point(q_a)}"
-    return f"on the way to {motors}, after {share:.6g} of it, at {robot.place(x)}"

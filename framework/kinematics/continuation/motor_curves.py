@@ -23,12 +23,7 @@ from framework.kinematics.continuation.predictor_corrector import (
     limit_steps,
     measure_steps,
 )
-from framework.kinematics.continuation.turning_point import (
-    CurveEquations,
-    Curves,
-    TurningPoints,
-    find_turning_points,
-)
+from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
 from framework.kinematics.frames import difference, integrate, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
@@ -78,7 +73,7 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
     return MotorCurves(
         q=frames.q.copy(),
         x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
-        rate=np.zeros((count, robot.model.nv)),
+        rate=np.zeros((count, robot.nv)),
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
         clearance=least_value,
@@ -97,7 +92,7 @@ def follow_curves(
     The pose is the only one of `start`, with the loops `linearised` (T = 1). A curve whose `share` stays
     below 1 has ended: at a Type 2 singularity, or where it cannot be followed.
     """
-    turn = np.zeros((len(targets), robot.model.nv))
+    turn = np.zeros((len(targets), robot.nv))
     turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q)
     curves = _begin_curves(robot, start, linearised, turn)
     is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
@@ -134,8 +129,7 @@ def _begin_curves(
     """
     count = len(turn)
     copies = np.zeros(count, dtype=np.intp)
-    loops = linearised if count == 1 else linearised.select(copies)  # a single one has its factors at hand
-    rate = motor_driven_rates(robot, loops, turn)
+    rate = motor_driven_rates(robot, linearised.select(copies), turn)
     curves = select(start, copies)
     return curves._replace(
         rate=turn.copy() if rate is None else rate,
@@ -158,9 +152,8 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     length = (share - current.share)[:, None]  # (T, 1)
     predicted = integrate(robot, current.q, length * current.rate)
     closing = close_at_motors(robot, start, share[:, None] * turn, predicted)
-    rows, linearised = np.flatnonzero(closing.closed), closing.linearised  # of the S that close
-    if len(rows) < len(step):
-        linearised = linearised.select(rows)
+    rows = np.flatnonzero(closing.closed)  # of the S that close
+    linearised = closing.linearised.select(rows)
     current, length = select(current, rows), length[rows]
     rate = motor_driven_rates(robot, linearised, turn[rows])
     ends = curves_at(robot, linearised, current.x)._replace(
@@ -204,10 +197,7 @@ def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: 
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move the curves `rows` to the Type 2 singularity next ahead.
-
-    Returned are the rows that have one.
-    """
+    """Move the curves `rows` to the Type 2 singularity next ahead; return the rows that have one."""
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
@@ -222,22 +212,19 @@ def _end_at_turning_points(
     return rows[ending]
 
 
-def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> TurningPoints:
+def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
     """Find the Type 2 singularities next ahead of q (T, nq), after a `share` (T,) of turns (T, nv)."""
     columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the loop equations (T, m), their matrix M along following joints, and the drive b.
-
-        M dq + b ds = 0 in lengths of the robot; b is the loops' rate as the motors turn.
-        """
+        """Compute the loop equations (T, m) and their derivatives, in lengths of the robot."""
         linearised = linearised_at(robot, q, None)
         loops = independent_loops_matrix(robot, linearised)
         return CurveEquations(
             matrix=loops[:, :, columns],
-            drive=np.matvec(loops, turn / robot.column_scale),
+            by_share=np.matvec(loops, turn / robot.column_scale),
             residual=linearised.residual[:, robot.n :] / sizes,
             linearised=linearised,
         )
 
-    return find_turning_points(Curves(robot, columns, turn, evaluate), q, share)
+    return Curves(robot, columns, turn, evaluate).find_turning_points(q, share)

@@ -70,7 +70,7 @@ def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
 
 
 class _Iterate(NamedTuple):
-    """A pose with closed loops and the quadratic model there [rad, robot lengths]."""
+    """A pose with closed loops and the quadratic model at that pose [rad, robot lengths]."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
@@ -90,6 +90,10 @@ class _Step(NamedTuple):
     decrease: float  # of the value, by the model
     forces: Array  # (2 f + 2,) of the bounds; zero where one does not act
 
+    def is_small(self, iterate: _Iterate) -> bool:
+        """Whether the step promises next to no decrease."""
+        return self.decrease < LEAST_DECREASE * iterate.value
+
 
 class PoseSearch:
     """The search for nearest poses of one robot, for one thread."""
@@ -107,12 +111,9 @@ class PoseSearch:
         self.robot, self._pose, self._motors_hold = robot, SinglePose(robot), motors_hold
         self._lengths, self._independent = robot.column_scale[robot.moving], robot.structure.independent
         self._row_sizes = robot.loop_lengths * robot.structure.row_sizes
-        ranges = np.repeat([[-np.inf], [np.inf]], robot.model.nv, axis=1)
+        ranges = np.repeat([[-np.inf], [np.inf]], robot.nv, axis=1)
         for limit in robot.limits:
-            ranges[:, robot.model.joints[robot.model.getJointId(limit.joint)].idx_v] = (
-                limit.lower,
-                limit.upper,
-            )
+            ranges[:, limit.column] = limit.lower, limit.upper
         self._lower, self._upper = ranges[:, robot.moving] / self._lengths
         self._unit_length, self._unit = distance_unit(robot)
         self._determinant_sizes = np.ones(2)
@@ -130,18 +131,13 @@ class PoseSearch:
                 comes to the end of another.
         """
         iterate = self._evaluate(q, self._equations(q)[1], x, target, self._no_forces)
-        least = min((pose.distance for pose in earlier), default=np.inf)
-        bound = 0.5 * (least / self._unit_length) ** 2
+        least = min((pose.distance for pose in earlier), default=np.inf)  # of the other starts
+        least_value = 0.5 * (least / self._unit_length) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
         damping = 0.0  # as by Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
-            is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
-            is_settled = step.decrease < LEAST_DECREASE * iterate.value
-            is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - bound)
-            from_ends = largest_motion(self.robot, difference(self.robot, iterate.q, ends))
-            repeats = from_ends.min(initial=np.inf) < SAME_END and iterate.value > bound
-            if is_reached or is_settled or is_behind or repeats or count == MAX_STEPS:
+            if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
                 break
             following = self._follow(iterate, step, target)
             gain = 0.0 if following is None else (iterate.value - following.value) / step.decrease
@@ -151,15 +147,29 @@ class PoseSearch:
                 damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
             elif gain < POOR_GAIN:
                 damping = max(4.0 * damping, LEAST_DAMPING)
-        return self._result(iterate, step.forces, count, is_settled=is_settled)
+        return self._result(iterate, step, count)
 
-    def _result(self, iterate: _Iterate, forces: Array, count: int, *, is_settled: bool) -> NearestPose:
-        """Return the pose of the last iterate and its stops."""
+    def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
+        """Whether the target is reached, the step promises little, or other starts are better.
+
+        Args:
+            least_value: |e|^2 / 2 of the nearest pose from other starts.
+            ends: (k, nq) poses at which other searches have ended.
+        """
+        is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
+        is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - least_value)
+        from_ends = largest_motion(self.robot, difference(self.robot, iterate.q, ends))
+        repeats = from_ends.min(initial=np.inf) < SAME_END and iterate.value > least_value
+        return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
+
+    def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
+        """Return the pose of the last iterate; the step that would follow tells its stops."""
         distance = float(np.sqrt(2.0 * iterate.value))
         ends = [f"{self.robot.coordinates.name_of(column)} ends its range" for column in self.robot.moving]
         stops = [*ends, *ends, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         is_met = iterate.room < np.append(np.full(2 * len(ends), REACHED_PLATFORM), LEAST_DETERMINANTS)
-        acting = [stops[k] for k in np.flatnonzero((is_met | is_settled) & (forces > 0.0))]
+        is_met |= step.is_small(iterate)
+        acting = [stops[k] for k in np.flatnonzero(is_met & (step.forces > 0.0))]
         if distance <= REACHED_PLATFORM:
             acting = []
         elif not acting:
@@ -202,7 +212,7 @@ class PoseSearch:
 
     def _follow(self, iterate: _Iterate, step: _Step, target: Array) -> _Iterate | None:
         """Return the iterate after a step; None if its loops do not close, or on another branch or mode."""
-        motion = np.zeros(self.robot.model.nv)
+        motion = np.zeros(self.robot.nv)
         motion[self.robot.moving] = iterate.basis @ step.z * self._lengths
         predicted = integrate(self.robot, iterate.q[None], motion[None])[0]
         closed = self._close(predicted)
@@ -260,13 +270,12 @@ class PoseSearch:
         A stack has the pose and steps from it along Z. `near` (n,) are platform coordinates that tell whole
         turns. `forces` (2 f + 2,) of the bounds tell how far the ranges that act curve along Z.
         """
-        robot, m = self.robot, len(J)
+        m = len(J)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, m:]
-        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
-        linearised = linearised_at(robot, integrate_columns(robot, q, robot.moving, steps), None)
+        linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)
-        e = (x[0] - target) / robot.platform_scale
+        e = (x[0] - target) / self.robot.platform_scale
         pull = e @ X[0] + forces[len(Z) : 2 * len(Z)] - forces[: len(Z)]
         multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ pull)
         gradients = e @ X - multipliers @ loops
@@ -285,6 +294,11 @@ class PoseSearch:
             room_slopes=np.vstack([Z, -Z, (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP]),
             loops=linearised.select(slice(1)),
         )
+
+    def _linearise_around(self, q: Array, Z: Array) -> LinearisedLoops:
+        """Compute the loops (T = 1 + n) at q (nq,) and beside, along each motion of Z (f, n)."""
+        steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
+        return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
         """Compute x (T, n), dx (T, n, f) and derivatives of loops (T, m, f)."""
@@ -312,4 +326,4 @@ class PoseSearch:
 def _definite(matrix: Array) -> Array:
     """Return a symmetric matrix (n, n) with the sizes of its eigenvalues, none below LEAST_CURVATURE."""
     values, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T)
+    return (vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T

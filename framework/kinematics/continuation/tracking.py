@@ -31,7 +31,7 @@ from framework.kinematics.continuation.predictor_corrector import (
     limit_steps,
     measure_steps,
 )
-from framework.kinematics.continuation.turning_point import CurveEquations, Curves, find_turning_points
+from framework.kinematics.continuation.turning_point import CurveEquations, Curves
 from framework.kinematics.frames import (
     difference,
     difference_rates,
@@ -69,14 +69,8 @@ class BranchPoses(NamedTuple):
     rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
 
     def select(self, which: slice) -> BranchPoses:
-        """Return some of the poses.
-
-        If these are all, the factors of their equations are kept.
-        """
-        q = self.q[which]
-        if len(q) == len(self.q):
-            return self
-        return BranchPoses(q, self.linearised.select(which), self.rate[which])
+        """Return some of the poses."""
+        return BranchPoses(self.q[which], self.linearised.select(which), self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
@@ -111,13 +105,12 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
         return reference
     require_square(robot)
     if distance < FILE_ROUNDING * robot.length:
-        closed = close_loops(robot, target[None], reference.q[None])
-        return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), 1)
-    segment = Line(reference.x, target)
-    branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
-    closed = branch.close(1.0)  # on the last knot: one evaluation
-    residual = float(np.abs(closed.linearised.residual).max())
-    return Configuration(closed.q[0], target, residual, len(branch.s))
+        closed, steps = close_loops(robot, target[None], reference.q[None]), 1
+    else:
+        segment = Line(reference.x, target)
+        branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
+        closed, steps = branch.close(1.0), len(branch.s)  # on the last knot: one evaluation
+    return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), steps)
 
 
 def track_path(robot: ParallelRobot, path: Path) -> Branch:
@@ -227,12 +220,10 @@ def _close_ahead(
     count = _count_leading(closed)
     if not count:
         return None
-    if count < len(s):
-        s, q, linearised = s[:count], q[:count], linearised.select(slice(count))
     try:
-        return _poses_at(robot, path, s, q, linearised)
+        return _poses_at(robot, path, s[:count], q[:count], linearised.select(slice(count)))
     except NotAssembled:  # one of them is singular, to the last bit
-        return _close_ahead(robot, path, s[:1], predicted[:1], last_step) if len(s) > 1 else None
+        return _close_ahead(robot, path, s[:1], predicted[:1], last_step) if count > 1 else None
 
 
 def _poses_at(
@@ -243,7 +234,7 @@ def _poses_at(
     Springs rest.
     """
     twist, _ = robot.platform.twist(path(s), path(s, 1))
-    return BranchPoses(q, linearised, joint_rates(robot, linearised, twist, np.zeros((len(s), robot.n_e))))
+    return BranchPoses(q, linearised, joint_rates(robot, linearised, twist))
 
 
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: float) -> Array:
@@ -271,19 +262,19 @@ def _type1_end(
 
     Its path coordinate and its pose are returned.
     """
-    sizes, still = equation_sizes(robot), np.zeros((1, robot.model.nv))
+    sizes, still = equation_sizes(robot), np.zeros((1, robot.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the equations (T, n + m) and the drive by the path at path coordinates `share` (T,)."""
+        """Compute the equations (T, n + m) and their derivatives at path coordinates `share` (T,)."""
         share = np.clip(share, 0.0, 1.0)
         x = path(share)
         linearised = linearised_at(robot, q, x)
-        drive = np.zeros_like(linearised.residual)
-        drive[:, : robot.n] = -robot.platform.twist(x, path(share, 1))[0]
+        by_share = np.zeros_like(linearised.residual)
+        by_share[:, : robot.n] = -robot.platform.twist(x, path(share, 1))[0]
         matrix = type1_matrix(robot, linearised)
-        return CurveEquations(matrix, drive / sizes, linearised.residual / sizes, linearised)
+        return CurveEquations(matrix, by_share / sizes, linearised.residual / sizes, linearised)
 
-    ahead = find_turning_points(Curves(robot, robot.moving, still, evaluate), pose.q, np.array([s]))
+    ahead = Curves(robot, robot.moving, still, evaluate).find_turning_points(pose.q, np.array([s]))
     if not ahead.found[0]:
         return None
     return float(ahead.share[0]), BranchPoses(ahead.q, ahead.linearised, still)

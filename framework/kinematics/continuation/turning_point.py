@@ -38,18 +38,21 @@ class CurveEquations(NamedTuple):
     """F and its derivatives at T points, without dimension (radians, lengths of the robot)."""
 
     matrix: Array  # (T, k, k) M
-    drive: Array  # (T, k) b
+    by_share: Array  # (T, k) b
     residual: Array  # (T, k)
     linearised: LinearisedLoops  # the same with dimensions
 
 
-class TurningPoints(NamedTuple):
+class CurveEnds(NamedTuple):
     """The turning points of T curves; where none is found the other values mean nothing."""
 
     found: BoolArray  # (T,)
     share: Array  # (T,) of the prescribed motion
     q: Array  # (T, nq)
     linearised: LinearisedLoops  # the equations there
+    length: Array  # (T,) t along the curve [rad, lengths]
+    first_tangent: Array  # (T, k + 1) at the start
+    last_tangent: Array  # (T, k + 1) at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,20 +64,38 @@ class Curves:
     turn: Array  # (T, nv) prescribed motion of the other joints, s = 0 to 1
     evaluate: Callable[[Array, Array], CurveEquations]
 
-    def joint_motions(self, step: Array) -> Array:
+    def find_turning_points(self, q: Array, share: Array) -> CurveEnds:
+        """Find the turning points of T curves ahead of configurations q (T, nq).
+
+        Of its prescribed motion each curve has done a `share` (T,). A turning point is found only if the
+        curve from q to the point is nearly a parabola in t: its chord is t times the mean of both end
+        tangents, and its share gains t/2 times the first slope ds/dt.
+        """
+        with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found
+            end = self._follow_to_turn(q, share)
+            first = end.length[:, None] * self._joint_motions(end.first_tangent)  # (T, nv)
+            last = end.length[:, None] * self._joint_motions(end.last_tangent)
+            deviation = difference(self.robot, q, end.q) - 0.5 * (first + last)
+            bend, length = largest_motion(self.robot, deviation), largest_motion(self.robot, first)
+            gain = 0.5 * end.length * end.first_tangent[:, -1]
+            is_turning = end.found & (end.share < 1.0) & (bend <= MAX_BEND * length)
+            is_turning &= np.abs(end.share - share - gain) <= MAX_SKEW * gain
+        return end._replace(found=is_turning)
+
+    def _joint_motions(self, step: Array) -> Array:
         """Compute joint motions (T, nv) of steps (T, k + 1) in y and s."""
         motion = step[:, -1:] * self.turn
         motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
 
-    def follow_to_turn(self, q: Array, share: Array) -> _CurveEnd:
-        """Follow T curves from q (T, nq) to where ds/dt is zero.
+    def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
+        """Follow T curves from q (T, nq) by secants to ds/dt = 0, ahead of the start; return their ends.
 
-        That is a root by the secant method. `share` (T,) is s at the start. t is the length of each curve so
-        far. A curve that has converged, or has become too long, rests while the others go on.
+        `share` (T,) is s at the start. A curve that has converged, or has become too long, rests while the
+        others go on.
         """
         equations = self.evaluate(q, share)
-        c = solve(equations.matrix, -equations.drive)  # along dy/ds at the start
+        c = solve(equations.matrix, -equations.by_share)  # along dy/ds at the start
         c = c / np.linalg.norm(c, axis=1, keepdims=True)
         correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
@@ -85,8 +106,7 @@ class Curves:
             diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
             rests = converged | diverges
             step = np.where(rests[:, None], 0.0, step)
-            q = integrate(self.robot, q, self.joint_motions(step))
-            share = share + step[:, -1]
+            q, share = integrate(self.robot, q, self._joint_motions(step)), share + step[:, -1]
             t = t + np.where(rests, 0.0, dt)
             converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
             last_slope = tangent[:, -1]  # ds/dt
@@ -95,19 +115,7 @@ class Curves:
             if (converged | diverges).all():
                 break
             dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # the secant's zero of ds/dt
-        return _CurveEnd(converged & (t > 0), q, share, t, first_tangent, tangent, equations.linearised)
-
-
-class _CurveEnd(NamedTuple):
-    """The ends of T curves."""
-
-    found: BoolArray  # (T,) whether ds/dt vanishes there, ahead of the start
-    q: Array  # (T, nq)
-    share: Array  # (T,)
-    t: Array  # (T,) length along the curve [rad, lengths]
-    first: Array  # (T, k + 1) tangent at the start
-    last: Array  # (T, k + 1) tangent at the end
-    linearised: LinearisedLoops
+        return CurveEnds(converged & (t > 0), share, q, equations.linearised, t, first_tangent, tangent)
 
 
 def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
@@ -118,29 +126,9 @@ def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array
     count, size = c.shape
     bordered = np.zeros((count, size + 1, size + 1))
     bordered[:, :-1, :-1] = equations.matrix
-    bordered[:, :-1, -1] = equations.drive
+    bordered[:, :-1, -1] = equations.by_share
     bordered[:, -1, :-1] = c
     newton_right, tangent_right = np.zeros((2, count, size + 1))
     newton_right[:, :-1] = -equations.residual
     tangent_right[:, -1] = 1.0
     return solve(bordered, newton_right), solve(bordered, tangent_right)
-
-
-def find_turning_points(curves: Curves, q: Array, share: Array) -> TurningPoints:
-    """Find the turning points of T curves ahead of configurations q (T, nq).
-
-    Of its prescribed motion each curve has done a `share` (T,). A turning point is found only if the curve
-    from q to the point is nearly a parabola in t: its chord is t times the mean of both end tangents, and its
-    share gains t/2 times the first slope ds/dt.
-    """
-    robot = curves.robot
-    with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found
-        end = curves.follow_to_turn(q, share)
-        first = end.t[:, None] * curves.joint_motions(end.first)  # (T, nv)
-        last = end.t[:, None] * curves.joint_motions(end.last)
-        deviation = difference(robot, q, end.q) - 0.5 * (first + last)
-        bend, length = largest_motion(robot, deviation), largest_motion(robot, first)
-        gain = 0.5 * end.t * end.first[:, -1]
-        is_turning = end.found & (end.share < 1.0) & (bend <= MAX_BEND * length)
-        is_turning &= np.abs(end.share - share - gain) <= MAX_SKEW * gain
-    return TurningPoints(is_turning, end.share, end.q, end.linearised)

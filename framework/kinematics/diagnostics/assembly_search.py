@@ -25,12 +25,12 @@ from framework.kinematics.closures import (
     direction_gaps,
     find_flipped_closure,
     loop_equations,
-    row_joint_signs,
     row_weights,
     scale_jacobian,
 )
 from framework.kinematics.frames import FrameStack, frames_at, integrate, integrate_columns
 from framework.kinematics.mechanism import Mechanism
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import wrap_angles
@@ -61,7 +61,7 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
         NotAssembled: no start leads to one; names a loop equation and the least gap.
     """
     lower, upper = _joint_ranges(mechanism)
-    u = np.zeros(mechanism.model.nv)
+    u = np.zeros(mechanism.nv)
     for group in _group_loops(mechanism, lower, upper):
         u[group.columns] = _nearest_closing(group)
     farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
@@ -165,8 +165,8 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    frames = frames_at(mechanism, mechanism.q_near[None])
-    depends = row_joint_signs(mechanism.rows, frames) != 0.0  # (m, nv) whether a row changes with a joint
+    carried = scratch_of(mechanism).carried
+    depends = mechanism.rows.joint_signs(carried) != 0.0  # (m, nv) whether a row changes with a joint
     depends |= mechanism.rows.coupling_jacobian(depends.shape[1]) != 0.0
     depends[:, mechanism.elastic] = False
     pattern = csr_array(depends.astype(float))
@@ -184,11 +184,10 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
 
 def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
-    lower, upper = np.full(mechanism.model.nv, -np.inf), np.full(mechanism.model.nv, np.inf)
+    lower, upper = np.full(mechanism.nv, -np.inf), np.full(mechanism.nv, np.inf)
     for limit in mechanism.limits:
-        column = mechanism.model.joints[mechanism.model.getJointId(limit.joint)].idx_v
         reference = mechanism.q_near[limit.coordinate]
-        lower[column], upper[column] = limit.lower - reference, limit.upper - reference
+        lower[limit.column], upper[limit.column] = limit.lower - reference, limit.upper - reference
     lower, upper = lower / mechanism.column_scale, upper / mechanism.column_scale
     # the solver's bounds may not meet: leave a little room between limits that do
     limited = np.isfinite(lower)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from framework.kinematics.modes import mode_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.rounded_loops import assemble_mechanism, rounded_gap
 from framework.kinematics.tree_model import positions_beyond_limits
+from framework.numerics.arrays import Names
 from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
 MOVED_REFERENCE = 1e-3  # [rad, robot lengths] of a joint: a file of four digits is nearer
@@ -37,19 +37,19 @@ class Diagnosis:
 
     robot: str
     flexibility: str
-    platform_axes: tuple[str, ...]
-    actuators: tuple[str, ...]
-    passive_joints: tuple[str, ...]
-    idle_joints: tuple[str, ...]  # a passive joint for each motion that moves no centre of mass
-    loose_joints: tuple[str, ...]  # one for each that moves masses without a motor and a platform axis
-    springs: tuple[str, ...]
+    platform_axes: Names
+    actuators: Names
+    passive_joints: Names
+    idle_joints: Names  # a passive joint for each motion that moves no centre of mass
+    loose_joints: Names  # one for each that moves masses without a motor and a platform axis
+    springs: Names
     mobility: int  # degrees of freedom with all springs locked, idle ones included
     redundant_motors: int  # actuators beyond the mobility less the idle ones
     loop_equations: int
     rank: int
-    redundant_rows: tuple[str, ...]  # closure.axis
+    redundant_rows: Names  # closure.axis
     mass: float  # [kg]
-    massless_joints: tuple[str, ...]  # joints that carry no mass of their own
+    massless_joints: Names  # joints that carry no mass of their own
     closure_error: float  # [m or rad] at the reference
     reference: dict[str, float]  # joint angles of the assembled reference [rad, m]
     platform: tuple[float, ...]
@@ -58,7 +58,7 @@ class Diagnosis:
     smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
     square: bool  # as many platform axes as degrees of freedom, all of them moving, and no fewer actuators
     stuck_axes: str  # along which the platform cannot move; empty if there are none
-    axes_that_do: tuple[tuple[str, ...], ...]  # sufficient platform axes, if the stated ones are not
+    axes_that_do: tuple[Names, ...]  # sufficient platform axes, if the stated ones are not
     assembled: bool  # whether the loops close near the reference of the file; if not, a pose was searched
     gap_at_reference: float  # [m or rad] of the loops near the reference of the file; 0 if it is assembled
     advice: tuple[str, ...]
@@ -79,25 +79,25 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     motions = count_freedoms(robot)
     axes = examine_platform_axes(robot, motions.working - len(motions.loose))
     square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
-    modes = _reference_modes(robot) if square else _Modes(0, 0, None)
-    masses = {name: body.mass for name, body in moving_bodies(robot).items()}
+    working, assembly, least = _reference_modes(robot) if square else (0, 0, np.inf)
+    bodies = moving_bodies(robot)
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     advice = [
         *remarks,
         *_advice_on_motions(robot, motions, axes),
         *_advice_on_loops(robot, redundant),
         *remarks_on_bodies(robot),
-        *_advice_on_reference(robot, modes),
+        *_advice_on_reference(robot),
     ]
+    if least < BRANCHES_MEET:
+        advice.append("the reference is itself singular: give one away from the locus")
     return Diagnosis(
         robot=robot.name,
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
         passive_joints=tuple(
-            joint
-            for joint in map(robot.coordinates.name_of, map(int, robot.passive))
-            if joint not in motions.idle
+            name for name in map(robot.coordinates.name_of, robot.passive) if name not in motions.idle
         ),
         idle_joints=motions.idle,
         loose_joints=motions.loose,
@@ -107,12 +107,14 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         loop_equations=len(robot.rows.names),
         rank=len(robot.structure.independent),
         redundant_rows=redundant,
-        mass=float(sum(masses.values())),
-        massless_joints=tuple(name for name, mass in masses.items() if mass == 0.0),
+        mass=float(sum(body.mass for body in bodies.values())),
+        massless_joints=tuple(name for name, body in bodies.items() if body.mass == 0.0),
         closure_error=robot.reference.residual,
         reference=robot.reference_values(robot.reference.q),
         platform=tuple(map(float, robot.reference.x)),
-        **modes._asdict(),
+        working_mode=working,
+        assembly_mode=assembly,
+        smallest_singular_value=least if least < np.inf else None,
         square=square,
         stuck_axes=axes.stuck,
         axes_that_do=axes.proposals,
@@ -160,20 +162,11 @@ def reference_in_words(mechanism: Mechanism) -> str:
     return "the reference that is given" if stated else "the default reference (all zero)"
 
 
-class _Modes(NamedTuple):
-    """Signs of the modes at the reference and its distance from Type 2, as in `Diagnosis`."""
-
-    working_mode: int
-    assembly_mode: int
-    smallest_singular_value: float | None
-
-
-def _reference_modes(robot: ParallelRobot) -> _Modes:
-    """Compute both modes of the reference and its clearance from Type 2, None if infinite."""
+def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
+    """Compute the signs of both modes of the reference, and its clearance from Type 2."""
     linearised = linearised_at_reference(robot)
     working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
-    least = float(clearance(robot, linearised)[0])
-    return _Modes(working, assembly, least if least < np.inf else None)
+    return working, assembly, float(clearance(robot, linearised)[0])
 
 
 def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
@@ -248,8 +241,8 @@ def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[s
     return advice
 
 
-def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
-    """Return advice on a reference beyond the joints' limits, or on the locus."""
+def _advice_on_reference(robot: ParallelRobot) -> list[str]:
+    """Return advice on a reference away from the one that is given, or beyond the joints' limits."""
     advice = []
     offset = difference(robot, robot.q_near, robot.reference.q[None])[0]
     columns = velocity_columns(robot.model, robot.description.reference)
@@ -265,8 +258,6 @@ def _advice_on_reference(robot: ParallelRobot, modes: _Modes) -> list[str]:
     if excesses:
         listed = "; ".join(f"{joint}: {position}" for joint, position in excesses.items())
         advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
-    if modes.smallest_singular_value is not None and modes.smallest_singular_value < BRANCHES_MEET:
-        advice.append("the reference is itself singular: give one away from the locus")
     return advice
 
 

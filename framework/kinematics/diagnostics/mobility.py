@@ -26,7 +26,9 @@ from framework.kinematics.loop_structure import motion_matrix, pivot_rows
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, Names
+from framework.numerics.ordered_sums import singular_values
+from framework.numerics.subspaces import split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
@@ -37,8 +39,8 @@ class Mobility(NamedTuple):
     """The freedoms of a robot at its reference."""
 
     freedoms: int  # all of them, springs locked
-    idle: tuple[str, ...]  # a joint for each motion that moves no centre of mass
-    loose: tuple[str, ...]  # a joint for each that moves masses without a motor or a platform coordinate
+    idle: Names  # a joint for each motion that moves no centre of mass
+    loose: Names  # a joint for each that moves masses without a motor or a platform coordinate
 
     @property
     def working(self) -> int:
@@ -52,7 +54,7 @@ class PlatformAxes(NamedTuple):
     stuck: str  # axes stuck at the reference and at nearby poses; empty if there are none
     stuck_here: str  # axes stuck at the reference
     velocities: int  # independent ones among all six of the frame
-    proposals: tuple[tuple[str, ...], ...]  # sufficient axes, if the stated ones are not
+    proposals: tuple[Names, ...]  # sufficient axes, if the stated ones are not
 
 
 def count_freedoms(robot: ParallelRobot) -> Mobility:
@@ -62,7 +64,7 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
     """
     q = robot.reference.q
     motions = _free_motions(robot, q)  # (nv, f)
-    driven_rates = [_platform_rates(robot, q), np.eye(robot.model.nv)[robot.actuated]]
+    driven_rates = [_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]]
     undriven = motions @ null_space(np.concatenate(driven_rates) @ motions)  # (nv, k)
     mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
     with_mass, without_mass = row_and_null_space(mass_velocities, NEARLY_AT_REST)
@@ -96,16 +98,16 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     )
 
 
-def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[Names, ...]:
     """Return sets of axes along which a frame can move, fewest turns first.
 
     `twists` (6, f) are those of the frame at each pose. Two turns are coordinates in series, and their order
     matters: if the `stated` axes are two insufficient turns, the other order is proposed.
     """
-    proposals: list[tuple[str, ...]] = []
+    proposals: list[Names] = []
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
     for axes in by_turns if freedoms else ():
-        least = max(np.linalg.svd(matrix[list(axes)], compute_uv=False)[-1] for matrix in twists)
+        least = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)
         if least > PROPOSED_AXES_CLEARANCE:
             names = tuple(AXES[axis] for axis in axes)
             if set(names) != set(stated):
@@ -164,7 +166,7 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
     return np.concatenate(velocities) / robot.length * robot.column_scale
 
 
-def _name_stuck_axes(stuck: Array, names: tuple[str, ...]) -> str:
+def _name_stuck_axes(stuck: Array, names: Names) -> str:
     """Name the axes of immovable combinations (n, k): alone, or several together."""
     sizes = np.linalg.norm(stuck, axis=1)  # (n,) 1 for an axis that is itself a combination
     alone = [name for name, size in zip(names, sizes, strict=True) if size > 1.0 - FILE_ROUNDING]
@@ -181,14 +183,12 @@ def null_space(matrix: Array) -> Array:
 
 
 def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
-    """Compute orthonormal bases of the row space and the null space of a matrix.
+    """Compute orthonormal columns (c, r) of a matrix's row space, (c, c - r) of its null space.
 
-    They are (c, rank) and (c, c - rank) for a matrix with c columns. The rank r counts singular values above
-    a level.
+    The rank r counts singular values above a level.
     """
-    _, values, right = np.linalg.svd(matrix)
-    rank = int(np.sum(values > level))
-    return right[:rank].T, right[rank:].T
+    span, null = split_row_space(matrix, level, scale=(1.0, 1.0))
+    return span.T, null.T
 
 
 def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:

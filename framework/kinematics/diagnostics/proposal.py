@@ -50,6 +50,7 @@ MAX_TRIED = 12  # proposals of a platform, at most
 MAX_SHOWN = 6  # joints that a message names
 MAX_CHOICES = 20_000  # of motors, that are compared one by one
 IN_NO_LOOP = "in no loop; --motors or --platform say otherwise"
+BESIDE_SINGULARITY = "reference: a pose beside the file's, which is on a singularity of the loops"
 # parts of names that people give to what a robot works with
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
 
@@ -139,14 +140,11 @@ def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRob
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
     try:
-        return _complete_at_pose(known, _close_near_reference(known.description), by_joints=by_joints)
+        return _complete_at_pose(known, _motions_near_reference(known.description), by_joints=by_joints)
     except SingularReference as singular:
-        beside = _close_near_reference(replace(known.description, reference=singular.poses[0]))
-        remarks = (
-            *beside.remarks,
-            "reference: a pose beside the file's, which is on a singularity of the loops",
-        )
-        return _complete_at_pose(known, beside._replace(remarks=remarks), by_joints=by_joints)
+        beside = _motions_near_reference(replace(known.description, reference=singular.poses[0]))
+        beside = beside._replace(remarks=(*beside.remarks, BESIDE_SINGULARITY))
+        return _complete_at_pose(known, beside, by_joints=by_joints)
     except RobotFileError:
         within = _close_within_limits(known.description)
         if within is None:
@@ -223,27 +221,21 @@ def _no_freedom(motions: _Motions, known: PartialRobot) -> RobotFileError:
 
 
 def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
-    """Return advice to select one of several parts with loops, such as a leg.
+    """Return advice to select one of several parts with loops, such as a leg; empty without several.
 
-    It is empty if there is no such part. A part is what a joint carries if that includes several motors, not
-    all, and whole loops only. Without such a joint, the advice is to lock all loops but those that share
-    joints with the first.
+    A part is what a joint carries if that includes several motors, not all, and whole loops only. Without
+    such a joint, the advice is to lock all loops but those that share joints with the first.
     """
     motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
     loop_paths = [
-        [tree.path_to_base(tree.link_of(frame)) for frame in closure.frames]
-        for closure in description.closures
+        [tree.path_to_base(tree.link_of(frame)) for frame in loop.frames] for loop in description.closures
     ]
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
-        carried_ends = {
-            sum(joint in path for path in paths) for paths in loop_paths
-        }  # of each loop 0, 1 or 2
+        carried_ends = {sum(joint in path for path in ends) for ends in loop_paths}  # of each loop 0, 1 or 2
         carried_motors = sum(joint in path for path in motor_paths)
         if 1 < carried_motors < len(motor_paths) and carried_ends == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
-    first, *others = merge_overlapping(_loop_joints(tree, closure) for closure in description.closures) or [
-        []
-    ]
+    first, *others = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures) or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
     if not to_lock:
@@ -268,7 +260,7 @@ def _close_within_limits(description: RobotDescription) -> _Motions | None:
         return None
     try:
         pose = find_closed_pose(mechanism)
-        within = _close_near_reference(replace(description, reference=mechanism.reference_values(pose.q)))
+        within = _motions_near_reference(replace(description, reference=mechanism.reference_values(pose.q)))
     except NotAssembled:
         return None
     remark = (
@@ -278,17 +270,18 @@ def _close_within_limits(description: RobotDescription) -> _Motions | None:
     return within._replace(remarks=(remark, *within.remarks))
 
 
-def _close_near_reference(description: RobotDescription) -> _Motions:
-    """Return the motions at the closed regular pose nearest to the reference."""
+def _motions_near_reference(description: RobotDescription) -> _Motions:
+    """Return the motions at the closed reference, or at a nearby pose with more independent loops."""
     mechanism, remarks = _assemble(Mechanism.from_description(description))
-    q = mechanism.q_near
-    beside = nearby_configurations(mechanism, q)
-    if any(_loop_rank(mechanism, pose) > _loop_rank(mechanism, q) for pose in beside):
-        q = max(beside, key=lambda pose: _loop_rank(mechanism, pose))
-        remarks.append("reference: a pose beside the file's, which is on a singularity of the loops")
-    basis = find_free_motions(mechanism, q, _loop_rank(mechanism, q))
-    working = _working_motions(mechanism, q, basis)
-    return _Motions(mechanism, q, basis, working, tuple(remarks))
+    reference = mechanism.q_near  # closed
+    poses = [reference, *nearby_configurations(mechanism, reference)]
+    ranks = [len(independent_rows(joint_loops_matrix(mechanism, pose))) for pose in poses]
+    rank = max(ranks)
+    q = poses[ranks.index(rank)]  # the first, which is the reference unless that is singular
+    if q is not reference:
+        remarks.append(BESIDE_SINGULARITY)
+    basis = find_free_motions(mechanism, q, rank)
+    return _Motions(mechanism, q, basis, _working_motions(mechanism, q, basis), tuple(remarks))
 
 
 def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
@@ -327,11 +320,6 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
         motors += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
     with_motor = row_and_null_space(idle[velocity_columns(mechanism.model, motors)], NEARLY_AT_REST)[0]
     return np.concatenate([basis @ with_mass, idle @ with_motor], axis=1)
-
-
-def _loop_rank(mechanism: Mechanism, q: Array) -> int:
-    """Return the rank of the loop equations along the joints at q (nq,)."""
-    return len(independent_rows(joint_loops_matrix(mechanism, q)))
 
 
 def _choose_driving_joints(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
@@ -469,19 +457,20 @@ def _frame_platforms(
     First the joints that carry the frame, if passive, with score 3. Then axes of the frame, with the least
     singular value of its twists (6, w) along them, and up to 2 more for translations.
     """
-    path = [joint for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves]
-    names = tuple(joint.name for joint in path)
-    if len(path) == count and set(names) <= set(tree.movable) and not set(names) & set(motors):
+    names = tuple(joint.name for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves)
+    if len(names) == count and set(names) <= set(tree.movable).difference(motors):
         yield 3.0, Platform(frame, (), names)
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
-        least = np.linalg.svd(twists[list(axes)], compute_uv=False)[-1]
-        turns = sum(axis >= 3 for axis in axes)
-        if least > FILE_ROUNDING and not (turns_about_a_point and turns < count):
-            axis_names = tuple(AXES[axis] for axis in axes)
-            orders = [axis_names, axis_names[::-1]] if turns == count == 2 else [axis_names]
-            for order in orders:
-                yield min(least, 1.0) + 2.0 * (count - turns) / count, Platform(frame, order)
+        least = singular_values(twists[list(axes)])[-1]
+        translations = sum(axis < 3 for axis in axes)
+        if least <= FILE_ROUNDING or (turns_about_a_point and translations):
+            continue
+        score = min(least, 1.0) + 2.0 * translations / count
+        axis_names = tuple(AXES[axis] for axis in axes)
+        yield score, Platform(frame, axis_names)
+        if count == 2 and not translations:  # two turns in series are other coordinates the other way round
+            yield score, Platform(frame, axis_names[::-1])
 
 
 def _turns_about_a_point(twists: Array) -> bool:
@@ -506,7 +495,7 @@ def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Arra
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for frame in tree.frames:
         twist = pin.getFrameJacobian(mechanism.model, data, frame_index(mechanism.model, frame), axes)
-        yield frame, scaled_twists(mechanism, twist.reshape(6, mechanism.model.nv))
+        yield frame, scaled_twists(mechanism, twist.reshape(6, mechanism.nv))
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:

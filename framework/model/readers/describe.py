@@ -29,6 +29,7 @@ from framework.model.description import (
 from framework.model.readers.urdf_tree import MAX_LOOPS, UnreadElement, UrdfTree
 from framework.model.robot_keys import merge_joint_dynamics
 from framework.model.urdf_elements import declared_couplings, declared_dynamics
+from framework.numerics.arrays import Names
 from framework.numerics.fields import check_distinct
 
 # names that exporters give to every model
@@ -60,12 +61,12 @@ class Options:
     """
 
     platform: str | None = None
-    axes: tuple[str, ...] | None = None
-    motors: tuple[str, ...] | None = None
+    axes: Names | None = None
+    motors: Names | None = None
     reference: Mapping[str, float] = field(default_factory=dict)
     base: str | None = None  # a link: what it does not carry is locked
     locked: Mapping[str, float | None] = field(default_factory=dict)
-    platform_joints: tuple[str, ...] | None = None
+    platform_joints: Names | None = None
     propose: Propose | None = None
 
     @property

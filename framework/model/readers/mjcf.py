@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import RobotFileError
-from framework.model.description import Coupling, JointDynamics, ParsedRobot
+from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, invert_placement, placement
 from framework.model.readers.describe import Options, describe
 from framework.model.readers.mujoco_model import compile_mjcf
@@ -210,7 +210,7 @@ class _Model:
         ends = frames[model.eq_obj1id[k]], frames[model.eq_obj2id[k]]
         holds_turn = kind == "weld" and data[10]
         closure_kind = "fixed" if holds_turn else "spherical"
-        self.tree.close(name, closure_kind, zip("12", ends, places, strict=True))
+        self.tree.close(name, locked_axes(closure_kind), zip("12", ends, places, strict=True))
 
     def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
         """Read an equality of joints or tendons: a coupling, or a fixed joint.

@@ -3,8 +3,8 @@
 Read are models, also in a world, in a model and by `<include>` of a file beside it (`a::b` names what is
 nested); frames and poses with `relative_to` and `attached_to`; joints fixed, revolute, prismatic, universal,
 revolute2, ball and screw with limits, damping, friction, springs and `<mimic>`; inertias and primitive
-shapes. A screw is a turn and a coupled slide; where it closes a loop, these end in a link without mass. A
-joint whose parent is a `<frame>` stands in that frame, so that the loops may be open where the file has its
+shapes. A screw is a turn and a coupled slide, and cannot close a loop. A joint whose parent is a `<frame>`
+stands in that frame, so that the loops may be open where the file has its
 links. Joints with something of their own, such as a limit, stay in the tree, others are cut first. Joints
 that a plugin names are likely motors. The file says nothing about the platform.
 
@@ -13,6 +13,7 @@ Source: sdformat.org, "Pose frame semantics".
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from framework.errors import RobotFileError, check_choice, check_name, choose_from
-from framework.model.description import Coupling, JointDynamics, ParsedRobot
+from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.documents import (
     attribute,
     child_element,
@@ -48,7 +49,7 @@ _KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal",
     "ball": "spherical",
 }
 # motions of one freedom by kind: what ends the name, the joint of the URDF, the element of its properties
-_MOTIONS = {
+_MOTIONS = {  # of each kind: suffix of the motion's name, motion, tag of its axis
     "revolute": (("", "continuous", "axis"),),
     "prismatic": (("", "prismatic", "axis"),),
     "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
@@ -106,17 +107,18 @@ class _Joint(NamedTuple):
     element: Element
     kind: str
     links: tuple[str, str]  # of the parent first
-    places: tuple[Array, Array]
+    places: tuple[Array, Array]  # (4, 4), of the joint in each link's frame
     motions: tuple[NewJoint, ...]  # in the joint's frame
     dynamics: dict[str, JointDynamics]  # by motion, none where nothing acts
 
-    def chain(self, step: int) -> list[NewJoint]:
-        """Return the joints of the URDF, from parent to child for step 1, else for -1."""
-        places = [self.places[::step][0], np.eye(4)]
-        return [
-            motion._replace(origin=origin, axis=None if motion.axis is None else step * motion.axis)
-            for motion, origin in zip(self.motions[::step], places, strict=False)
-        ]
+    def chain(self, *, is_reversed: bool) -> list[NewJoint]:
+        """Return the motions as joints of a URDF from parent to child, or in reverse."""
+        motions = list(self.motions)
+        if is_reversed:
+            opposite = (None if motion.axis is None else -motion.axis for motion in motions)
+            pairs = zip(motions, opposite, strict=True)
+            motions = [motion._replace(axis=axis) for motion, axis in pairs][::-1]
+        return [motions[0]._replace(origin=self.places[is_reversed]), *motions[1:]]
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -126,26 +128,30 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     for parent in (root, *root.findall("world")):
         _add_models(scope, parent, file.parent, "", WORLD)
     joints = _joints_of_main_part(scope)
-    names = _choose_tree_joints(scope, joints)
-    tree = UrdfTree(_make_urdf(scope, joints, names, file.stem))
-    tree.unused += {f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED}
+    tree_names = _choose_tree_joints(scope, joints)
+    tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
+    tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED})  # without zeros
     tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
-    plugged = [element.text or "" for element in root.iter("joint_name")]
-    tree.likely_motors = [name for name in names if name.rsplit("::", 1)[-1] in plugged]
+    named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
+    tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
     _report_unread_parts(scope, tree, joints)
     for joint in joints:
-        if joint.name not in names:
-            _close_cut_joint(tree, joint)
-        if joint.name in names or joint.kind == "screw":
-            tree.couplings += _read_couplings(joint, names)
+        if joint.name in tree_names:
+            tree.couplings += _read_couplings(joint, tree_names)
             tree.dynamics |= joint.dynamics
-            continue
-        cut_parts = ["dynamics"] if joint.dynamics else []
-        cut_parts += ["mimic"] if _has_property(joint.element, "mimic") else []
-        for part in cut_parts:
-            text = f"joint {joint.name!r}: its {part}, where the loop is cut"
-            tree.left_out.append(UnreadElement(text, (joint.links[1],)))
+        else:
+            _close_cut_joint(tree, joint)
+            _report_cut_properties(tree, joint)
     return describe(tree, file, options, "sdf")
+
+
+def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
+    """Report dynamics and mimic of a joint where a loop is cut: a closure has neither."""
+    properties = {"dynamics": bool(joint.dynamics), "mimic": _has_property(joint.element, "mimic")}
+    for name, is_there in properties.items():
+        if is_there:
+            text = f"joint {joint.name!r}: its {name}, where the loop is cut"
+            tree.left_out.append(UnreadElement(text, (joint.links[1],)))
 
 
 def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
@@ -322,21 +328,21 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     """Make a joint with its motions, placed in its parent's frame and in its child's."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
-    in_child = scope.place(f"joint {name}")
+    ends = [scope.place(f"joint {name}")] * 2  # of the joint on its parent and its child
     parent = _end_name(element, "parent")
-    in_parent = scope.place(parent) if parent in scope.attached and parent not in scope.links else in_child
-    places = [
-        invert_placement(scope.place(link)) @ end
-        for link, end in zip(links, (in_parent, in_child), strict=True)
-    ]
+    if parent in scope.attached and parent not in scope.links:  # a frame, which the joint begins at
+        ends[0] = scope.place(parent)
+    in_parent, in_child = (
+        invert_placement(scope.place(link)) @ end for link, end in zip(links, ends, strict=True)
+    )
     motions, dynamics = [], dict[str, JointDynamics]()
     for suffix, motion, tag in _MOTIONS.get(kind, ()):
-        axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)
+        axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
         motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, _read_limits(element, name, tag)))
         if (acting := _read_dynamics(element, name, tag)) != JointDynamics():
             dynamics[name + suffix] = acting
     motions = motions or [NewJoint(name, kind, np.eye(4))]
-    return _Joint(name, element, kind, links, (places[0], places[1]), tuple(motions), dynamics)
+    return _Joint(name, element, kind, links, (in_parent, in_child), tuple(motions), dynamics)
 
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
@@ -358,7 +364,7 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     if not within and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
         return axis
     frame = scope.place(_scope_name(joint.get("scope", ""), within or MODEL))
-    return np.asarray(scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis)
+    return scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis
 
 
 def _has_property(joint: Element, *properties: str) -> bool:
@@ -413,22 +419,22 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
     """Choose the joints of a spanning tree: with own properties first, balls last."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
-    def tree_order(joint: _Joint) -> tuple[bool, ...]:
-        """Return the sort key of a joint; the tree takes joints with false entries first.
-
-        Joints left over close loops: they should be plain ones, without own properties or mimics.
-        """
-        is_constraint = f"{joint.name}_at_child" in scope.relative
-        leads = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
-        is_plain = not _has_property(joint.element, *_OWN)
-        is_ball_or_cross = joint.kind in ("universal", "spherical")
-        return joint.kind == "screw", is_constraint, not leads, is_plain, is_ball_or_cross
+    def reasons_to_cut(joint: _Joint) -> tuple[bool, ...]:
+        """Return the reasons to cut a loop at a joint, the strongest first."""
+        is_coupled = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
+        return (
+            f"{joint.name}_at_child" in scope.relative,  # made of a constraint: `_constraint_elements`
+            joint.kind != "screw",
+            not is_coupled,
+            not _has_property(joint.element, *_OWN),
+            joint.kind in ("universal", "spherical"),
+        )
 
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
-    for joint in sorted(joints, key=tree_order):
+    for joint in sorted(joints, key=reasons_to_cut):
         first, second = (groups[link] for link in joint.links)
-        if first is not second:
+        if first is not second:  # the joint closes no loop with those chosen
             first |= second
             groups |= dict.fromkeys(second, first)
             chosen.add(joint.name)
@@ -447,18 +453,13 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], na
     for link in waiting:  # which grows
         root.append(_make_link(scope, link))
         for joint in in_tree:
-            step = 1 if link == joint.links[0] else -1
-            inner, outer = joint.links[::step]
+            is_reversed = link != joint.links[0]
+            inner, outer = joint.links[is_reversed], joint.links[not is_reversed]
             if link != inner or outer in waiting:
                 continue
-            end = invert_placement(joint.places[::step][1])
-            root.extend(chain_elements(link, joint.chain(step), outer, end, taken))
+            end = invert_placement(joint.places[not is_reversed])
+            root.extend(chain_elements(link, joint.chain(is_reversed=is_reversed), outer, end, taken))
             waiting.append(outer)
-    for joint in joints:
-        if joint.kind == "screw" and joint.name not in chosen:
-            stub = f"{joint.name}_stub"
-            SubElement(root, "link", name=stub)
-            root.extend(chain_elements(joint.links[0], joint.chain(1), stub, np.eye(4), taken))
     return root
 
 
@@ -500,18 +501,13 @@ def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | N
 
 def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
     """Close the loop of a joint of `scope` between links of a tree."""
-    ends, kind = _links_of_joint(scope, name), scope.joints[name].get("type")
-    if kind in (*_NOT_READ, "screw"):
-        raise RobotFileError(f"joint {name!r}: {kind}: not read")
-    _close_cut_joint(tree, _make_joint(scope, name, ends))
+    _close_cut_joint(tree, _make_joint(scope, name, _links_of_joint(scope, name)))
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop of a cut joint; a screw's at the link behind its two motions."""
-    if joint.kind == "screw":
-        stub = ("1", f"{joint.name}_stub", np.eye(4))
-        tree.close(f"{joint.name}_end", "fixed", [stub, ("2", joint.links[1], joint.places[1])])
-        return
+    """Close the loop of a cut joint."""
+    if (kind := joint.element.get("type")) in (*_NOT_READ, "screw"):
+        raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop")
     ends = zip("12", joint.links, joint.places, strict=True)
     axes = [motion.axis for motion in joint.motions if motion.axis is not None]
-    tree.close(joint.name, joint.kind, ends, axes)
+    tree.close(joint.name, locked_axes(joint.kind), ends, axes)

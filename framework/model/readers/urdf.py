@@ -47,7 +47,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from framework.errors import RobotFileError, check_name
-from framework.model.description import ParsedRobot
+from framework.model.description import ParsedRobot, locked_axes
 from framework.model.documents import (
     attribute,
     check_parts,
@@ -110,7 +110,7 @@ def _read_loop(tree: UrdfTree, element: Element) -> None:
     kind = syntax.kinds[written]
     axes = _read_axes(element, where, kind, syntax.axes)
     ends = [(end.removeprefix("link"), *_read_end(tree, element, where, end)) for end in syntax.ends]
-    tree.close(name, kind, ends, axes)
+    tree.close(name, locked_axes(kind), ends, axes)
 
 
 def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
@@ -241,7 +241,7 @@ def _close_named_frames(tree: UrdfTree) -> bool:
             ((end, link),) = ends.items()
             missing = re.sub(rf"_{end}(_z)?$", rf"_{3 - int(end)}\1", link)
             raise RobotFileError(f"link {link!r}: the other end of its loop, {missing!r}, is missing")
-        tree.close(name, "spherical", [(end, ends[end], np.eye(4)) for end in "12"])
+        tree.close(name, locked_axes("spherical"), [(end, ends[end], np.eye(4)) for end in "12"])
     return bool(pairs)
 
 
@@ -280,4 +280,4 @@ def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
         ends = [(end, entry[f"link_{end}"]) for end in "ab"]
         places = [(end, name, invert_placement(tree.zero_pose(name)) @ point) for end, name in ends]
-        tree.close(f"loop_{i + 1}", "revolute", places, [axis])
+        tree.close(f"loop_{i + 1}", locked_axes("revolute"), places, [axis])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
@@ -17,7 +16,7 @@ import numpy as np
 from framework.errors import RobotFileError, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, remove_children
-from framework.model.placement import invert_placement, placement, rotation_about, rotation_with_axis
+from framework.model.placement import placement, rotation_about, rotation_with_axis
 from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
@@ -28,7 +27,7 @@ from framework.model.urdf_elements import (
     read_joint,
     read_tree,
 )
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, Names
 from framework.tolerances import FILE_ROUNDING
 
 MAX_LOOPS = 1000  # in a file
@@ -48,7 +47,7 @@ class UnreadElement(NamedTuple):
     """
 
     what: str
-    acts_on: tuple[str, ...]
+    acts_on: Names
     is_decisive: bool = False
 
 
@@ -204,24 +203,27 @@ class UrdfTree(Tree):
     # -------------------------------------------------------------- small edits
 
     def close(
-        self, name: str, kind: str, ends: Iterable[tuple[str, str, Array]], axes: Sequence[Array] = ()
+        self,
+        name: str,
+        locked: Names,
+        ends: Iterable[tuple[str, str, Array]],
+        axes: Sequence[Array] = (),
     ) -> None:
-        """Add a closure of two ends: suffix of a frame, link, placement (4, 4).
+        """Add a closure with `locked` axes of two ends: suffix of a frame, link, placement (4, 4).
 
         `axes` (3,) are in both ends. Of a universal joint the first axis is x of the first frame, the second
         is y of the second frame. Of other kinds they are z, one may stand for both, and a kind without an
         axis needs none.
         """
-        letters = "xy" if kind == "universal" else "zz"
-        turns = [rotation_with_axis(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)] or 2 * [
-            np.eye(3)
-        ]
+        letters = "xy" if locked == locked_axes("universal") else "zz"
+        turns = [rotation_with_axis(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)]
+        turns = turns or 2 * [np.eye(3)]
         frames = []
         for (suffix, link, origin), turn in zip(ends, turns, strict=True):
             where = origin @ placement(turn)
             is_own = np.array_equal(where, np.eye(4))
             frames.append(link if is_own else self.add_frame(f"{name}_{suffix}", link, where))
-        self.closures.append(Closure(name, (frames[0], frames[1]), locked_axes(kind)))
+        self.closures.append(Closure(name, (frames[0], frames[1]), locked))
 
     def add_motor(self, joint: str) -> None:
         """Add a motor without a gear to a joint."""
@@ -268,13 +270,10 @@ class UrdfTree(Tree):
         from scipy.spatial.transform import Rotation
 
         others = "xyz".replace(axis, "")
-        angle = float(np.linalg.norm(turn))
-        attitude = rotation_about(turn, angle) if angle else np.eye(3)
-        locked_angle, *angles = Rotation.from_matrix(attitude).as_euler(f"{axis}{others}".upper())
+        locked_angle, *angles = Rotation.from_rotvec(turn).as_euler(f"{axis}{others}".upper())
         locked_angle = locked_angle if value is None else value
-        ball.origin = ball.origin @ placement(
-            rotation_about(np.eye(3)["xyz".index(axis)], locked_angle) if locked_angle else None
-        )
+        locked_turn = rotation_about(np.eye(3)["xyz".index(axis)], locked_angle)
+        ball.origin = ball.origin @ placement(locked_turn)
         names = [f"{ball.name}_r{other}" for other in others]
         self.replace_by_turns(ball, others, names)
         self.fixed_at[f"{ball.name}_r{axis}"] = (locked_angle,)
@@ -304,10 +303,10 @@ class UrdfTree(Tree):
                 self.joints[turn.name] = self.parent_joint[turn.child] = turn
 
     def close_turns(self, name: str, first: str, second: str) -> bool:
-        """Close two links to equal turns, if all joints between turn in parallel.
+        """Add the closure that keeps the rotations of two links equal, one loop equation.
 
-        Then the turn of each link is the sum of its joints' angles, and "the sums are equal" is a loop
-        equation; return False where it is none.
+        The rotation of a link is the sum of its joints' angles if all joints between are parallel hinges;
+        return False where they are not. Hinges about opposite axes count as not parallel.
         """
         joints = [joint for chain in self.moving_chains(first, second) for joint in chain]
         axes = [self.zero_pose(joint.child)[:3, :3] @ joint.axis for joint in joints]
@@ -316,7 +315,7 @@ class UrdfTree(Tree):
             return False
         if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
-        turns = [placement(invert_placement(self.zero_pose(link))[:3, :3]) for link in (first, second)]
-        self.close(name, "planar", zip(("first", "second"), (first, second), turns, strict=True), axes[:1])
-        self.closures[-1] = replace(self.closures[-1], axes=("rz",))
+        # on the axes of the base
+        turns = [placement(self.zero_pose(link)[:3, :3].T) for link in (first, second)]
+        self.close(name, ("rz",), zip(("first", "second"), (first, second), turns, strict=True), axes[:1])
         return True

@@ -316,7 +316,7 @@ def test_a_jack_lifts_its_nut_by_the_lead_of_its_screw(tmp_path, thread, lead):
         )
         + "</model></sdf>"
     )
-    description = read(tmp_path, text, motors=["motor"], platform_joints=["guide"]).description
+    description = read(tmp_path, text, motors=["motor"], platform="nut", axes=["z"]).description
     robot = ParallelRobot.from_description(description)
     plan = plan_crossing(robot, Line([0.0], [0.01]), duration=1.0)
     turned = plan.motor_angle(np.array([0.0, 1.0]))[:, 0]
