@@ -169,7 +169,7 @@ class LinearBalance(NamedTuple):
         return np.concatenate([*(solved - self.eliminated @ scalars), scalars])
 
     def _split(self, unknowns: Array) -> tuple[Array, Array]:
-        """Split unknowns (unknowns, k) into those of each panel (panels, C, k) and the scalars."""
+        """Split unknowns (unknowns, k) into series (panels, C, k) and scalars."""
         panels, _, count = self.by_series.shape
         of_series, of_scalars = np.split(unknowns, [panels * count])
         return of_series.reshape(panels, count, -1), of_scalars

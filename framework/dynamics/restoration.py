@@ -129,7 +129,7 @@ def first_coefficient_count(degree: int) -> int:
 
 
 def _solve_by_softening(equations: BalanceEquations, series: Array, scalars: Array) -> GaussNewtonResult:
-    """Solve at this truncation, with springs softened stepwise where it stalls.
+    """Solve at this truncation, if need be by stepwise softer springs.
 
     Springs are MAX_STIFFENING times as stiff at first. A step divides their stiffness by `softening`, and by
     its root where that is too much.

@@ -62,7 +62,7 @@ class LawProblem(NamedTuple):
 
     @property
     def neglects_deflections(self) -> bool:
-        """Whether the robot is elastic, and torques are those of the undeformed one."""
+        """Whether torques of an elastic robot are those of the undeformed one."""
         return self.degree is not None and self.response is None
 
     @property

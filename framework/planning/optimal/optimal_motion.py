@@ -246,7 +246,7 @@ class _ElasticSearch:
         return law, dynamics
 
     def _find_law(self) -> Best:
-        """Find the law of this stage, in the units of the last one if there is one."""
+        """Find the law of this stage, in the units of the last law."""
         stage = self.stages[self.stage]
         problem = problem_of(self.next_task, self.points, self.speed_places)
         problem = problem._replace(sampled=self.sampled, response=self.response)

@@ -102,7 +102,7 @@ class SpeedProgram:
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
-        """Return the program with rows at points of cells (k + 1,) of xi, and in the limit at each crossing.
+        """Return the program on cells (k + 1,) of xi, with rows at points and crossings.
 
         Each crossing is in the middle of a cell. Cells about a crossing and at the ends have more points:
         torques change quickly there.
