@@ -62,7 +62,7 @@ class LawProblem(NamedTuple):
 
     @property
     def neglects_deflections(self) -> bool:
-        """Whether torques of an elastic robot are those of the undeformed one."""
+        """Whether rows leave out the deflections of an elastic robot."""
         return self.degree is not None and self.response is None
 
     @property

@@ -17,7 +17,7 @@ from framework.numerics.arrays import Array
 from framework.planning.optimal.best_law import Best, find_best_law
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
-from framework.planning.optimal.peak_bound import prove_no_law
+from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.optimal.phase_plane import demand
 from framework.planning.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
 
@@ -27,9 +27,9 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     name = problem.task.branch.robot.name
     cells = len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
-    if problem.response is not None:  # torques beside another motion prove nothing of limits
+    if problem.degree is not None:  # that there is no series proves nothing of limits
         return NotConverged(
-            f"{name}: no better law was found on {cells} cells: {none.status}", residual=np.inf
+            f"{name}: no series of degree {problem.degree} was found: {none.status}", residual=np.inf
         )
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
@@ -45,7 +45,7 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     evidence = SearchEvidence(cells, least, quickest, limits)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
-    proof = prove_no_law(problem)
+    proof = find_refuting_bound(problem.task)
     reason = "no law of free shape was found"
     if proof is not None:
         peak, _ = format_distinct(proof.value, 1.0)

@@ -15,7 +15,6 @@ from framework.laws.optimal_law import Smoothstep
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.dual_program import DualProgram, Evidence, Multipliers
-from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.path_series import PathSeries, cut_cells, resolve_series, uniform_cells
 from framework.planning.optimal.phase_plane import demand
@@ -74,19 +73,8 @@ def bound_duration(task: Task) -> PeakBound | None:
     return proof and _bound_with_multipliers(proof, limit, at_rest=0.0)
 
 
-def prove_no_law(problem: LawProblem) -> PeakBound | None:
-    """Find a bound of the relative peak above 1; None without.
-
-    By such a bound no law exists.
-    """
-    return None if problem.response is not None else find_refuting_bound(problem.task)
-
-
 def find_refuting_bound(task: Task) -> PeakBound | None:
-    """Find a bound of the undeformed robot's relative peak above 1.
-
-    None without.
-    """
+    """Find a bound above 1 of the undeformed robot's relative peak, by which no law exists; None without."""
     bound = bound_peak(task, task.specification.torque_limit)
     return bound if bound is not None and bound.value > 1.0 + BOUND_MARGIN else None
 
