@@ -68,7 +68,7 @@ def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjec
     return Sight(shapes, len(bodies), _best_direction(points, nodes, normal, wanted), normal is not None)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def film_sight(film: Film) -> Sight:
     """Choose the sight on a motion at its first singular instant, or else halfway."""
     robot, k = film.robot, film.key_frame

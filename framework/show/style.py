@@ -99,19 +99,18 @@ def page_colors() -> str:
     return ":root { " + " ".join(f"--{name}: {color};" for name, color in PAGE_COLORS.items()) + " }"
 
 
-def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:
-    """Make a figure one journal column wide of `rows` axes, `height` [in] each.
+def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> list[Axes]:
+    """Return `rows` axes of a new figure one journal column wide, `height` [in] each.
 
     `shared`: one abscissa.
     """
     drawing = Figure(figsize=(COLUMN_WIDTH, height * rows), layout="constrained")
-    axes = drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0]
-    return drawing, list(axes)
+    return list(drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0])
 
 
 def ensure_axes(ax: Axes | None, height: float = 2.2) -> Axes:
     """Return the axes given, or new ones of a height [in] when None."""
-    return new_figure(height=height)[1][0] if ax is None else ax
+    return new_figure(height=height)[0] if ax is None else ax
 
 
 def draw_dashed(ax: Axes, place: float, color: str = CROSSING, linewidth: float = 0.6) -> None:
