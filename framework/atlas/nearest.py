@@ -105,7 +105,7 @@ def nearest_singular_pose(
     nearest = _nearest_foot(robot, crossed, centre, reach)
     leg_end = _type_1_distance(robot, ended, centre)
     radius = reach if nearest is None else nearest.distance
-    proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
+    proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells)
     margin = NearestSingularPose(
         at_least=proved * unit_length,
         unit=unit,

@@ -5,6 +5,7 @@ A window is a grid over two of the platform's coordinates, with the others const
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,7 +66,7 @@ class Window(ReadOnlyArrays):
         return x
 
 
-def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tuple[int, int]:
+def map_axes(robot: ParallelRobot, names: Sequence[str] | None = None) -> tuple[int, int]:
     """Return the two platform coordinates of a map, by index.
 
     By default the first two, translations first.
@@ -104,7 +105,7 @@ FINE_LOOKS = 2  # looks at the window that the look before has found
 def survey_window(
     robot: ParallelRobot,
     *,
-    axes: tuple[str, str] | None = None,
+    axes: Sequence[str] | None = None,
     at: ArrayLike | None = None,
     size: int = EDGE_POSES,
     keep_limits: bool = False,

@@ -45,7 +45,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.cli.writing import mapped_stepwise
-from framework.errors import InvalidInput, point
+from framework.errors import InvalidInput, finite_numbers, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -210,13 +210,12 @@ def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) 
 
     The survey finds the region that is reached.
     """
-    axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
     if options.window is None:
-        return survey_window(robot, axes=axes, at=centre, size=size, keep_limits=options.keep_limits)
-    bounds = np.array(finite_window(options))
-    return Window(map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
+        return survey_window(robot, axes=options.over, at=centre, size=size, keep_limits=options.keep_limits)
+    bounds, axes = finite_numbers("--window", options.window, 4), map_axes(robot, options.over)
+    return Window(axes, bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
 
 
 def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
@@ -277,13 +276,14 @@ def report_design_study(options: Namespace) -> Report:
     file = robot_file(options.robot)
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
-    first, second = map_axes(robot, None if options.over is None else tuple(options.over))
+    first, second = map_axes(robot, options.over)
+    window = None if options.window is None else finite_numbers("--window", options.window, 4)
     task = StudyTask(
         file=str(file.resolve()),
         names=designs.names,
         flexibility=options.flexibility,
         axes=(robot.axis_names[first], robot.axis_names[second]),
-        window=None if options.window is None else finite_window(options),
+        window=None if window is None else tuple(window.tolist()),
         size=options.size or STUDY_EDGE_POSES,
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
@@ -299,13 +299,6 @@ def report_design_study(options: Namespace) -> Report:
             options.progress.start("drawing the figure")
             save_figure(lambda: plot_study(study), folder / "study")
     return _report_study(study, robot.name)
-
-
-def finite_window(options: Namespace) -> tuple[float, ...]:
-    """Return the numbers of --window."""
-    if not np.all(np.isfinite(options.window)):
-        raise InvalidInput(f"--window: needs four finite numbers, got {options.window}")
-    return tuple(options.window)
 
 
 def _report_study(study: DesignStudy, robot: str) -> Report:

@@ -316,15 +316,15 @@ def torque_error(
     instants: BoolArray,
     parameters: Array,
 ) -> Array:
-    """Compute relative root mean square errors (n_a,) of torques by parameters (p,).
+    """Compute the root mean square error of each torque (n_a,) over that of the torque, by parameters (p,).
 
-    Over the measured torques. The error e solves G' e = W - G' tau with the predicted wrench W. Only instants
+    The error e solves G' e = W - G' tau with the predicted wrench W. Of the `instants`, a mask (T,), those
     count at which G is well conditioned; NaN without any.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    least_stretch = singular_values(scaled_G / robot.gear_ratio)[:, -1]
-    used = np.flatnonzero(instants & (least_stretch > MIN_NOISE_RATIO * least_stretch.max()))
+    least = singular_values(scaled_G / robot.gear_ratio)[:, -1]
+    used = np.flatnonzero(instants & (least > MIN_NOISE_RATIO * least.max()))
     if not len(used):
         return np.full(robot.n_a, np.nan)
     torque = measured.torque[used]

@@ -41,7 +41,6 @@ class Partition(Generic[Stack, K]):
     undecided: Stack
     pending: Stack  # not tested, for want of work allowed or because they are no nearer than `limit`
     limit: float  # all pieces nearer than this are decided
-    examined: int  # pieces tested
 
 
 def branch_and_bound(
@@ -86,7 +85,7 @@ def branch_and_bound(
             pending = select(pending, distance(pending) < limit)
     limit = min(limit, least_distance(pending))
     no_piece = select(region, slice(0))
-    return Partition(proved, join([no_piece, *undecided]), pending, limit, examined)
+    return Partition(proved, join([no_piece, *undecided]), pending, limit)
 
 
 class Boxes(NamedTuple):

@@ -212,16 +212,16 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
 def _term_vector(
     term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
 ) -> _ChainVector:
-    """Return the vector of a term, with its derivatives.
+    """Return the vector (S, 3) of a term, with its derivatives along the L joints of its chain.
 
-    The vector of a direction is an axis of the second frame; that of a turn is the axial vector of the
-    antisymmetric part of R(q) R(middle)', 0 at the middle; of all others it is the point p.
+    The vector of a direction is an axis of the second frame. That of a turn is the axial vector of the
+    antisymmetric part of R(q) R(middle)', zero at the middle. That of a point and of a square is p.
     """
-    turn_axes = derivatives.turn_axes
+    turn_axes = derivatives.turn_axes  # (S, L, 3)
     if term.kind == "direction":
         axis = frames.rotation[:, chain.second, :, term.selected]
-        first = cross(turn_axes, axis[:, None])
-        return _ChainVector(axis, first, _second_derivatives(chain, turn_axes, first))
+        slopes = cross(turn_axes, axis[:, None])
+        return _ChainVector(axis, slopes, _second_derivatives(chain, turn_axes, slopes))
     if term.kind == "turn":
         zero = np.zeros_like(derivatives.point.value)
         return _ChainVector(zero, turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes))

@@ -46,19 +46,21 @@ def are_leg_solutions_complete(
     False if not decided.
 
     Args:
-        own: (n,) columns of the velocity vector of the leg's joints.
-        fixed: (nv,) mask of columns that keep their values in q (nq,), assembled if x determines more than
-            positions.
-        candidates: (k, n) offsets of the joints from q [rad, robot lengths]; those that solve the equations
+        own: (k,) columns of the velocity vector of the leg's joints.
+        fixed: (nv,) mask of columns that keep their values in q (nq,). Where x has turns, q is assembled at
+            x: the attitude is taken from there.
+        candidates: (c, k) offsets of the joints from q [rad, robot lengths]; those that solve the equations
             are the known solutions.
         x: (n,) coordinates of the platform; None with locked motors.
     """
     is_slide = robot.sliding[own]
-    too_many = len(own) > MAX_JOINTS or is_slide.sum() > 1
-    if robot.rows.has_couplings or too_many or not single_columns(robot.model).issuperset(own.tolist()):
+    has_few_joints = len(own) <= MAX_JOINTS and is_slide.sum() <= 1
+    has_balls = not single_columns(robot.model).issuperset(own.tolist())
+    if robot.rows.has_couplings or has_balls or not has_few_joints:
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
-    values = equations(candidates, 0.0 * candidates).values
+    points_alone = np.zeros_like(candidates)  # radii of the boxes about the candidates
+    values = equations(candidates, points_alone).values
     region = _joint_region(equations) if values.shape[1] else None
     if region is None:
         return False
@@ -178,13 +180,16 @@ class LegEquations:
         return LinearEnclosure(values, slopes, errors)
 
     def _enclose_position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
-        """Enclose the frame's position less x, along its translation axes."""
+        """Enclose (position - x) / length of the frame, over B boxes, along its translation axes.
+
+        `platform.along` are the base axes of the translations, `platform.sliding` their places in x.
+        """
         platform = self.robot.platform
         length = self.robot.length
         position = frames.position[:, 0, platform.along]
         jacobian = frames.frame_jacobian(0)[:, platform.along]
         values = (position - x[platform.sliding]) / length
-        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)
+        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)  # in robot lengths already
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
 
     def _enclose_attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:

@@ -99,7 +99,7 @@ def _draw_values(workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Ar
     finite = values[np.isfinite(values)]
     below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
-    width = 0.04 * max(1.0, ax.get_box_aspect())  # of the window
+    width = 0.04 * max(1.0, ax.get_box_aspect() or 1.0)  # of the window
     bar = ax.figure.colorbar(mesh, cax=ax.inset_axes((1.0 + width, 0.0, width, 1.0)), extend=extend)
     unit = quantity_unit(workspace.robot, quantity)
     bar.set_label(f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))

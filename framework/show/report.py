@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from framework.dynamics.result import Certificate
 from framework.errors import InvalidInput, point
 from framework.laws.path import Line, Polyline
 from framework.numerics.output import package_versions
@@ -70,14 +69,8 @@ MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
 ONLY_CALLED = ("at", "tolerance")  # options of `plan_crossing` that a command line lacks
 
 
-def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | None = None) -> str:
-    """Return the report of a plan (HTML), complete in one file.
-
-    Args:
-        name: what stands above the scene.
-        planned: the certificate in plan.json, shown beside that of `plan`, which was computed from the law
-            read back: what is mere rounding may differ in it.
-    """
+def report_page(plan: CrossingPlan, *, name: str = "") -> str:
+    """Return the report of a plan (HTML), complete in one file; `name` stands above the scene."""
     film = film_plan(plan, name=name)
     heading = f"{display_name(plan.robot.name)}: {_describe_plan(plan)}"
     body = "\n".join(
@@ -87,7 +80,7 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
             _section_html("What happens", _motion_html(film) + _table_html(motion_facts(plan))),
             _section_html("Figures", _figures_html(plan, film)),
             _section_html("The law", _law_html(plan)),
-            _section_html("The certificate", _certificate_html(plan, planned)),
+            _section_html("The certificate", _certificate_html(plan)),
             _section_html("Parameters", _parameters_html(plan)),
             _section_html("How to reproduce it", _reproduction_html(plan)),
             "</div>",
@@ -114,10 +107,9 @@ def _mark_indices(text: str) -> str:
     return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
-def _table_html(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
+def _table_html(rows: Iterable[Sequence[str]]) -> str:
     """Return a table of plain texts."""
-    cells = [[f"<th>{escape(cell)}</th>" for cell in head]] if head else []
-    cells += [[f"<td>{_mark_indices(cell)}</td>" for cell in row] for row in rows]
+    cells = [[f"<td>{_mark_indices(cell)}</td>" for cell in row] for row in rows]
     lines = [f"<tr>{''.join(row)}</tr>" for row in cells]
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
 
@@ -155,30 +147,19 @@ def _law_html(plan: CrossingPlan) -> str:
     )
 
 
-def _certificate_html(plan: CrossingPlan, planned: Certificate | None) -> str:
-    """Return the proof, condition (8) at each crossing, and the certificate's numbers.
-
-    `planned` is the certificate in plan.json, if any.
-    """
+def _certificate_html(plan: CrossingPlan) -> str:
+    """Return the proof, condition (8) at each crossing, and the certificate's numbers."""
     conditions = [
         ("condition (8)", CONDITION.format(crossing.time, crossing.condition))
         for crossing in plan.crossings
         if crossing.condition is not None
     ]
-    certificates = {} if planned is None else {"plan.json": planned}
-    certificates["computed anew"] = plan.certificate
-    numbers = [
-        (text, *(form.format(one) for one in certificates.values())) for form, text in CERTIFIED.items()
-    ]
-    tables = [
-        *([_table_html(conditions)] if conditions else []),
-        _table_html(numbers, ("certificate", *certificates)),
-    ]
+    numbers = [(text, form.format(plan.certificate)) for form, text in CERTIFIED.items()]
     sentences = [PROOF, CROSSED] if plan.crossings else [PROOF]
     if plan.robot.n_e:
         sentences.append(SMALL_DISPLACEMENTS if plan.geometry == "rigid" else SETTLED)
     sentences += [ADVANCES if plan.certificate.monotone else OVERSHOOTS, COMPUTED]
-    return "".join([f"<p>{_mark_indices(' '.join(sentences))}</p>", *tables])
+    return f"<p>{_mark_indices(' '.join(sentences))}</p>" + _table_html([*conditions, *numbers])
 
 
 def _parameters_html(plan: CrossingPlan) -> str:

@@ -248,14 +248,6 @@ def test_no_edit_of_a_plan_is_a_fault_of_the_program(tmp_path, options):
     assert refused > 5 * len(leaves(document))
 
 
-@pytest.mark.parametrize("value", [None, "text", [1.0], -1.0])
-@pytest.mark.parametrize("key", ["tail", "nodes", "monotone"])
-def test_a_report_on_an_edited_certificate_names_its_key(written, tmp_path, capsys, key, value):
-    edited(written[0], tmp_path, {f"certificate.{key}": value})
-    assert main(["report", str(tmp_path)]) == 2
-    assert f"plan.json: certificate.{key}: " in capsys.readouterr().err
-
-
 def test_a_plan_of_an_older_program_is_refused_by_its_version_in_one_line(written, tmp_path):
     saved = plan_document(written[0])
     del saved["version"]
