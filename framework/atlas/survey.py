@@ -143,13 +143,9 @@ def _reached_window(robot: ParallelRobot, look: Window, bounds: Window, keep_lim
     within = is_reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     reached = np.argwhere(within if keep_limits and within.any() else is_reached)
     first, last = look.lower + reached.min(axis=0) * look.cell, look.lower + reached.max(axis=0) * look.cell
-    return _widen_window(replace(look, lower=first, upper=last), bounds, SURVEY_MARGIN * look.cell)
-
-
-def _widen_window(window: Window, bounds: Window, margin: Array) -> Window:
-    """Widen a window by `margin` (2,) on each side, within bounds."""
-    lower = np.maximum(window.lower - margin, bounds.lower)
-    return replace(window, lower=lower, upper=np.minimum(window.upper + margin, bounds.upper))
+    margin = SURVEY_MARGIN * look.cell
+    lower = np.maximum(first - margin, bounds.lower)
+    return replace(look, lower=lower, upper=np.minimum(last + margin, bounds.upper))
 
 
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:

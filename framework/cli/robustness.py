@@ -33,7 +33,7 @@ from framework.errors import InvalidInput
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
-from framework.numerics.output import Document, json_text
+from framework.numerics.output import Document, json_text, select_fields
 from framework.numerics.tasks import executor_of
 
 DEFAULT_CONTROLLER = "feedforward"
@@ -219,9 +219,7 @@ def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptCh
 def _describe_study(study: Study) -> Document:
     """Return a study as a document: probability, quantiles of errors, and failed runs."""
     return {
-        "controller": study.controller,
-        "probability": study.probability,
-        "interval": study.interval,
+        **select_fields(study, "controller", "probability", "interval"),
         "tracking_error": _compute_quantiles(study.tracking_error),
         "end_error": _compute_quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),

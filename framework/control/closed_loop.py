@@ -20,6 +20,7 @@ from framework.errors import InvalidInput, NotAssembled, check_choice
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.schemes import State
@@ -47,9 +48,7 @@ class ControlLoop:
     def __post_init__(self) -> None:
         """Check tolerances and the name of the sensors."""
         for name in ("tolerance", "end"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name}: must be a positive number, got {value!r}")
+            positive(name, getattr(self, name))
         check_choice("sensors", self.sensors, SENSORS)
 
 

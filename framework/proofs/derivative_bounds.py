@@ -25,6 +25,7 @@ from framework.errors import InvalidInput
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.loop_matrices import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, BoolArray, select
 from framework.numerics.ordered_sums import cross
 from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
@@ -111,10 +112,9 @@ class DerivativeBounds:
         values = np.zeros((S, R))
         slopes = np.zeros((S, R, k))
         hessians = np.zeros((S, R, k, k))
+        if isinstance(self.robot.platform, JointPlatform):
+            slopes[:, : self.robot.n] = self.robot.platform.jacobian(frames)[:, :, self.robot.moving]
         for term in self.table.terms:
-            if term.kind == "joint":
-                slopes[:, term.row, term.selected] = 1.0 / scale[term.row, term.selected]
-                continue
             chain = self.table.chains[term.chain]
             value, first, second = _differentiate_term(term, chain, chains[term.chain], frames)
             values[:, term.row] += value
@@ -169,10 +169,9 @@ class Derivatives(NamedTuple):
         table = self.bounds.table
         thirds = np.zeros_like(self.hessians)
         for term in table.terms:
-            if term.kind != "joint":  # which is linear
-                chain = table.chains[term.chain]
-                bound = _bound_thirds(term, chain, self.chains[term.chain], radii[:, chain.places])
-                thirds[:, term.row, chain.places[:, None], chain.places] += bound
+            chain = table.chains[term.chain]
+            bound = _bound_thirds(term, chain, self.chains[term.chain], radii[:, chain.places])
+            thirds[:, term.row, chain.places[:, None], chain.places] += bound
         scale = self.bounds.row_scale[:, None] * self.bounds.column_scale
         return thirds * (ROUND_UP * scale[:, :, None] * self.bounds.column_scale)
 

@@ -62,15 +62,18 @@ class Term(NamedTuple):
 
     row: int
     chain: int
-    kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn; joint
+    kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn
     axis: int  # of the first frame
-    selected: int  # axis of the second frame, or place of the joint
+    selected: int  # axis of the second frame
     factor: float
 
 
 @dataclass(frozen=True, eq=False)
 class EquationTerms:
-    """The terms of all platform and loop equations, along the chains of a robot."""
+    """The terms of all platform and loop equations, along the chains of a robot.
+
+    A platform whose coordinates are joints has none.
+    """
 
     robot: ParallelRobot
     chains: list[Chain]
@@ -80,23 +83,16 @@ class EquationTerms:
     def of(robot: ParallelRobot) -> EquationTerms:
         """Collect the terms of platform and loops."""
         table = EquationTerms(robot, [], [])
-        table.terms.extend(map(table._platform_term, range(robot.n)))
+        platform = robot.platform
+        if isinstance(platform, FramePlatform):
+            chain = table._chain_index(BASE, 0)
+            for coordinate, axis in enumerate(platform.axes.tolist()):
+                kind = "point" if robot.translations[coordinate] else "turn"
+                table.terms.append(Term(coordinate, chain, kind, axis % 3, 0, 1.0))
         base_axes = _rows_on_base(robot)
         for row in range(len(robot.loops.names)):
             table.terms.extend(table._loop_terms(row, base_axes.get(row)))
         return table
-
-    def _platform_term(self, coordinate: int) -> Term:
-        """Return the term of a platform coordinate, of its frame or of one joint."""
-        robot = self.robot
-        platform = self.robot.platform
-        chain = self._chain_index(BASE, 0)
-        if isinstance(platform, FramePlatform):
-            kind = "point" if robot.translations[coordinate] else "turn"
-            return Term(coordinate, chain, kind, int(platform.axes[coordinate]) % 3, 0, 1.0)
-        column = platform.columns[coordinate]
-        joint = int(np.flatnonzero(robot.moving == column)[0])
-        return Term(coordinate, chain, "joint", 0, joint, 1.0)
 
     def _loop_terms(self, row: int, base_axis: int | None) -> list[Term]:
         """Return the terms of a loop equation, one or two.

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
-from framework.model.description import Closure
+from framework.model.description import AXES, Closure
 from framework.model.loop_rows import ROW_KINDS
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.proofs.equation_terms import planar_axis
@@ -200,32 +200,24 @@ class _Sampler(NamedTuple):
         model = self.robot.model
         ends = [model.getFrameId(name) for name in closure.frames]
         frame_a, frame_b = (model.frames[k] for k in ends)
-        free_turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
+        locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)
+        free_turns = 3 - np.count_nonzero(locked_turns)
         distances = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
-        if len(free_turns) == 2 or len(distances) > 1:
+        if free_turns == 2 or len(distances) > 1:
             return None
         offset = rng.uniform(-1, 1, 3) * self.robot.length
-        offset[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
-        if len(free_turns) == 3 and self.normal is not None:
+        offset[locked_shifts] = 0.0
+        turn = rng.uniform(-np.pi, np.pi, 3)  # a rotation vector, in the first frame
+        if free_turns == 3 and self.normal is not None:
             R_a, R_b = (self.data.oMf[k].rotation for k in ends)
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
                 offset -= normal * (normal @ offset)
-            rotation = pin.exp3(normal * rng.uniform(-np.pi, np.pi)) @ R_a.T @ R_b
+            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
         else:
-            rotation = _draw_rotation(free_turns, rng)
+            turn[locked_turns] = 0.0
+            rotation = pin.exp3(turn)
         for distance in distances:
             assert closure.length is not None
             offset = distance.satisfy(offset, closure.length)
         return frame_a.placement * pin.SE3(rotation, offset) * frame_b.placement.inverse()
-
-
-def _draw_rotation(free_turns: list[str], rng: np.random.Generator) -> Array:
-    """Draw a rotation (3, 3) about the free axes: none, one of rx, ry, rz, or all."""
-    if not free_turns:
-        return np.eye(3)
-    if len(free_turns) == 1:
-        axis = np.eye(3)["xyz".index(free_turns[0][1])]
-        return np.asarray(pin.exp3(axis * rng.uniform(-np.pi, np.pi)))
-    axis = rng.standard_normal(3)
-    return np.asarray(pin.exp3(axis * rng.uniform(0, np.pi) / np.linalg.norm(axis)))

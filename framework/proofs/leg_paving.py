@@ -53,6 +53,16 @@ def are_leg_solutions_complete(
             are the known solutions.
         x: (n,) coordinates of the platform; None with locked motors.
     """
+    platform = robot.platform
+    if x is not None and isinstance(platform, JointPlatform):  # its joints are at x, as if they were fixed
+        is_platform = np.isin(own, platform.columns)
+        own, candidates = own[~is_platform], candidates[:, ~is_platform]
+        fixed = fixed | np.isin(np.arange(robot.model.nv), platform.columns)
+        q = q.copy()
+        q[platform.places] = x
+        x = None
+    if not len(own):
+        return len(candidates) > 0
     is_slide = robot.sliding[own]
     has_few_joints = len(own) <= MAX_JOINTS and is_slide.sum() <= 1
     has_balls = not single_columns(robot.model).issuperset(own.tolist())
@@ -126,16 +136,14 @@ class LegEquations:
         ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
-        if isinstance(platform, JointPlatform):
-            determines_own = bool(np.isin(platform.columns, own).any())
-        else:
-            determines_own = bool(carried[0, own].any() and not carried[0, free_joints].any())
+        is_determined = isinstance(platform, FramePlatform) and not carried[0, free_joints].any()
+        if not (is_determined and carried[0, own].any()):
+            x = None
         attitude = None
-        if x is not None and determines_own and isinstance(platform, FramePlatform):
+        if x is not None:
             chains.append(LeverChain.of(robot, own, BASE, 0))
             if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
                 attitude = frames_at(robot, q[None]).rotation[0, 0]
-        x = x if determines_own else None
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
@@ -150,9 +158,7 @@ class LegEquations:
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
         enclosures = [self._enclose_loops(frames, bounds)]
-        if self.x is not None and isinstance(robot.platform, JointPlatform):
-            enclosures.append(self._enclose_platform_joints(frames, radii, self.x))
-        elif self.x is not None:
+        if self.x is not None:
             enclosures.append(self._enclose_position(frames, bounds[-1], self.x))
         if self.attitude is not None:
             enclosures.append(self._enclose_attitude(frames, bounds[-1], self.attitude))
@@ -203,31 +209,6 @@ class LegEquations:
         slopes = slopes.swapaxes(2, 3).reshape(-1, 9, len(self.own))
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)
         return LinearEnclosure((axes - attitude.T).reshape(-1, 9), slopes, errors)
-
-    def _enclose_platform_joints(self, frames: FrameStack, radii: Array, x: Array) -> LinearEnclosure:
-        """Enclose sine and cosine - 1 of the platform joints' offsets from x.
-
-        For slides these are the offset [robot lengths] and 0. Second derivatives of sine and cosine are at
-        most 1.
-        """
-        robot = self.robot
-        platform = self.robot.platform
-        assert isinstance(platform, JointPlatform)
-        is_hinge = ~platform.translations
-        scale = np.where(is_hinge, 1.0, robot.length)
-        offset = platform.residual(frames, x) / scale  # (B, coordinates)
-        slopes = np.eye(robot.model.nv)[platform.columns][:, self.own] / scale[:, None]  # of the offset
-        sine = np.where(is_hinge, np.sin(offset), offset)
-        cosine = np.where(is_hinge, np.cos(offset), 1.0)
-        values = np.concatenate([sine, cosine - 1.0], axis=1)
-        rates = np.concatenate([cosine, np.where(is_hinge, -np.sin(offset), 0.0)], axis=1)
-        errors = 0.5 * (radii @ np.where(is_hinge[:, None], slopes, 0.0).T) ** 2
-        is_own = np.tile(np.isin(platform.columns, self.own), 2)
-        return LinearEnclosure(
-            values[:, is_own],
-            (rates[:, :, None] * np.tile(slopes, (2, 1)))[:, is_own],
-            np.tile(errors, 2)[:, is_own],
-        )
 
     def slide_lengths(self, q: Array) -> Array:
         """Compute the lengths (..., nv) [m] of slides in q (..., nq); 0 for hinges."""

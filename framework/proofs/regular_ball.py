@@ -62,12 +62,12 @@ PERRON_SHIFT = 0.1  # of the largest row sum, added to row sums as weights
 def prove_regular_ball(
     robot: ParallelRobot, q: Array, x: Array, within: float, *, max_cells: int = MAX_CELLS
 ) -> float:
-    """Return the radius [robot lengths, rad] of a ball about x (n,), q (nq,) proved free of singularities.
+    """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
-    It is 0 where nothing is proved. In the open ball no pose on the branch of q is singular, of Type 1 or
-    Type 2. Of platforms that turn about three axes or have more than three coordinates, one cell is tried.
-    Of those that turn about two, or about one and do not move in a plane, and of robots whose ball joints
-    move or whose joints are coupled, nothing is proved.
+    The pose is x (n,), q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2;
+    the radius is 0 where nothing is proved. Of platforms that turn about three axes or have more than three
+    coordinates, one cell is tried. Of those that turn about two, or about one and do not move in a plane, and
+    of robots whose ball joints move or whose joints are coupled, nothing is proved.
 
     Args:
         within: the largest radius of interest [robot lengths, rad].
@@ -87,7 +87,7 @@ def prove_regular_ball(
 
 
 def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
-    """Compute the radius of the largest ball about the pose q (nq,) that is proved as one cell; 0 for none.
+    """Compute the radius of the largest ball about q (nq,) that is proved as one cell; 0 for none.
 
     Tried are radii [robot lengths, rad] up to `within`: first its halves, then steps up to the double of the
     largest half that is proved.

@@ -232,7 +232,7 @@ class MeasureEnclosure(NamedTuple):
 
 
 def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
-    """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over S boxes of k joints.
+    """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over boxes.
 
     [P b; c' 0] [eta; g] = [0; 1], and psi is the eta of P'. The slope is -psi' dP eta (Govaerts 2000).
     """

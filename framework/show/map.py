@@ -23,7 +23,7 @@ from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.output import Document
+from framework.numerics.output import Document, select_fields
 from framework.show.captions import display_name
 from framework.show.plots import save_figure
 from framework.show.standalone import encode_array, page_part, standalone_page
@@ -266,14 +266,11 @@ def _quantity_document(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     palette, norm = quantity_colours(workspace, quantity)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, 256))[:, :3]).astype(int)
     return {
-        "key": quantity.key,
-        "name": quantity.name,
+        **select_fields(quantity, "key", "name", "decades", "loaded"),
         "unit": quantity_unit(workspace.robot, quantity),
         "reading": _describe_colours(quantity),
         "values": encode_array(workspace.values[quantity.key].astype("<f4")),
         "range": [norm.vmin or 0.0, norm.vmax or 0.0],
-        "decades": quantity.decades,
-        "loaded": quantity.loaded,
         "colours": shades,
     }
 
@@ -293,6 +290,3 @@ def _curve_document(points: Array, colour: str, width: float, dash: list[int]) -
 def _rgb_values(colour: str) -> list[int]:
     """Return red, green and blue (0..255) of a colour #rrggbb."""
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-
-
-__all__ = ["map_page", "plot_map", "save_map_figures"]

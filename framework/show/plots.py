@@ -312,15 +312,3 @@ def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
     """Draw a dashed line at each crossing of the plan."""
     for crossing in plan.crossings:
         draw_dashed(ax, crossing.time)
-
-
-__all__ = [
-    "plot_law",
-    "plot_phase_plane",
-    "plot_raw_torques",
-    "plot_singularity",
-    "plot_speeds",
-    "plot_torques",
-    "plot_wrench",
-    "save_figures",
-]
