@@ -30,7 +30,6 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pose import describe_pose
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, select_fields
-from framework.numerics.polytope import Polytope
 from framework.planning.plan_facts import excess_facts
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.working_modes import working_modes
@@ -197,7 +196,7 @@ def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str,
     return nearest.q, sentence, document
 
 
-def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Mapping[str, Polytope]:
+def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Mapping[str, Any]:
     """Compute the platform's limits by name; none where the platform does not determine the motors."""
     try:
         return platform_limits(robot, q, **arguments.typed_options(options)).polytopes
@@ -205,7 +204,7 @@ def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Mappi
         return {}
 
 
-def _limits_in_words(robot: ParallelRobot, limits: Mapping[str, Polytope]) -> list[str]:
+def _limits_in_words(robot: ParallelRobot, limits: Mapping[str, Any]) -> list[str]:
     """Return lines on the platform's limits; none where no motor has one."""
     if not limits:
         return []
@@ -219,7 +218,7 @@ def _limits_in_words(robot: ParallelRobot, limits: Mapping[str, Polytope]) -> li
     return [*lines, f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held"]
 
 
-def _limits_document(limits: Mapping[str, Polytope]) -> Document:
+def _limits_document(limits: Mapping[str, Any]) -> Document:
     """Return ranges and polytopes on the platform's coordinates, for JSON."""
     return {
         name: {

@@ -197,12 +197,11 @@ class _Sampler(NamedTuple):
         a plane a closure with all turns free turns about the normal alone. None if the motions are no group:
         with two free turns, or several distances.
         """
-        model = self.robot.model
-        ends = [model.getFrameId(name) for name in closure.frames]
-        frame_a, frame_b = (model.frames[k] for k in ends)
+        ends = [self.robot.model.getFrameId(name) for name in closure.frames]
+        placements = [self.robot.model.frames[k].placement for k in ends]
         locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)
         free_turns = 3 - np.count_nonzero(locked_turns)
-        distances = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
+        distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]
         if free_turns == 2 or len(distances) > 1:
             return None
         offset = rng.uniform(-1, 1, 3) * self.robot.length
@@ -220,4 +219,4 @@ class _Sampler(NamedTuple):
         for distance in distances:
             assert closure.length is not None
             offset = distance.satisfy(offset, closure.length)
-        return frame_a.placement * pin.SE3(rotation, offset) * frame_b.placement.inverse()
+        return placements[0] * pin.SE3(rotation, offset) * placements[1].inverse()

@@ -63,10 +63,7 @@ def are_leg_solutions_complete(
         x = None
     if not len(own):
         return len(candidates) > 0
-    is_slide = robot.sliding[own]
-    has_few_joints = len(own) <= MAX_JOINTS and is_slide.sum() <= 1
-    has_balls = not single_columns(robot.model).issuperset(own.tolist())
-    if robot.rows.has_couplings or has_balls or not has_few_joints:
+    if not _is_paveable(robot, own):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
     points_alone = np.zeros_like(candidates)  # radii of the boxes about the candidates
@@ -75,8 +72,15 @@ def are_leg_solutions_complete(
     if region is None:
         return False
     points = candidates[np.abs(values).max(axis=1) < LOOP_GAP]
-    period = np.where(is_slide, np.inf, 2 * np.pi)
+    period = np.where(robot.sliding[own], np.inf, 2 * np.pi)
     return has_no_others(equations, region, KnownSolutions.of(equations, points, period))
+
+
+def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
+    """Return whether joints (k,) are few, no balls and not coupled, with one slide at most."""
+    has_few_joints = len(own) <= MAX_JOINTS and int(np.count_nonzero(robot.sliding[own])) <= 1
+    has_balls = not single_columns(robot.model).issuperset(own.tolist())
+    return has_few_joints and not has_balls and not robot.rows.has_couplings
 
 
 def _joint_region(equations: LegEquations) -> Boxes | None:
@@ -136,11 +140,11 @@ class LegEquations:
         ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
-        is_determined = isinstance(platform, FramePlatform) and not carried[0, free_joints].any()
-        if not (is_determined and carried[0, own].any()):
-            x = None
+        is_determined = carried[0, own].any() and not carried[0, free_joints].any()
         attitude = None
-        if x is not None:
+        if not (isinstance(platform, FramePlatform) and is_determined):
+            x = None
+        elif x is not None:
             chains.append(LeverChain.of(robot, own, BASE, 0))
             if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
                 attitude = frames_at(robot, q[None]).rotation[0, 0]
