@@ -577,7 +577,7 @@ def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
     assert crossing("simulate", folder)[0] == 0
     assert crossing("report", folder)[0] == 0
     page = (folder / "report.html").read_text()
-    for option in ("optimize='time'", "torque_limit=0.165", "margin=0.1"):
+    for option in ("optimize='time'", "torque_limit=(0.165,)", "margin=0.1"):
         assert option in unescape(page)
 
 
