@@ -53,7 +53,6 @@ from framework.numerics.output import select_fields
 from framework.planning.options import LIMITS, MODEL
 from framework.planning.scenes import scene, scene_path
 
-HEAD = "{1}: {2[0]} x {2[1]} poses, {3}, {0.seconds:.2f} s"
 STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 STUDY_EDGE_POSES = 41  # by default
 MAX_PRINTED_DESIGNS = 20
@@ -199,7 +198,7 @@ def run(options: Namespace) -> Report:
 
 def _quantity_names(options: Namespace, robot: ParallelRobot) -> list[str] | None:
     """Return the quantities' names, by default all that apply; with --keep-limits also `holding`."""
-    names = None if options.quantity is None else list(options.quantity)
+    names: list[str] | None = options.quantity
     if not options.keep_limits or not has_torque_limits(robot):
         return names
     return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
@@ -230,9 +229,11 @@ def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> 
 def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     """Return a map as a document, and in text its counts, locus and statistics."""
     robot, window = workspace.robot, workspace.window
+    rows, columns = window.shape
+    spans = _format_spans(robot, window)
     document = {**map_document(workspace), "seconds": workspace.seconds}
     lines = [
-        HEAD.format(workspace, robot.name, window.shape, _format_spans(robot, window)),
+        f"{robot.name}: {rows} x {columns} poses, {spans}, {workspace.seconds:.2f} s",
         "  poses\tcount",
         *(f"  {why}\t{count}" for why, count in workspace.counts.items() if count),
         *(f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count),

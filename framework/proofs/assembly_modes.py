@@ -8,8 +8,8 @@ Krawczyk: one solution there and no other, for all coefficients within their rou
 ones are all is the `status`:
 
 proved                     as many as the bound are proved and apart, or all joints are paved: there are no
-others numerically complete       as many paths as the bound end at solutions that are apart, the real ones
-proved,
+                           others
+numerically complete       as many paths as the bound end at solutions that are apart, the real ones proved,
                            or leave for infinity by their growth (symmetric platforms have fewer poses than
                            the bound); up to four times tried, and paths are followed without a proof
 at least                   paths end at solutions that are not single, or are lost; or there is no known bound

@@ -60,8 +60,7 @@ def branch_and_bound(
         batch: pieces tested at a time.
         max_examined: pieces tested at most, up to a batch.
         distance: (S,) of the pieces. The nearest are tested first. Pieces are not tested if they are no
-        nearer
-            than `limit`, or than an undecided piece. Without distances all are tested.
+            nearer than `limit`, or than an undecided piece. Without distances all are tested.
     """
     pending = region
     proved = list[K]()

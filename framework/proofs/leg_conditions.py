@@ -22,6 +22,7 @@ from framework.model.description import AXES, Closure
 from framework.model.loop_rows import ROW_KINDS
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.proofs.equation_terms import planar_axis
+from framework.proofs.passive_joints import draw_starts
 from framework.proofs.study_quadric import (
     Displacements,
     displacement_functions,
@@ -150,14 +151,10 @@ class _Sampler(NamedTuple):
         Passive joints move by up to half a turn or a robot length.
         """
         model = robot.model
-        data = robot.model.createData()
-        rng = np.random.default_rng(RANDOM_SEED)
-        step = np.zeros(robot.model.nv)
+        data = model.createData()
         links = []
-        for _ in range(SAMPLE_POSES):
-            passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
-            step[robot.passive] = rng.uniform(-passive, passive)
-            pin.forwardKinematics(model, data, pin.integrate(model, q, step))
+        for pose in draw_starts(robot, q[None], SAMPLE_POSES):
+            pin.forwardKinematics(model, data, pose)
             links.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(model, data, robot.reference.q)
         return _Sampler(
@@ -171,7 +168,7 @@ class _Sampler(NamedTuple):
         """
         R = np.empty((SAMPLE_POSES, 3, 3))
         p = np.empty((SAMPLE_POSES, 3))
-        rng = np.random.default_rng(RANDOM_SEED + 1)
+        rng = np.random.default_rng(RANDOM_SEED)
         frame = self.robot.model.frames[self.robot.frames[0]]
         for k in range(SAMPLE_POSES):
             pose = pin.SE3.Identity()

@@ -167,7 +167,7 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     """Pave one set over the whole region, slides within `reach` robot lengths."""
     bounds = test.bounds
     robot = bounds.robot
-    k = len(bounds.robot.moving)
+    k = len(robot.moving)
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
