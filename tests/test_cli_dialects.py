@@ -48,7 +48,10 @@ def test_a_foreign_file_is_checked_converted_and_located(file, options, capsys, 
     [
         (["check", PLUS], "the file does not say: give --platform FRAME (of: base"),
         (["check", PLUS, *SAID, "--reference", "left_motor"], "--reference: needs JOINT=VALUE"),
-        (["check", PLUS, *SAID, "--reference", "left_motor=inf"], "--reference: needs JOINT=VALUE"),
+        (
+            ["check", PLUS, *SAID, "--reference", "left_motor=inf"],
+            "--reference left_motor: needs a finite number",
+        ),
         (["check", PLUS, *SAID, "--reference", "elbow=1"], "--reference: unknown movable joint 'elbow'"),
         (["convert", PLUS, *SAID], "required: --out"),
         (["check", "nowhere.sdf"], "nowhere.sdf: cannot read it"),

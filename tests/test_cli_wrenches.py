@@ -12,7 +12,7 @@ import robots
 from framework import assemble, dynamics_at, plan_scene
 from framework.cli import main
 from framework.planning.optimal.peak_bound import bound_plan
-from framework.show.report import command_line, report_page
+from framework.show.report import given_options, report_page
 
 
 def answer(capsys, *words):
@@ -94,12 +94,12 @@ def test_what_is_no_wrench_or_has_no_place_is_refused(capsys, words, complaint):
     assert error.count("\n") == 1
 
 
-def test_the_command_that_makes_a_plan_again_has_its_wrenches():
+def test_the_call_that_makes_a_plan_again_has_its_wrenches():
     robot = robots.load("five_bar")
     plan = plan_scene(robot, "A", wrenches={"left_tip": [0.0, 1.0, 0, 0, 0, 0.5]})
-    assert "--wrench-on left_tip 0.0 1.0 0.0 0.0 0.0 0.5" in command_line(plan, "again")
+    assert given_options(plan)["wrenches"] == {"left_tip": [0.0, 1.0, 0, 0, 0, 0.5]}
     turning = {"left_tip": {"wrench": [0, 1, 0, 0, 0, 0], "axes": "tool"}}
-    assert command_line(plan_scene(robot, "A", wrenches=turning), "again") is None  # no option states it
+    assert given_options(plan_scene(robot, "A", wrenches=turning))["wrenches"] == turning
 
 
 def test_bounds_of_all_laws_count_the_wrenches():

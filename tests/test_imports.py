@@ -85,6 +85,7 @@ QUESTIONS = {
     "framework.singularity.traced_locus": None,
     "framework.dynamics.finite_differences": None,
     "framework.dynamics.loading": {"LOAD_WORDS", "LoadReason"},
+    "framework.dynamics.motor_limits": {"motor_limits"},
     "framework.dynamics.wrench": None,
     "framework.dynamics.platform_limits": None,
     "framework.dynamics.platform_wrench": None,

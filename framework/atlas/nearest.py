@@ -14,8 +14,8 @@ bounds differ where that ball ends at Type 1, or the proof at its largest number
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from framework.kinematics.linearised_loops import assembled_at, linearised_at
 from framework.kinematics.loop_matrices import type1_matrix, type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, join, select
+from framework.numerics.fields import positive
 from framework.proofs.regular_ball import MAX_CELLS, prove_regular_ball
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
@@ -94,29 +95,28 @@ def nearest_singular_pose(
             f"{robot.name}: a margin needs a measure g with a sign: passive joints, and a motor for each "
             f"axis of the platform"
         )
-    if within is not None and not 0 < within < np.inf:
-        raise InvalidInput(f"within: needs a positive number, got {within!r}")
     assembled = assembled_at(robot, q)
     centre_q, centre = assembled.q[0], assembled.x[0]
     unit_length, unit = distance_unit(robot)
-    reach = 0.5 if within is None else within / unit_length
+    reach = 0.5 if within is None else positive("within", within) / unit_length
     directions = _directions(robot.n)
     crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
     nearest = _nearest_foot(robot, crossed, centre, reach)
     leg_end = _type_1_distance(robot, ended, centre)
     radius = reach if nearest is None else nearest.distance
-    proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells).radius
-    margin = NearestSingularPose(
+    proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells)
+    pose: dict[str, Any] = {}
+    if nearest is not None:
+        twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
+        pose = {"distance": nearest.distance * unit_length, "x": nearest.x, "q": nearest.q, "twist": twist}
+    return NearestSingularPose(
         at_least=proved * unit_length,
         unit=unit,
         within=reach * unit_length,
         rays=len(directions),
         leg_end=leg_end * unit_length,
+        **pose,
     )
-    if nearest is None:
-        return margin
-    twist = uncontrolled_motion(robot, linearised_at(robot, nearest.q[None], None)).twist
-    return replace(margin, distance=nearest.distance * unit_length, x=nearest.x, q=nearest.q, twist=twist)
 
 
 class RaySegments(NamedTuple):
@@ -199,7 +199,7 @@ def _nearest_foot(robot: ParallelRobot, crossed: RaySegments, x: Array, reach: f
 
     Candidates are foot points, and the nearest sign change itself if g is zero there to rounding.
     """
-    hits = _locate_ends(robot, crossed, x, by_sign=True)
+    hits = _locate_ends(robot, crossed, x)
     feet = [_find_foot(robot, hit, x) for hit in hits[:MAX_STARTS]]
     feet += [hit for hit in hits if _is_singular(robot, hit)][:1]
     within_reach = [foot for foot in feet if foot is not None and foot.distance <= reach]
@@ -208,7 +208,7 @@ def _nearest_foot(robot: ParallelRobot, crossed: RaySegments, x: Array, reach: f
 
 def _type_1_distance(robot: ParallelRobot, ended: RaySegments, x: Array) -> float:
     """Compute the distance of x (n,) from the nearest Type 1 end; infinite without."""
-    ends = _locate_ends(robot, ended, x, by_sign=False)
+    ends = _locate_ends(robot, ended, x)
     return min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
 
 
@@ -224,23 +224,21 @@ def _platform_distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
     return np.linalg.norm((y - x) / robot.platform_scale, axis=-1)
 
 
-def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array, *, by_sign: bool) -> list[Foot]:
+def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array) -> list[Foot]:
     """Find the last poses before sign changes or ends of branches, nearest first.
 
     All are found coarsely by few halvings, then the nearest to rounding.
     """
-    coarse = _bisect_segments(robot, segments, by_sign=by_sign, halvings=COARSE_HALVINGS)
+    coarse = _bisect_segments(robot, segments, COARSE_HALVINGS)
     order = np.argsort(_platform_distances(robot, coarse.start, x), kind="stable")
     nearest = select(coarse, order[:1])
-    fine = _bisect_segments(robot, nearest, by_sign=by_sign, halvings=MAX_HALVINGS - COARSE_HALVINGS)
+    fine = _bisect_segments(robot, nearest, MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
     distances = map(float, _platform_distances(robot, ends.start, x))
     return [Foot(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
 
 
-def _bisect_segments(
-    robot: ParallelRobot, segments: RaySegments, *, by_sign: bool, halvings: int
-) -> RaySegments:
+def _bisect_segments(robot: ParallelRobot, segments: RaySegments, halvings: int) -> RaySegments:
     """Advance the starts of segments towards the sign change or end, by bisection.
 
     `fraction` of a segment is done. A step of `size` is repeated while it is accepted, and halved when it is
@@ -255,8 +253,7 @@ def _bisect_segments(
         target = start[live] + direction * next_fraction[:, None]
         step = step_poses(robot, q[live], origin, target)
         accepted = (step.reason == PoseReason.REACHED) & (next_fraction < 1.0)
-        if by_sign:
-            accepted[accepted] = _sign_of_g(robot, step.q[accepted]) == sign[live[accepted]]
+        accepted[accepted] = _sign_of_g(robot, step.q[accepted]) == sign[live[accepted]]
         q[live[accepted]], fraction[live[accepted]] = step.q[accepted], next_fraction[accepted]
         size[live[~accepted]] *= 0.5
     return RaySegments(q, start + (end - start) * fraction[:, None], end)

@@ -7,7 +7,6 @@ searches start from the nearest of these.
 
 from __future__ import annotations
 
-import threading
 from functools import lru_cache
 
 import numpy as np
@@ -37,7 +36,7 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     """
     expect_robot(robot)
     target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
-    search = _pose_search(robot, threading.get_ident())
+    search = PoseSearch(robot)
     q, sampled_x = _sample_poses(robot)
     starts = _choose_starts((sampled_x - target) / robot.platform_scale)
     ends: list[NearestPose] = []
@@ -61,12 +60,6 @@ def _choose_starts(offsets: Array) -> list[int]:
         apart = np.linalg.norm(offsets - offsets[starts[-1]], axis=1)
         distances[apart < START_DISTANCE] = np.inf
     return starts
-
-
-@lru_cache(maxsize=8)
-def _pose_search(robot: ParallelRobot, thread: int) -> PoseSearch:
-    """Return the search of a robot; one for each thread."""
-    return PoseSearch(robot)
 
 
 @lru_cache(maxsize=8)

@@ -10,6 +10,7 @@ import numpy as np
 
 from framework.dynamics.forces import balanced_forces, static_forces
 from framework.dynamics.loading import LoadedStack, LoadReason, loaded_stack
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.stiffness import (
     CompliantMotions,
     compliant_motions,
@@ -84,9 +85,7 @@ def holding_torque_ratio(poses: Poses) -> Array:
     if poses.wrench is not None:
         forces = forces - np.einsum("tnv,n->tv", poses.linearised.platform, poses.wrench)
     torques = balanced_forces(robot, poses.linearised, forces).joint_torque / robot.gear_ratio
-    in_file = [actuator.torque_limit for actuator in robot.description.actuators]
-    limits = np.array([np.inf if limit is None else limit for limit in in_file])
-    return (np.abs(torques) / limits).max(axis=1)
+    return (np.abs(torques) / motor_limits(robot, "torque_limit", None)).max(axis=1)
 
 
 QUANTITIES = {
@@ -208,7 +207,7 @@ def choose_quantities(
 
 def has_torque_limits(robot: ParallelRobot) -> bool:
     """Return whether any motor has a limit of torque."""
-    return any(actuator.torque_limit is not None for actuator in robot.description.actuators)
+    return bool(np.isfinite(motor_limits(robot, "torque_limit", None)).any())
 
 
 def quantity_unit(robot: ParallelRobot, quantity: Quantity) -> str:

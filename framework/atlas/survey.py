@@ -5,6 +5,7 @@ A window is a grid over two of the platform's coordinates, with the others const
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,7 +66,7 @@ class Window(ReadOnlyArrays):
         return x
 
 
-def map_axes(robot: ParallelRobot, names: tuple[str, str] | None = None) -> tuple[int, int]:
+def map_axes(robot: ParallelRobot, names: Sequence[str] | None = None) -> tuple[int, int]:
     """Return the two platform coordinates of a map, by index.
 
     By default the first two, translations first.
@@ -104,7 +105,7 @@ FINE_LOOKS = 2  # looks at the window that the look before has found
 def survey_window(
     robot: ParallelRobot,
     *,
-    axes: tuple[str, str] | None = None,
+    axes: Sequence[str] | None = None,
     at: ArrayLike | None = None,
     size: int = EDGE_POSES,
     keep_limits: bool = False,
@@ -142,13 +143,9 @@ def _reached_window(robot: ParallelRobot, look: Window, bounds: Window, keep_lim
     within = is_reached & (shares_beyond_limits(robot.limits, q) <= 0.0).all(axis=-1)
     reached = np.argwhere(within if keep_limits and within.any() else is_reached)
     first, last = look.lower + reached.min(axis=0) * look.cell, look.lower + reached.max(axis=0) * look.cell
-    return _widen_window(replace(look, lower=first, upper=last), bounds, SURVEY_MARGIN * look.cell)
-
-
-def _widen_window(window: Window, bounds: Window, margin: Array) -> Window:
-    """Widen a window by `margin` (2,) on each side, within bounds."""
-    lower = np.maximum(window.lower - margin, bounds.lower)
-    return replace(window, lower=lower, upper=np.minimum(window.upper + margin, bounds.upper))
+    margin = SURVEY_MARGIN * look.cell
+    lower = np.maximum(first - margin, bounds.lower)
+    return replace(look, lower=lower, upper=np.minimum(last + margin, bounds.upper))
 
 
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:

@@ -15,7 +15,7 @@ from framework.laws.path import Line, Path, Polyline
 from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
-from framework.numerics.fields import LARGEST_NUMBER
+from framework.numerics.fields import number
 from framework.planning.motion_table import (
     DEFAULT_ROWS,
     MAX_SAMPLES,
@@ -98,12 +98,9 @@ def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, flo
     values = {}
     for word in words:
         name, _, text = word.rpartition("=")
-        try:
-            values[name] = float(text)
-        except ValueError:
-            values[name] = float("nan")
-        if not (name and abs(values[name]) <= LARGEST_NUMBER):
+        if not name:
             raise InvalidInput(f"{option}: needs {form} with a finite number, got {word!r}")
+        values[name] = number(f"{option} {name}", text)
     return values
 
 

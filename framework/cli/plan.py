@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from argparse import Namespace
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -23,12 +22,13 @@ from framework.cli.parser import (
     command,
     integer_between,
 )
+from framework.cli.writing import written_out
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
 from framework.kinematics.mistaken_units import remarks_on_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
-from framework.numerics.output import Document, json_text, select_fields, write_csv, written_together
+from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
 from framework.planning.options import MOTION
@@ -99,23 +99,19 @@ def run(options: Namespace) -> Report:
     options.warnings += remarks_on_bodies(robot)
     _check_options(options, level)
     arguments.check_columns(options, robot)
-    out = None if options.out is None else FilePath(options.out)
     if options.raw:
-        writing = nullcontext() if out is None else written_together(out, document="raw.json")
-        with writing as folder:
+        with written_out(options, "raw.json") as folder:
             return report_raw(options, robot, request, folder)
-    if out is None:
+    out = None if options.out is None else FilePath(options.out)
+    replaced = "" if out is None else _describe_replaced(out)
+    with written_out(options, FILE, OF_A_PLAN) as folder:
         plan, entries, lines = _make_plan(options, robot, request, level)
-        return plan_document(plan) | entries, plan_lines(plan) + lines
-    replaced, present = _describe_replaced(out), [name for name in OF_A_PLAN if os.path.isfile(out / name)]
-    with written_together(out, document=FILE, beside=OF_A_PLAN) as folder:
-        plan, entries, lines = _make_plan(options, robot, request, level)
-        options.progress.start("drawing the figures")
         document = plan_document(plan, out) | entries
-        _write_plan(plan, document, arguments.motion_rows(options, plan), folder)
-    removed = [name for name in present if not os.path.exists(out / name)]
-    replaced += f"; {', '.join(removed)} of that is removed" * bool(removed)
-    options.written = f"{out}{replaced}"
+        if folder is not None:
+            options.progress.start("drawing the figures")
+            _write_plan(plan, document, arguments.motion_rows(options, plan), folder)
+    if replaced:
+        options.written += replaced
     return document, plan_lines(plan) + lines
 
 
@@ -139,7 +135,7 @@ def _describe_replaced(folder: FilePath) -> str:
     with suppress(InvalidInput):
         saved = read_document(folder / FILE, "plan")
         if {"robot", "duration"} <= saved.keys():
-            return f", replaces the plan of {saved['robot']} over {saved['duration']} s"
+            return f", replaces the plan of {saved['robot']} over {saved['duration']} s and its figures"
     return ""
 
 

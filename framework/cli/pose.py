@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -19,7 +20,7 @@ from framework.cli.parser import (
     add_wrenches,
     command,
 )
-from framework.dynamics.platform_limits import PlatformLimits, platform_limits
+from framework.dynamics.platform_limits import platform_limits
 from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
 from framework.errors import InvalidInput, NoAnswer, NotAssembled, Type1Singularity
 from framework.kinematics.continuation.forward_kinematics import forward_kinematics
@@ -195,29 +196,29 @@ def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str,
     return nearest.q, sentence, document
 
 
-def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> PlatformLimits | None:
-    """Compute the platform's limits; None where the platform does not determine the motors."""
+def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Mapping[str, Any]:
+    """Compute the platform's limits by name; none where the platform does not determine the motors."""
     try:
-        return platform_limits(robot, q, **arguments.typed_options(options))
+        return platform_limits(robot, q, **arguments.typed_options(options)).polytopes
     except NotAssembled:
-        return None
+        return {}
 
 
-def _limits_in_words(robot: ParallelRobot, limits: PlatformLimits | None) -> list[str]:
+def _limits_in_words(robot: ParallelRobot, limits: Mapping[str, Any]) -> list[str]:
     """Return lines on the platform's limits; none where no motor has one."""
-    if limits is None or not limits.polytopes:
+    if not limits:
         return []
     lines = []
     units = [("N", "m/s") if moves else ("N m", "rad/s") for moves in robot.translations]
     alone = ", each alone" if robot.n > 1 else ""
-    for k, (name, polytope) in enumerate(limits.polytopes.items()):
+    for k, (name, polytope) in enumerate(limits.items()):
         rows = zip(robot.axis_names, polytope.axis_ranges(), units, strict=True)
         ranges = [f"{axis} {low:.4g} .. {high:.4g} {unit[k]}" for axis, (low, high), unit in rows]
         lines.append(f"  {name + ' limits':<17} {', '.join(ranges)}{alone}")
     return [*lines, f"  {'':<17} of the motors in this pose; rigid, without contact, the weight held"]
 
 
-def _limits_document(limits: PlatformLimits | None) -> Document:
+def _limits_document(limits: Mapping[str, Any]) -> Document:
     """Return ranges and polytopes on the platform's coordinates, for JSON."""
     return {
         name: {
@@ -225,7 +226,7 @@ def _limits_document(limits: PlatformLimits | None) -> Document:
             "bounds": polytope.bounds(),
             **select_fields(polytope, "vertices", "normals", "offsets"),
         }
-        for name, polytope in (limits.polytopes.items() if limits else ())
+        for name, polytope in limits.items()
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from framework.cli.parser import Report, add_moved_robot, command, not_empty
 from framework.cli.writing import write_page
-from framework.planning.saved import load_plan, stated_certificate
+from framework.planning.saved import load_plan
 
 
 def add(commands: Any) -> None:
@@ -28,8 +28,5 @@ def run(options: Namespace) -> Report:
 
     options.progress.start("proving the plan anew, and drawing the page")
     plan = load_plan(options.folder, robot_file=options.robot_file)
-    planned = stated_certificate(options.folder)
-    page = report_page(
-        plan, planned=planned, name=describe_saved_plan(plan, Path(options.folder).resolve().name)
-    )
+    page = report_page(plan, name=describe_saved_plan(plan, Path(options.folder).resolve().name))
     return write_page(Path(options.html or Path(options.folder) / "report.html"), page)

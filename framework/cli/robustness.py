@@ -29,14 +29,14 @@ from framework.control.controllers import CONTROLLERS
 from framework.control.study import Study, run_store, run_study
 from framework.control.study_setup import FILE, StudySetup, library_versions, load_study
 from framework.control.variation import Spread
-from framework.errors import FrameworkError, InvalidInput
+from framework.errors import InvalidInput
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole
 from framework.numerics.kept import KeptChunks
-from framework.numerics.output import Document, json_text
+from framework.numerics.output import Document, json_text, select_fields
 from framework.numerics.tasks import executor_of
 
-DEFAULT_CONTROLLER, FEEDBACK = "feedforward", "lqr"
+DEFAULT_CONTROLLER = "feedforward"
 COLUMNS = (
     "controller",
     "study_seed",
@@ -57,10 +57,6 @@ DIFFERENCES = (  # of the robots from their model: option, default, meaning
     ("noise", 0.0, "[rad, robot lengths] standard deviation of the encoders, joint side"),
     ("speed_noise", 0.0, "[rad/s, robot lengths/s] the same of measured speeds"),
 )
-FEEDBACK_TRIED = (
-    "  with feedback     {passed} of the first {runs} runs that failed pass with --controller "
-    "{controller}; the default is for robots with springs, too"
-)
 FAILED = "  failed            {controller}, seed {seed}: {why}"
 MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
 MAX_RUNS = 1_000_000
@@ -77,7 +73,8 @@ def add(commands: Any) -> None:
         nargs="+",
         choices=tuple(CONTROLLERS),
         metavar="NAME",
-        help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward)",
+        help=f"one or several of {', '.join(CONTROLLERS)} (default: feedforward, which is for robots with "
+        "springs, too; lqr sees the platform and may pass where that fails)",
     )
     group.add_argument(
         "--runs",
@@ -152,11 +149,11 @@ def run(options: Namespace) -> Report:
     unit = f"of {options.runs * len(stores)} runs"
     with written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _run_studies(options, setup, stores)
-        document, lines = _report_studies(options, setup, studies, out)
+        document = _make_document(setup, studies, out)
         if folder is not None:
             options.progress.start("drawing the figure")
             _write_studies(setup, studies, document, folder)
-    return document, lines
+    return document, _format_studies(document)
 
 
 def _make_setup(options: Namespace) -> StudySetup:
@@ -183,35 +180,16 @@ def _controller_names(options: Namespace) -> list[str]:
     return list(dict.fromkeys(options.controller or [DEFAULT_CONTROLLER]))
 
 
-def _with_feedback(options: Namespace, setup: StudySetup, study: Study) -> Document:
-    """Count the first failed runs that pass with feedback.
-
-    Empty where a controller was chosen.
-    """
-    failed = [number for _, number in study.failures[:5]]
-    if options.controller or not failed:
-        return {}
-    try:
-        passed = int(setup.run(FEEDBACK, *failed).passed.sum())
-    except FrameworkError:  # this controller is not for every robot
-        return {}
-    return {"with_feedback": {"controller": FEEDBACK, "runs": len(failed), "passed": passed}}
-
-
-def _report_studies(
-    options: Namespace, setup: StudySetup, studies: list[Study], folder: Path | None
-) -> Report:
-    """Return all studies as a document and as text."""
+def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None) -> Document:
+    """Return all studies as a document."""
     robot = setup.plan.robot
-    document = {
+    return {
         "robot": robot.name,
         "length": robot.length,
         "runs": len(studies[0].passed),
         **setup.to_dict(folder),
         "studies": [_describe_study(study) for study in studies],
-        **_with_feedback(options, setup, studies[0]),
     }
-    return document, _format_studies(document)
 
 
 def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks]) -> list[Study]:
@@ -241,9 +219,7 @@ def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptCh
 def _describe_study(study: Study) -> Document:
     """Return a study as a document: probability, quantiles of errors, and failed runs."""
     return {
-        "controller": study.controller,
-        "probability": study.probability,
-        "interval": study.interval,
+        **select_fields(study, "controller", "probability", "interval"),
         "tracking_error": _compute_quantiles(study.tracking_error),
         "end_error": _compute_quantiles(study.end_error),
         "peak_torque": study.peak_torque.max(),
@@ -275,8 +251,6 @@ def _format_studies(document: Document) -> list[str]:
         lines += [FAILED.format_map(study | failure) for failure in failures[:3]]
         if len(failures) > 3:
             lines.append(MORE_FAILED.format(len(failures) - 3))
-    if "with_feedback" in document:
-        lines.append(FEEDBACK_TRIED.format_map(document["with_feedback"]))
     return lines
 
 

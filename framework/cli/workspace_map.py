@@ -45,7 +45,7 @@ from framework.cli.parser import (
     integer_between,
 )
 from framework.cli.writing import mapped_stepwise
-from framework.errors import InvalidInput, point
+from framework.errors import InvalidInput, finite_numbers, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
@@ -53,7 +53,6 @@ from framework.numerics.output import select_fields
 from framework.planning.options import LIMITS, MODEL
 from framework.planning.scenes import scene, scene_path
 
-HEAD = "{1}: {2[0]} x {2[1]} poses, {3}, {0.seconds:.2f} s"
 STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 STUDY_EDGE_POSES = 41  # by default
 MAX_PRINTED_DESIGNS = 20
@@ -199,7 +198,7 @@ def run(options: Namespace) -> Report:
 
 def _quantity_names(options: Namespace, robot: ParallelRobot) -> list[str] | None:
     """Return the quantities' names, by default all that apply; with --keep-limits also `holding`."""
-    names = None if options.quantity is None else list(options.quantity)
+    names: list[str] | None = options.quantity
     if not options.keep_limits or not has_torque_limits(robot):
         return names
     return [*(names or [quantity.key for quantity in choose_quantities(robot, None)]), "holding"]
@@ -210,13 +209,12 @@ def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) 
 
     The survey finds the region that is reached.
     """
-    axes = None if options.over is None else tuple(options.over)
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
     if options.window is None:
-        return survey_window(robot, axes=axes, at=centre, size=size, keep_limits=options.keep_limits)
-    bounds = np.array(finite_window(options))
-    return Window(map_axes(robot, axes), bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
+        return survey_window(robot, axes=options.over, at=centre, size=size, keep_limits=options.keep_limits)
+    bounds, axes = finite_numbers("--window", options.window, 4), map_axes(robot, options.over)
+    return Window(axes, bounds[::2], bounds[1::2], (size, size), map_point(robot, centre))
 
 
 def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> None:
@@ -231,9 +229,11 @@ def _write_map(workspace: WorkspaceMap, path: Path | None, folder: FilePath) -> 
 def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> Report:
     """Return a map as a document, and in text its counts, locus and statistics."""
     robot, window = workspace.robot, workspace.window
+    rows, columns = window.shape
+    spans = _format_spans(robot, window)
     document = {**map_document(workspace), "seconds": workspace.seconds}
     lines = [
-        HEAD.format(workspace, robot.name, window.shape, _format_spans(robot, window)),
+        f"{robot.name}: {rows} x {columns} poses, {spans}, {workspace.seconds:.2f} s",
         "  poses\tcount",
         *(f"  {why}\t{count}" for why, count in workspace.counts.items() if count),
         *(f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count),
@@ -277,13 +277,14 @@ def report_design_study(options: Namespace) -> Report:
     file = robot_file(options.robot)
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
-    first, second = map_axes(robot, None if options.over is None else tuple(options.over))
+    first, second = map_axes(robot, options.over)
+    window = None if options.window is None else finite_numbers("--window", options.window, 4)
     task = StudyTask(
         file=str(file.resolve()),
         names=designs.names,
         flexibility=options.flexibility,
         axes=(robot.axis_names[first], robot.axis_names[second]),
-        window=None if options.window is None else finite_window(options),
+        window=None if window is None else tuple(window.tolist()),
         size=options.size or STUDY_EDGE_POSES,
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
@@ -299,13 +300,6 @@ def report_design_study(options: Namespace) -> Report:
             options.progress.start("drawing the figure")
             save_figure(lambda: plot_study(study), folder / "study")
     return _report_study(study, robot.name)
-
-
-def finite_window(options: Namespace) -> tuple[float, ...]:
-    """Return the numbers of --window."""
-    if not np.all(np.isfinite(options.window)):
-        raise InvalidInput(f"--window: needs four finite numbers, got {options.window}")
-    return tuple(options.window)
 
 
 def _report_study(study: DesignStudy, robot: str) -> Report:

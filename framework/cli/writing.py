@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,12 +22,12 @@ def write_page(file: Path, page: str | bytes) -> Report:
 
 
 @contextmanager
-def written_out(options: Namespace, document: str) -> Iterator[Path | None]:
-    """Yield a folder whose files move into --out; None without --out."""
+def written_out(options: Namespace, document: str, beside: Collection[str] = ()) -> Iterator[Path | None]:
+    """Yield a folder whose files move into --out, as `written_together` says; None without --out."""
     if options.out is None:
         yield None
         return
-    with written_together(Path(options.out), document=document) as folder:
+    with written_together(Path(options.out), document=document, beside=beside) as folder:
         yield folder
     options.written = options.out
 

@@ -15,10 +15,12 @@ import numpy as np
 from framework.control.controllers import Controller, Measurement, RobotState
 from framework.control.reference import Reference
 from framework.control.variation import Spread, Variation, apply_variation, draw_noise
+from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled, check_choice
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
 from framework.simulation.schemes import State
@@ -46,9 +48,7 @@ class ControlLoop:
     def __post_init__(self) -> None:
         """Check tolerances and the name of the sensors."""
         for name in ("tolerance", "end"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name}: must be a positive number, got {value!r}")
+            positive(name, getattr(self, name))
         check_choice("sensors", self.sensors, SENSORS)
 
 
@@ -75,32 +75,25 @@ class Run(Outcomes):
     torque: Array | None = None  # (K, R, n_a) if it was recorded
 
 
-@dataclass(eq=False)
 class RunMonitor:
-    """Errors and torques of R runs so far, with the reasons of failures."""
+    """Errors and torques of R runs so far, with the reasons of failures.
 
-    robot: ParallelRobot
-    alive: BoolArray  # (R,) runs that are not over
-    why: list[str]  # (R) reasons of failures
-    worst: Array  # (R,) largest error
-    error: Array  # (R,) last error
-    peak: Array  # (R, n_a) largest torque [N m]
-    positions: list[Array]  # (R, n) of platforms at each check
-    torques: list[Array]  # (R, n_a) of each period, if recorded
+    alive: (R,) runs that are not over.
+    why: R reasons of failures.
+    worst, error: (R,) the largest and the last error.
+    peak: (R, n_a) largest torque [N m].
+    positions: of platforms (R, n) at each check; torques: (R, n_a) of each period, if recorded.
+    """
 
-    @staticmethod
-    def of(count: int, robot: ParallelRobot) -> RunMonitor:
-        """Return the monitor of `count` runs that have not begun."""
-        return RunMonitor(
-            robot=robot,
-            alive=np.ones(count, bool),
-            why=[""] * count,
-            worst=np.zeros(count),
-            error=np.zeros(count),
-            peak=np.zeros((count, robot.n_a)),
-            positions=[],
-            torques=[],
-        )
+    def __init__(self, count: int, robot: ParallelRobot) -> None:
+        """Monitor `count` runs that have not begun."""
+        self.robot = robot
+        self.alive = np.ones(count, bool)
+        self.why = [""] * count
+        self.worst = self.error = np.zeros(count)
+        self.peak = np.zeros((count, robot.n_a))
+        self.positions: list[Array] = []
+        self.torques: list[Array] = []
 
     def check(self, time: float, x: Array, planned: Array) -> None:
         """Compare platforms x (R, n) with the plan (n,); end runs that are too far off."""
@@ -177,20 +170,13 @@ class DelayLine(NamedTuple):
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     """Return the largest motor torques (n_a,) [N m] of the loop.
 
-    By default those of the robot file, or 10 times the plan's peaks.
+    By default those of the robot file; without a limit 10 times the plan's peaks.
 
     Raises:
         InvalidInput: a limit that is no torque.
     """
-    default = 10 * np.abs(reference.torque).max(axis=0)
-    if loop.limit is None:
-        motors = reference.robot.description.actuators
-        in_file = np.array([motor.torque_limit for motor in motors], dtype=float)
-        return np.where(np.isnan(in_file), default, in_file)
-    limit = np.asarray(loop.limit, dtype=float)
-    if limit.shape not in ((), (1,), default.shape) or not np.all(limit > 0):
-        raise InvalidInput(f"limit: needs {len(default)} positive torques [N m], got {list(loop.limit)}")
-    return np.broadcast_to(limit, default.shape)
+    limits = motor_limits(reference.robot, "torque_limit", loop.limit)
+    return np.where(np.isfinite(limits), limits, 10 * np.abs(reference.torque).max(axis=0))
 
 
 def run_closed_loop(
@@ -215,11 +201,11 @@ def run_closed_loop(
         InvalidInput: the loops of a varied robot do not close; a limit that is no torque.
     """
     ref = controller.reference
-    limit = torque_limit(controller.reference, loop)
+    limit = torque_limit(ref, loop)
     robots = _VariedRobots.of(controller, spread, variations)
     last = len(ref.times) - 1
     delay_line = DelayLine.of(controller, variations)
-    monitor = RunMonitor.of(len(variations), ref.robot)
+    monitor = RunMonitor(len(variations), ref.robot)
     q, v = robots.start
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:

@@ -86,22 +86,6 @@ class StudySetup:
             "versions": library_versions(),
         }
 
-    @staticmethod
-    def from_dict(saved: dict[str, Any], file: Path, *, robot_file: str | None = None) -> StudySetup:
-        """Return the setup of a document of `to_dict`, read from `file`.
-
-        Args:
-            robot_file: the robot's file, if not where the document says.
-
-        Raises:
-            InvalidInput: the document is another one, or the robot has changed since.
-        """
-        with prefix_errors(file, InvalidInput):
-            stated = read_table("", saved, _STUDY, others=None)
-            loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
-        plan = plan_from_document(stated["plan"], file, robot_file=robot_file)
-        return StudySetup(plan, stated["period"], loop, stated["spread"], stated["seed"])
-
 
 _STUDY: Table = {
     "seed": required(whole),
@@ -133,4 +117,8 @@ def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[St
     """
     file = Path(folder) / FILE
     saved = read_document(file, "robustness")
-    return StudySetup.from_dict(saved, file, robot_file=robot_file), saved
+    with prefix_errors(file, InvalidInput):
+        stated = read_table("", saved, _STUDY, others=None)
+        loop = ControlLoop(**{key: stated[key] for key in ("tolerance", "end", "limit", "sensors")})
+    plan = plan_from_document(stated["plan"], file, robot_file=robot_file)
+    return StudySetup(plan, stated["period"], loop, stated["spread"], stated["seed"]), saved

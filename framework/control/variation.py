@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +11,7 @@ import pinocchio as pin
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
+from framework.numerics.fields import not_negative
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,8 @@ class Spread:
 
     def __post_init__(self) -> None:
         """Check deviations: 0 or more, shares below 1."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"{field.name}: must be a number of at least 0, got {value!r}")
+        for name, value in vars(self).items():
+            not_negative(name, value)
         for name in ("payload", "stiffness"):
             if getattr(self, name) >= 1:
                 raise InvalidInput(f"{name}: must be a share below 1, got {getattr(self, name)!r}")

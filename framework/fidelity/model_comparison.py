@@ -94,15 +94,16 @@ class Comparison(ReadOnlyArrays):
 
 
 def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return the time constants of the fall in a motion, and feedback if needed.
+    """Return the exponent by which a disturbance grows over a motion, and the feedback of the motors.
 
-    Motors have feedback where there are more than MAX_FALL.
+    They have feedback where the exponent, the rate of the fall times the duration, is above MAX_FALL.
     """
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
         return fall, None
     inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
-    return fall, MotorControl.of(inertia, CONTROL_TO_FALL * fall / motion.duration)
+    frequency = CONTROL_TO_FALL * fall / motion.duration  # [1/s]
+    return fall, MotorControl.of(inertia, frequency)
 
 
 @dataclass
@@ -153,20 +154,21 @@ class ReferenceMotion:
         Raises:
             InvalidInput: the robot cannot be simulated.
         """
-        own, below = self._simulate_reference(), None
+        reference = self._simulate_reference()
+        previous = None  # the comparison of the level below
+        unknown = np.full(len(self.times), np.nan)
         for name, (motion, seconds, reason) in motions:
             level = LEVELS_BY_NAME[name]
             if motion is None:
-                unknown = np.full(len(self.times), np.nan)
                 comparison = Comparison(level, None, unknown, unknown, reason)
-            elif below is not None and self._is_equal(motion, below.motion):
-                comparison = replace(below, same_as=below.same_as or below.level.name)
+            elif previous is not None and self._is_equal(motion, previous.motion):
+                comparison = replace(previous, same_as=previous.same_as or previous.level.name)
             elif self._is_equal(motion, self.plan.dynamics):
-                comparison = own
+                comparison = reference
             else:
                 comparison = self._simulate(level, motion)
-            below = replace(comparison, level=level, motion=motion, seconds=seconds)
-            yield below
+            previous = replace(comparison, level=level, motion=motion, seconds=seconds)
+            yield previous
 
     def _simulate_reference(self) -> Comparison:
         """Simulate the reference's own torques, with shorter steps if needed.

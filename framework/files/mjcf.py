@@ -50,7 +50,7 @@ CLOSING_POINT_DISTANCE = 0.1  # robot lengths between the points that close a hi
 
 
 def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
-    """Return the robot as MJCF; the keyframe `reference` is its assembled reference.
+    """Return the robot as MJCF.
 
     The keyframe `reference` is its assembled reference.
 

@@ -33,7 +33,8 @@ from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, ReadOnlyArrays
-from framework.numerics.output import Document, plain
+from framework.numerics.fields import positive
+from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
 
 LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, as of a machine shop
@@ -111,12 +112,9 @@ class Calibration(ReadOnlyArrays):
                     name: {"before": before, "after": after}
                     for name, before, after in islice(errors, self.measured.driven, None)
                 },
-                "noise": self.noise,
-                "degrees_of_freedom": self.degrees_of_freedom,
-                "outliers": self.outliers,
-                "instants": self.instants,
-                "steps": self.steps,
-                "seconds": self.seconds,
+                **select_fields(
+                    self, "noise", "degrees_of_freedom", "outliers", "instants", "steps", "seconds"
+                ),
             }
         )
         return document
@@ -192,8 +190,7 @@ def _check_errors(noise: Mapping[str, float], **file_errors: float) -> None:
     for name in noise:
         check_choice("kind of noise", name, NOISE)
     for name, value in {**noise, **file_errors}.items():
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"{name}: needs a positive number, got {value!r}")
+        positive(name, value)
 
 
 def _solve_poses(model: ParallelRobot, measured: Measurements) -> Array:
@@ -278,11 +275,9 @@ def _describe_unseen(
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
         least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
-        advice = "no pose or joint angle depends on it"
-        for name, slope in unused.items():
-            if np.abs(np.vecdot(slope, motion)).max() > least:
-                advice = f"{name} would show it"
-                break
+        shown = (name for name, slope in unused.items() if np.abs(np.vecdot(slope, motion)).max() > least)
+        name = next(shown, None)
+        advice = f"{name} would show it" if name else "no pose or joint angle depends on it"
         sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)
 

@@ -34,7 +34,7 @@ class Measurements(ReadOnlyArrays):
     driven: int  # number of motors
     columns: IntArray  # (measured joints,) entries of the velocity vector
     axes: IntArray  # of the platform's coordinates
-    others: IntArray  # of 0..2: measured positions of the frame's origin that are no platform coordinates
+    positions: IntArray  # of 0..2: base axes of the frame's measured positions that are no coordinates
 
     def select_instants(self, instants: BoolArray) -> Measurements:
         """Return the measurements at the instants of a mask (T,)."""
@@ -43,6 +43,9 @@ class Measurements(ReadOnlyArrays):
 
 def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:
     """Select the motors, other joints and platform coordinates of a recording.
+
+    In this order: angles of motors, of other joints with encoders, coordinates of the platform, and
+    positions of its frame that are no coordinates.
 
     Args:
         noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
@@ -55,10 +58,9 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     model = geometry.model
     motors = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
     encoders = {column: name for column, name in encoder_names(model).items() if name in data.names}
-    measured_axes = [name.removeprefix("platform_") for name in data.names if name.startswith("platform_")]
-    axes = [axis for axis in robot.axis_names if axis in measured_axes]
-    others = [axis for axis in LINEAR_AXES if axis in measured_axes and axis not in axes]
-    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + others)]  # beside the motors
+    axes = [axis for axis in robot.axis_names if data.has("platform", [axis])]
+    positions = [axis for axis in LINEAR_AXES if data.has("platform", [axis]) and axis not in axes]
+    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # beside the motors
     if not names:
         raise InvalidInput(
             f"{data.source}: motor angles alone show nothing of the geometry; platform_"
@@ -75,13 +77,13 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
                 motor_noise,
                 np.full(len(encoders), noise["joint"]),
                 platform_noise,
-                np.full(len(others), noise["platform"]),
+                np.full(len(positions), noise["platform"]),  # which are lengths
             ]
         ),
         driven=robot.n_a,
         columns=np.array([*model.actuated, *encoders], dtype=np.intp),
         axes=coordinates,
-        others=np.array(list(map(LINEAR_AXES.index, others)), dtype=np.intp),
+        positions=np.array(list(map(LINEAR_AXES.index, positions)), dtype=np.intp),
     )
 
 
@@ -108,7 +110,7 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
     """
     joints = measured.columns
     axes = measured.axes
-    others = measured.others
+    positions = measured.positions
     ends = np.cumsum([len(joints), len(axes)])
     joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
     x = model.platform.coordinates(frames)  # (T, n)
@@ -116,12 +118,12 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
     offset = [
         model.coordinates.positions(frames.q)[:, joints] - joint_values,
         model.platform.residual(frames, x)[:, axes],
-        frames.position[:, 0, others] - position_values,
+        frames.position[:, 0, positions] - position_values,
     ]
     slope = [
         np.tile(np.eye(model.model.nv)[joints], (len(x), 1, 1)),
         model.platform.jacobian(frames)[:, axes],
-        frames.frame_jacobian(0)[:, others],
+        frames.frame_jacobian(0)[:, positions],
     ]
     return MeasuredOffsets(np.concatenate(offset, axis=1), np.concatenate(slope, axis=1))
 

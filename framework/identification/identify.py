@@ -34,8 +34,9 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
-from framework.numerics.output import Document, plain
+from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out
@@ -45,17 +46,10 @@ DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the size of 
 
 
 class Rows(NamedTuple):
-    """Rows A theta = b of T instants, of unit noise up to a common scale."""
+    """Rows A theta = b, of unit noise up to a common scale."""
 
-    matrix: Array  # (T, n, p)
-    right: Array  # (T, n)
-
-    def select(self, instants: BoolArray) -> Rows:
-        """Return the rows of the marked instants (T,) as one matrix (rows, p).
-
-        The right side becomes (rows,).
-        """
-        return Rows(self.matrix[instants].reshape(-1, self.matrix.shape[2]), self.right[instants].ravel())
+    matrix: Array  # (rows, p)
+    right: Array  # (rows,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,24 +127,16 @@ class Identification(ReadOnlyArrays):
         document: Document = plain(
             {
                 "robot": self.robot.name,
-                "rank": self.base.rank,
-                "gap": self.base.gap,
-                "certain": self.base.certain,
+                **select_fields(self.base, "rank", "gap", "certain"),
                 "base_parameters": [
                     {"name": name, "value": value, "standard_deviation": deviation, "file": own}
                     for name, value, deviation, own in base
                 ],
-                "changed": self.changed,
-                "undetermined": self.undetermined,
+                **select_fields(self, "changed", "undetermined"),
                 "parameters": dict(zip(self.base.parameters, self.parameters, strict=True)),
                 "torque_error_before": dict(zip(motors, self.error_before, strict=True)),
                 "torque_error_after": dict(zip(motors, self.error_after, strict=True)),
-                "noise": self.noise,
-                "cutoff": self.cutoff,
-                "poses": self.poses,
-                "motor_misfit": self.motor_misfit,
-                "instants": self.instants,
-                "seconds": self.seconds,
+                **select_fields(self, "noise", "cutoff", "poses", "motor_misfit", "instants", "seconds"),
             }
         )
         return document
@@ -183,14 +169,13 @@ def identify(
     """
     expect_robot(robot)
     started = clock.perf_counter()
-    if not (np.isfinite(prior) and prior > 0):
-        raise InvalidInput(f"prior: needs a positive number, got {prior!r}")
+    positive("prior", prior)
     base = base_parameters(robot, massless=massless)
     data = load_recording(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
     test = _is_validation(measured.times)
-    rows = _whiten(robot, regressor, measured).select(~test)
+    rows = _whiten(robot, regressor, measured, ~test)
     if len(rows.right) <= base.rank:
         raise InvalidInput(
             f"{data.source}: {len(rows.right)} equations at {int((~test).sum())} instants for {base.rank} "
@@ -226,8 +211,10 @@ def identify(
     )
 
 
-def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion) -> Rows:
-    """Return the rows of all instants, whitened by the noise G' e of the torques.
+def _whiten(
+    robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion, instants: BoolArray
+) -> Rows:
+    """Return the rows of the instants in a mask (T,), whitened by the noise G' e of the torques.
 
     The covariance of a wrench is C = G' E E' G = V diag(variance) V', with E the noise of the torques. Rows
     times diag(variance)^(-1/2) V' are independent and have unit noise.
@@ -240,7 +227,8 @@ def _whiten(robot: ParallelRobot, regressor: ParameterRegressor, measured: Measu
     deviation = np.sqrt(np.maximum(variance, least_variance))  # (T, n)
     weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # diag(variance)^(-1/2) V' (T, n, n)
     wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
-    return Rows(weights @ regressor.matrix, np.matvec(weights, wrench))
+    matrix = (weights @ regressor.matrix)[instants]
+    return Rows(matrix.reshape(-1, matrix.shape[2]), np.matvec(weights, wrench)[instants].ravel())
 
 
 def _exceed_their_size(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
@@ -316,15 +304,15 @@ def torque_error(
     instants: BoolArray,
     parameters: Array,
 ) -> Array:
-    """Compute relative root mean square errors (n_a,) of torques by parameters (p,).
+    """Compute the root mean square error of each torque (n_a,) over that of the torque, by parameters (p,).
 
-    Over the measured torques. The error e solves G' e = W - G' tau with the predicted wrench W. Only instants
+    The error e solves G' e = W - G' tau with the predicted wrench W. Of the `instants`, a mask (T,), those
     count at which G is well conditioned; NaN without any.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    least_stretch = singular_values(scaled_G / robot.gear_ratio)[:, -1]
-    used = np.flatnonzero(instants & (least_stretch > MIN_NOISE_RATIO * least_stretch.max()))
+    least = singular_values(scaled_G / robot.gear_ratio)[:, -1]
+    used = np.flatnonzero(instants & (least > MIN_NOISE_RATIO * least.max()))
     if not len(used):
         return np.full(robot.n_a, np.nan)
     torque = measured.torque[used]

@@ -191,8 +191,8 @@ def uniform_period(recording: Recording) -> float:
         raise InvalidInput(f"{recording.source}: no column time; it has {', '.join(recording.names)}")
     steps = np.diff(recording.column("time"))
     period = float(steps.mean())
-    if np.abs(steps - period).max() > PERIOD_JITTER * period:
-        worst = np.abs(steps - period).argmax()
+    worst = np.abs(steps - period).argmax()
+    if abs(steps[worst] - period) > PERIOD_JITTER * period:
         raise InvalidInput(
             f"{recording.source}: time steps differ: {steps[worst]:.6g} s after sample {worst + 1}, "
             f"{period:.6g} s on average; differentiation needs equal steps"

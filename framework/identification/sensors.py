@@ -11,6 +11,7 @@ import numpy as np
 from framework.errors import InvalidInput, check_choice
 from framework.identification.recording import Recording, recording_columns
 from framework.numerics.arrays import Array
+from framework.numerics.fields import not_negative, positive
 from framework.simulation.result import Simulation
 
 MAX_SAMPLES = 10_000_000
@@ -35,12 +36,8 @@ class Sensors:
 
     def __post_init__(self) -> None:
         """Check that all values are at least 0, and the rate greater."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            is_rate = field.name == "rate"
-            if not (np.isfinite(value) and value >= 0) or (is_rate and value == 0):
-                least = "more than 0" if is_rate else "at least 0"
-                raise InvalidInput(f"sensors: {field.name} needs a number of {least}, got {value!r}")
+        for name, value in vars(self).items():
+            (positive if name == "rate" else not_negative)(f"sensors: {name}", value)
 
 
 def record_sensors(

@@ -20,7 +20,6 @@ import numpy as np
 from framework.catalogue import find_entry
 from framework.catalogue import robot_file as robot_file_of
 from framework.dynamics.inverse_dynamics import check_law, resolve_law
-from framework.dynamics.result import Certificate
 from framework.errors import InvalidInput, NoAnswer, RobotFileError, choose_from, finite_numbers, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law, PlannedLaw, check_duration
@@ -45,10 +44,8 @@ from framework.numerics.fields import (
     read_table,
     record,
     required,
-    table_of,
     text,
     text_or_empty,
-    truth,
     whole,
 )
 from framework.numerics.input import read_text
@@ -95,7 +92,6 @@ _LAWS: Mapping[str, Table] = {
         "dense_at": required(_NUMBERS),
     },
 }
-_CERTIFICATE = table_of(Certificate, {"int": whole, "float": not_negative, "bool": truth})
 _OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _TIME: Table = {"time": required(number), "speed": required(number)}
 _READ: Table = {
@@ -109,13 +105,14 @@ _READ: Table = {
     ),
     "law": required(_read_law),
     "crossings": required(list_of(lambda where, given: read_table(where, given, _TIME, others=None))),
-    "certificate": required(record(_CERTIFICATE, lambda _, values: Certificate(**values))),
     "reason": required(text_or_empty),
     "optimality": required(
         or_null(lambda where, given: read_table(where, given, _OPTIMALITY, others=("optimize",)))
     ),
     "seconds": required(not_negative),
 }
+
+_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
 
 # ------------------------------------------------------------------ writing
 
@@ -287,13 +284,6 @@ def plan_from_document(
     return replace(plan, seconds=stated["seconds"])
 
 
-def stated_certificate(folder: str | FilePath) -> Certificate:
-    """Return the certificate that the plan.json of a folder states; raises InvalidInput as `load_plan`."""
-    file = FilePath(folder) / FILE
-    certificate: Certificate = _read_plan(read_document(file, "plan"), file)["certificate"]
-    return certificate
-
-
 def _read_plan(saved: Document, file: FilePath) -> Document:
     """Return the values of plan.json by its keys."""
     if saved.get("version") != VERSION:
@@ -302,8 +292,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with prefix_errors(file, InvalidInput):
-        computed = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected")
-        return read_table("", saved, _READ, others=(*computed, "bend", "fidelity"))  # which commands add
+        return read_table("", saved, _READ, others=(*_COMPUTED, "bend", "fidelity"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:

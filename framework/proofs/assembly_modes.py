@@ -8,8 +8,8 @@ Krawczyk: one solution there and no other, for all coefficients within their rou
 ones are all is the `status`:
 
 proved                     as many as the bound are proved and apart, or all joints are paved: there are no
-others numerically complete       as many paths as the bound end at solutions that are apart, the real ones
-proved,
+                           others
+numerically complete       as many paths as the bound end at solutions that are apart, the real ones proved,
                            or leave for infinity by their growth (symmetric platforms have fewer poses than
                            the bound); up to four times tried, and paths are followed without a proof
 at least                   paths end at solutions that are not single, or are lost; or there is no known bound
@@ -124,7 +124,8 @@ def _modes_at_displacements(
     position = reference_frames.position[0, 0]
     rotation = reference_frames.rotation[0, 0]
     p = solutions.p * robot.length
-    if conditions.group.family.name == "translations":
+    family = conditions.group.family
+    if family.name == "translations":
         closed = find_joints_at_poses(robot, q, position + p, None)
     else:
         closed = find_joints_at_poses(robot, q, solutions.R @ position + p, solutions.R @ rotation)
@@ -136,8 +137,8 @@ def _modes_at_displacements(
     modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
     # a solution without joints would be one of the conditions that are not the legs' own
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
-    method = f"homotopy in {conditions.group.family.name}: {solutions.count.sentence}"
-    return AssemblyModes(tuple(modes), status, solutions.bound, solutions.count, method)
+    method = f"homotopy in {family.name}: {solutions.count.sentence}"
+    return AssemblyModes(tuple(modes), status, family.bound, solutions.count, method)
 
 
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:

@@ -41,7 +41,6 @@ class Partition(Generic[Stack, K]):
     undecided: Stack
     pending: Stack  # not tested, for want of work allowed or because they are no nearer than `limit`
     limit: float  # all pieces nearer than this are decided
-    examined: int  # pieces tested
 
 
 def branch_and_bound(
@@ -61,8 +60,7 @@ def branch_and_bound(
         batch: pieces tested at a time.
         max_examined: pieces tested at most, up to a batch.
         distance: (S,) of the pieces. The nearest are tested first. Pieces are not tested if they are no
-        nearer
-            than `limit`, or than an undecided piece. Without distances all are tested.
+            nearer than `limit`, or than an undecided piece. Without distances all are tested.
     """
     pending = region
     proved = list[K]()
@@ -86,7 +84,7 @@ def branch_and_bound(
             pending = select(pending, distance(pending) < limit)
     limit = min(limit, least_distance(pending))
     no_piece = select(region, slice(0))
-    return Partition(proved, join([no_piece, *undecided]), pending, limit, examined)
+    return Partition(proved, join([no_piece, *undecided]), pending, limit)
 
 
 class Boxes(NamedTuple):

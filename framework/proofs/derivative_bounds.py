@@ -25,9 +25,19 @@ from framework.errors import InvalidInput
 from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.loop_matrices import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.platform import JointPlatform
 from framework.numerics.arrays import Array, BoolArray, select
 from framework.numerics.ordered_sums import cross
-from framework.proofs.equation_terms import BASE, Chain, EquationTerms, Term, moving_balls, stretched_length
+from framework.proofs.equation_terms import (
+    BASE,
+    Chain,
+    Ends,
+    Term,
+    chain_between,
+    collect_terms,
+    moving_balls,
+    stretched_length,
+)
 from framework.proofs.rounding import ROUND_UP
 from framework.tolerances import FRAME_ROUNDING
 
@@ -55,15 +65,12 @@ class _ChainDerivatives(NamedTuple):
 class DerivativeBounds:
     """The R equations of a robot in its k `moving` joints, with their scales."""
 
-    table: EquationTerms
+    robot: ParallelRobot
+    terms: list[Term]  # of the equations; a platform whose coordinates are joints has none
+    chains: dict[Ends, Chain]  # of the terms
     row_scale: Array  # (R,)
     column_scale: Array  # (k,)
     rounding: float  # of values and derivatives at one configuration, without dimension
-
-    @property
-    def robot(self) -> ParallelRobot:
-        """The robot of the equations."""
-        return self.table.robot
 
     @staticmethod
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
@@ -83,8 +90,11 @@ class DerivativeBounds:
             )
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
         size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)
+        terms = collect_terms(robot)
         return DerivativeBounds(
-            EquationTerms.of(robot),
+            robot,
+            terms,
+            {term.ends: chain_between(robot, term.ends) for term in terms},
             1.0 / equation_sizes(robot),
             robot.column_scale[robot.moving],
             FRAME_ROUNDING * size / robot.structure.row_sizes.min(initial=1.0),
@@ -105,18 +115,17 @@ class DerivativeBounds:
         """
         S = len(q)
         frames = frames_at(self.robot, q)
-        chains = [_differentiate_chain(chain, frames) for chain in self.table.chains]
+        chains = {ends: _differentiate_chain(chain, frames) for ends, chain in self.chains.items()}
         scale = self.row_scale[:, None] * self.column_scale  # (R, k)
         R, k = scale.shape
         values = np.zeros((S, R))
         slopes = np.zeros((S, R, k))
         hessians = np.zeros((S, R, k, k))
-        for term in self.table.terms:
-            if term.kind == "joint":
-                slopes[:, term.row, term.selected] = 1.0 / scale[term.row, term.selected]
-                continue
-            chain = self.table.chains[term.chain]
-            value, first, second = _differentiate_term(term, chain, chains[term.chain], frames)
+        if isinstance(self.robot.platform, JointPlatform):
+            slopes[:, : self.robot.n] = self.robot.platform.jacobian(frames)[:, :, self.robot.moving]
+        for term in self.terms:
+            chain = self.chains[term.ends]
+            value, first, second = _differentiate_term(term, chain, chains[term.ends], frames)
             values[:, term.row] += value
             slopes[:, term.row, chain.places] += first
             hessians[:, term.row, chain.places[:, None], chain.places] += second
@@ -133,7 +142,7 @@ class Derivatives(NamedTuple):
     values: Array  # (S, R) of the loops; those of the platform are not what its coordinates are
     slopes: Array  # (S, R, k)
     hessians: Array  # (S, R, k, k)
-    chains: list[_ChainDerivatives]
+    chains: dict[Ends, _ChainDerivatives]
 
     def take(self, which: BoolArray) -> Derivatives:
         """Return the derivatives of the boxes of a mask (S,)."""
@@ -143,7 +152,7 @@ class Derivatives(NamedTuple):
             self.values[which],
             self.slopes[which],
             self.hessians[which],
-            [select(chain, which) for chain in self.chains],
+            {ends: select(chain, which) for ends, chain in self.chains.items()},
         )
 
     def remainders(self, radii: Array) -> Remainders:
@@ -166,13 +175,11 @@ class Derivatives(NamedTuple):
 
         Radii (S, k) are in radians and metres.
         """
-        table = self.bounds.table
         thirds = np.zeros_like(self.hessians)
-        for term in table.terms:
-            if term.kind != "joint":  # which is linear
-                chain = table.chains[term.chain]
-                bound = _bound_thirds(term, chain, self.chains[term.chain], radii[:, chain.places])
-                thirds[:, term.row, chain.places[:, None], chain.places] += bound
+        for term in self.bounds.terms:
+            chain = self.bounds.chains[term.ends]
+            bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.places])
+            thirds[:, term.row, chain.places[:, None], chain.places] += bound
         scale = self.bounds.row_scale[:, None] * self.bounds.column_scale
         return thirds * (ROUND_UP * scale[:, :, None] * self.bounds.column_scale)
 
@@ -190,13 +197,12 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
 
     Of the point p: u_j = w_j x (p - o_j), and w_i x u_j for i not behind j.
     """
+    first, second = chain.ends
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
     turn_axes = screws[..., 3:]
-    u = screws[..., :3] + cross(turn_axes, frames.position[:, chain.second, None])
-    origin = 0.0 if chain.first == BASE else frames.position[:, chain.first]
-    point = _ChainVector(
-        frames.position[:, chain.second] - origin, u, _second_derivatives(chain, turn_axes, u)
-    )
+    u = screws[..., :3] + cross(turn_axes, frames.position[:, second, None])
+    origin = 0.0 if first == BASE else frames.position[:, first]
+    point = _ChainVector(frames.position[:, second] - origin, u, _second_derivatives(chain, turn_axes, u))
     return _ChainDerivatives(turn_axes, point, np.linalg.norm(u, axis=2))
 
 
@@ -212,16 +218,16 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
 def _term_vector(
     term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
 ) -> _ChainVector:
-    """Return the vector of a term, with its derivatives.
+    """Return the vector (S, 3) of a term, with its derivatives along the L joints of its chain.
 
-    The vector of a direction is an axis of the second frame; that of a turn is the axial vector of the
-    antisymmetric part of R(q) R(middle)', 0 at the middle; of all others it is the point p.
+    The vector of a direction is an axis of the second frame. That of a turn is the axial vector of the
+    antisymmetric part of R(q) R(middle)', zero at the middle. That of a point and of a square is p.
     """
-    turn_axes = derivatives.turn_axes
+    turn_axes = derivatives.turn_axes  # (S, L, 3)
     if term.kind == "direction":
-        axis = frames.rotation[:, chain.second, :, term.selected]
-        first = cross(turn_axes, axis[:, None])
-        return _ChainVector(axis, first, _second_derivatives(chain, turn_axes, first))
+        axis = frames.rotation[:, term.ends[1], :, term.selected]
+        slopes = cross(turn_axes, axis[:, None])
+        return _ChainVector(axis, slopes, _second_derivatives(chain, turn_axes, slopes))
     if term.kind == "turn":
         zero = np.zeros_like(derivatives.point.value)
         return _ChainVector(zero, turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes))
@@ -240,10 +246,10 @@ def _differentiate_term(
     is_square = term.kind == "square"
     if is_square:
         axis = vector
-    elif chain.first == BASE:
+    elif term.ends[0] == BASE:
         axis = np.broadcast_to(np.eye(3)[term.axis], vector.shape)
     else:
-        axis = frames.rotation[:, chain.first, :, term.axis]
+        axis = frames.rotation[:, term.ends[0], :, term.axis]
     value = term.factor * np.einsum("sc,sc->s", axis, vector)
     slopes = np.einsum("sc,sjc->sj", axis, first)  # axis . u_j
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij

@@ -6,7 +6,7 @@ what carries the second frame as seen from the first. Written down once a robot,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -42,11 +42,13 @@ def stretched_length(robot: ParallelRobot, q: Array) -> float:
     return (links + float(slid)) / robot.length
 
 
+Ends = tuple[int, int]  # of a chain: frames, as indices into Mechanism.frames; the first one may be BASE
+
+
 class Chain(NamedTuple):
     """The L moving joints between two frames."""
 
-    first: int  # frame, as index into Mechanism.frames, or BASE
-    second: int
+    ends: Ends
     places: IntArray  # (L,) among the `moving` columns
     columns: IntArray  # (L,) of pinocchio's velocity vector
     signs: Array  # (L,) -1 where the joint carries the first frame
@@ -61,79 +63,60 @@ class Term(NamedTuple):
     """The part of one chain in an equation."""
 
     row: int
-    chain: int
-    kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn; joint
+    ends: Ends  # of the chain
+    kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn
     axis: int  # of the first frame
-    selected: int  # axis of the second frame, or place of the joint
+    selected: int  # axis of the second frame
     factor: float
 
 
-@dataclass(frozen=True, eq=False)
-class EquationTerms:
-    """The terms of all platform and loop equations, along the chains of a robot."""
+def collect_terms(robot: ParallelRobot) -> list[Term]:
+    """Return the terms of all platform and loop equations.
 
-    robot: ParallelRobot
-    chains: list[Chain]
-    terms: list[Term]
-
-    @staticmethod
-    def of(robot: ParallelRobot) -> EquationTerms:
-        """Collect the terms of platform and loops."""
-        table = EquationTerms(robot, [], [])
-        table.terms.extend(map(table._platform_term, range(robot.n)))
-        base_axes = _rows_on_base(robot)
-        for row in range(len(robot.loops.names)):
-            table.terms.extend(table._loop_terms(row, base_axes.get(row)))
-        return table
-
-    def _platform_term(self, coordinate: int) -> Term:
-        """Return the term of a platform coordinate, of its frame or of one joint."""
-        robot = self.robot
-        platform = self.robot.platform
-        chain = self._chain_index(BASE, 0)
-        if isinstance(platform, FramePlatform):
+    A platform whose coordinates are joints has none.
+    """
+    terms = list[Term]()
+    platform = robot.platform
+    if isinstance(platform, FramePlatform):
+        for coordinate, axis in enumerate(platform.axes.tolist()):
             kind = "point" if robot.translations[coordinate] else "turn"
-            return Term(coordinate, chain, kind, int(platform.axes[coordinate]) % 3, 0, 1.0)
-        column = platform.columns[coordinate]
-        joint = int(np.flatnonzero(robot.moving == column)[0])
-        return Term(coordinate, chain, "joint", 0, joint, 1.0)
+            terms.append(Term(coordinate, (BASE, 0), kind, axis % 3, 0, 1.0))
+    base_axes = _rows_on_base(robot)
+    for row in range(len(robot.loops.names)):
+        terms.extend(_loop_terms(robot, row, base_axes.get(row)))
+    return terms
 
-    def _loop_terms(self, row: int, base_axis: int | None) -> list[Term]:
-        """Return the terms of a loop equation, one or two.
 
-        On an axis of the base, if one is given, two terms: the origin of the second frame less that of the
-        first. Otherwise one term of the chain between both frames: the axis of the first frame times an axis
-        of the second (direction) or its origin (point), or half the squared distance of the origins (square).
-        """
-        loops = self.robot.loops
-        number = self.robot.n + row
-        first = int(loops.first[row])
-        second = int(loops.second[row])
-        if base_axis is not None:
-            return [
-                Term(number, self._chain_index(BASE, frame), "point", base_axis, 0, sign)
-                for frame, sign in ((second, 1.0), (first, -1.0))
-            ]
-        kind = "direction" if loops.rotation[row] else "square" if loops.square[row] else "point"
-        chain = self._chain_index(first, second)
-        axes = int(loops.first_axis[row]), int(loops.second_axis[row])
-        return [Term(number, chain, kind, *axes, float(loops.weight[row]))]
+def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
+    """Yield the terms of a loop equation, one or two.
 
-    def _chain_index(self, first: int, second: int) -> int:
-        """Return the index of the chain between two frames; append a new chain."""
-        ends = [(chain.first, chain.second) for chain in self.chains]
-        if (first, second) in ends:
-            return ends.index((first, second))
-        robot = self.robot
-        moving = self.robot.moving.tolist()
-        sign_of = {  # by column of the velocity vector
-            int(robot.model.joints[joint].idx_v): sign for joint, sign in joints_between(robot, first, second)
-        }
-        columns = np.array([column for column in sign_of if column in moving], dtype=np.intp)
-        places = np.array(list(map(moving.index, columns)), dtype=np.intp)
-        signs = np.array(list(map(sign_of.__getitem__, columns)))
-        self.chains.append(Chain(first, second, places, columns, signs, ~robot.sliding[columns]))
-        return len(self.chains) - 1
+    On an axis of the base, if one is given, two terms: the origin of the second frame less that of the first.
+    Otherwise one term of the chain between both frames: the axis of the first frame times an axis of the
+    second (direction) or its origin (point), or half the squared distance of the origins (square).
+    """
+    loops = robot.loops
+    number = robot.n + row
+    first = int(loops.first[row])
+    second = int(loops.second[row])
+    if base_axis is not None:
+        yield Term(number, (BASE, second), "point", base_axis, 0, 1.0)
+        yield Term(number, (BASE, first), "point", base_axis, 0, -1.0)
+        return
+    kind = "direction" if loops.rotation[row] else "square" if loops.square[row] else "point"
+    axes = int(loops.first_axis[row]), int(loops.second_axis[row])
+    yield Term(number, (first, second), kind, *axes, float(loops.weight[row]))
+
+
+def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
+    """Return the chain of the moving joints between two frames."""
+    moving = robot.moving.tolist()
+    sign_of = {  # by column of the velocity vector
+        int(robot.model.joints[joint].idx_v): sign for joint, sign in joints_between(robot, *ends)
+    }
+    columns = np.array([column for column in sign_of if column in moving], dtype=np.intp)
+    places = np.array(list(map(moving.index, columns)), dtype=np.intp)
+    signs = np.array(list(map(sign_of.__getitem__, columns)))
+    return Chain(ends, places, columns, signs, ~robot.sliding[columns])
 
 
 def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:

@@ -66,7 +66,7 @@ class Existence(NamedTuple):
     lower: Array  # (S, k) off the middle: all solutions in the box are within
     upper: Array
     along: Array  # (S, k) slope of the solutions along the parameter, 1 for p itself; 0 without a parameter
-    spread: Array  # (S, k) distance of the solutions from middle + along * p, 0 for p itself
+    spread: Array  # (S, k) distance of the solutions from middle + along * p
 
 
 def prove_existence(
@@ -74,44 +74,39 @@ def prove_existence(
 ) -> Existence:
     """Test whether m equations have one solution in each of S boxes.
 
-    The unknowns are u (m,), and one parameter p if k = m + 1. With F = values + J_u du + J_p dp within
-    errors, and Y near the inverse of J_u, the map takes du to
+    With k = m + 1 unknowns one is a parameter p, whose own equation is d_p = p: so J (S, k, k) has the unit
+    row of p below the slopes. With Y near the inverse of J the map takes the box to
 
-        root + slope dp + error,    root = -Y values,    slope = -Y J_p,
-        |error| <= |Y| (errors + |changes| r) + |1 - Y J_u| r_u.
+        root + along p + error,    root = -Y [values; 0],    along = Y [0; 1],
+        |error| <= |Y| [errors + |changes| r; 0] + |1 - Y J| r.
 
     Args:
         equations: values and slopes at the middle, with the errors of the values there.
         changes: (S, m, k) bounds on the changes of the slopes within the box.
         parameter: (S,) the unknown that is p; None without.
     """
-    m, k = equations.slopes.shape[1:]
-    order = np.tile(np.arange(k), (len(radii), 1))  # (S, k) of the unknowns, p last
-    if parameter is not None:
-        order = np.argsort(order == parameter[:, None], axis=1, kind="stable")
-    J_u, J_p = np.split(np.take_along_axis(equations.slopes, order[:, None], axis=2), [m], axis=2)
-    r_u, r_p = np.split(np.take_along_axis(radii, order, axis=1), [m], axis=1)
-    Y = approximate_inverses(J_u)  # (S, m, m)
+    S, m, k = equations.slopes.shape
+    own_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]  # (S, k - m, k)
+    is_parameter = own_rows.any(axis=1)  # (S, k)
+    J = np.concatenate([equations.slopes, own_rows], axis=1)
+    Y = approximate_inverses(J)
+    along = Y[:, :, m:].sum(axis=2)
+    Y_m = Y[:, :, :m]
 
-    root = -np.matvec(Y, equations.values)  # (S, m)
-    slope = -(Y @ J_p)  # (S, m, k - m)
+    root = -np.matvec(Y_m, equations.values)  # (S, k)
     uncertain = equations.errors + gamma(m) * np.abs(equations.values)
     uncertain = uncertain + np.matvec(changes + gamma(m) * np.abs(equations.slopes), radii)
-    error = np.matvec(np.abs(Y), uncertain) + np.matvec(identity_defect(Y, J_u), r_u)
+    error = np.matvec(np.abs(Y_m), uncertain) + np.matvec(identity_defect(Y, J), radii)
     error = ROUND_UP * error + gamma(m) * np.abs(root)
-    reach = ROUND_UP * (error + ROUND_UP * np.matvec(np.abs(slope), r_p))  # of solutions from the root
-    is_inside = ROUND_UP * (np.abs(root) + reach) < r_u  # the image in the box
-
-    def restore(of_u: Array, of_p: Array) -> Array:
-        """Join values of u (S, m) and p (S, k - m) to vectors (S, k) of all unknowns."""
-        return np.take_along_axis(np.hstack([of_u, of_p]), np.argsort(order, axis=1), axis=1)
-
+    p_radius = np.max(radii, axis=1, where=is_parameter, initial=0.0)[:, None]  # (S, 1)
+    reach = ROUND_UP * (error + ROUND_UP * np.abs(along) * p_radius)  # of solutions from the root
+    is_inside = ROUND_UP * (np.abs(root) + reach) < radii  # the image in the box
     return Existence(
-        proved=is_inside.all(axis=1) & Y.any(axis=(1, 2)),
-        lower=restore(root - reach, -r_p),
-        upper=restore(root + reach, r_p),
-        along=restore(slope.sum(axis=2), np.ones_like(r_p)),
-        spread=restore(ROUND_UP * error + np.abs(root), np.zeros_like(r_p)),
+        proved=(is_inside | is_parameter).all(axis=1) & Y.any(axis=(1, 2)),
+        lower=root - reach,
+        upper=root + reach,
+        along=along,
+        spread=ROUND_UP * error + np.abs(root),
     )
 
 

@@ -18,10 +18,11 @@ import pinocchio as pin
 
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
-from framework.model.description import Closure
+from framework.model.description import AXES, Closure
 from framework.model.loop_rows import ROW_KINDS
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.proofs.equation_terms import planar_axis
+from framework.proofs.passive_joints import draw_starts
 from framework.proofs.study_quadric import (
     Displacements,
     displacement_functions,
@@ -150,14 +151,10 @@ class _Sampler(NamedTuple):
         Passive joints move by up to half a turn or a robot length.
         """
         model = robot.model
-        data = robot.model.createData()
-        rng = np.random.default_rng(RANDOM_SEED)
-        step = np.zeros(robot.model.nv)
+        data = model.createData()
         links = []
-        for _ in range(SAMPLE_POSES):
-            passive = np.where(robot.sliding[robot.passive], robot.length, np.pi)
-            step[robot.passive] = rng.uniform(-passive, passive)
-            pin.forwardKinematics(model, data, pin.integrate(model, q, step))
+        for pose in draw_starts(robot, q[None], SAMPLE_POSES):
+            pin.forwardKinematics(model, data, pose)
             links.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(model, data, robot.reference.q)
         return _Sampler(
@@ -171,7 +168,7 @@ class _Sampler(NamedTuple):
         """
         R = np.empty((SAMPLE_POSES, 3, 3))
         p = np.empty((SAMPLE_POSES, 3))
-        rng = np.random.default_rng(RANDOM_SEED + 1)
+        rng = np.random.default_rng(RANDOM_SEED)
         frame = self.robot.model.frames[self.robot.frames[0]]
         for k in range(SAMPLE_POSES):
             pose = pin.SE3.Identity()
@@ -197,35 +194,26 @@ class _Sampler(NamedTuple):
         a plane a closure with all turns free turns about the normal alone. None if the motions are no group:
         with two free turns, or several distances.
         """
-        model = self.robot.model
-        ends = [model.getFrameId(name) for name in closure.frames]
-        frame_a, frame_b = (model.frames[k] for k in ends)
-        free_turns = [axis for axis in ("rx", "ry", "rz") if axis not in closure.axes]
-        distances = [ROW_KINDS[axis] for axis in closure.axes if axis in ROW_KINDS]
-        if len(free_turns) == 2 or len(distances) > 1:
+        ends = [self.robot.model.getFrameId(name) for name in closure.frames]
+        placements = [self.robot.model.frames[k].placement for k in ends]
+        locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)
+        free_turns = 3 - np.count_nonzero(locked_turns)
+        distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]
+        if free_turns == 2 or len(distances) > 1:
             return None
         offset = rng.uniform(-1, 1, 3) * self.robot.length
-        offset[[k for k, axis in enumerate("xyz") if axis in closure.axes]] = 0.0
-        if len(free_turns) == 3 and self.normal is not None:
+        offset[locked_shifts] = 0.0
+        turn = rng.uniform(-np.pi, np.pi, 3)  # a rotation vector, in the first frame
+        if free_turns == 3 and self.normal is not None:
             R_a, R_b = (self.data.oMf[k].rotation for k in ends)
             normal = R_a.T @ self.normal  # in the first frame
             if distances:
                 offset -= normal * (normal @ offset)
-            rotation = pin.exp3(normal * rng.uniform(-np.pi, np.pi)) @ R_a.T @ R_b
+            rotation = pin.exp3(normal * turn[0]) @ R_a.T @ R_b
         else:
-            rotation = _draw_rotation(free_turns, rng)
+            turn[locked_turns] = 0.0
+            rotation = pin.exp3(turn)
         for distance in distances:
             assert closure.length is not None
             offset = distance.satisfy(offset, closure.length)
-        return frame_a.placement * pin.SE3(rotation, offset) * frame_b.placement.inverse()
-
-
-def _draw_rotation(free_turns: list[str], rng: np.random.Generator) -> Array:
-    """Draw a rotation (3, 3) about the free axes: none, one of rx, ry, rz, or all."""
-    if not free_turns:
-        return np.eye(3)
-    if len(free_turns) == 1:
-        axis = np.eye(3)["xyz".index(free_turns[0][1])]
-        return np.asarray(pin.exp3(axis * rng.uniform(-np.pi, np.pi)))
-    axis = rng.standard_normal(3)
-    return np.asarray(pin.exp3(axis * rng.uniform(0, np.pi) / np.linalg.norm(axis)))
+        return placements[0] * pin.SE3(rotation, offset) * placements[1].inverse()

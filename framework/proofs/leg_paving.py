@@ -46,25 +46,41 @@ def are_leg_solutions_complete(
     False if not decided.
 
     Args:
-        own: (n,) columns of the velocity vector of the leg's joints.
-        fixed: (nv,) mask of columns that keep their values in q (nq,), assembled if x determines more than
-            positions.
-        candidates: (k, n) offsets of the joints from q [rad, robot lengths]; those that solve the equations
+        own: (k,) columns of the velocity vector of the leg's joints.
+        fixed: (nv,) mask of columns that keep their values in q (nq,). Where x has turns, q is assembled at
+            x: the attitude is taken from there.
+        candidates: (c, k) offsets of the joints from q [rad, robot lengths]; those that solve the equations
             are the known solutions.
         x: (n,) coordinates of the platform; None with locked motors.
     """
-    is_slide = robot.sliding[own]
-    too_many = len(own) > MAX_JOINTS or is_slide.sum() > 1
-    if robot.rows.has_couplings or too_many or not single_columns(robot.model).issuperset(own.tolist()):
+    platform = robot.platform
+    if x is not None and isinstance(platform, JointPlatform):  # its joints are at x, as if they were fixed
+        is_platform = np.isin(own, platform.columns)
+        own, candidates = own[~is_platform], candidates[:, ~is_platform]
+        fixed = fixed | np.isin(np.arange(robot.model.nv), platform.columns)
+        q = q.copy()
+        q[platform.places] = x
+        x = None
+    if not len(own):
+        return len(candidates) > 0
+    if not _is_paveable(robot, own):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
-    values = equations(candidates, 0.0 * candidates).values
+    points_alone = np.zeros_like(candidates)  # radii of the boxes about the candidates
+    values = equations(candidates, points_alone).values
     region = _joint_region(equations) if values.shape[1] else None
     if region is None:
         return False
     points = candidates[np.abs(values).max(axis=1) < LOOP_GAP]
-    period = np.where(is_slide, np.inf, 2 * np.pi)
+    period = np.where(robot.sliding[own], np.inf, 2 * np.pi)
     return has_no_others(equations, region, KnownSolutions.of(equations, points, period))
+
+
+def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
+    """Return whether joints (k,) are few, no balls and not coupled, with one slide at most."""
+    has_few_joints = len(own) <= MAX_JOINTS and int(np.count_nonzero(robot.sliding[own])) <= 1
+    has_balls = not single_columns(robot.model).issuperset(own.tolist())
+    return has_few_joints and not has_balls and not robot.rows.has_couplings
 
 
 def _joint_region(equations: LegEquations) -> Boxes | None:
@@ -124,16 +140,14 @@ class LegEquations:
         ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
-        if isinstance(platform, JointPlatform):
-            determines_own = bool(np.isin(platform.columns, own).any())
-        else:
-            determines_own = bool(carried[0, own].any() and not carried[0, free_joints].any())
+        is_determined = carried[0, own].any() and not carried[0, free_joints].any()
         attitude = None
-        if x is not None and determines_own and isinstance(platform, FramePlatform):
+        if not (isinstance(platform, FramePlatform) and is_determined):
+            x = None
+        elif x is not None:
             chains.append(LeverChain.of(robot, own, BASE, 0))
             if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
                 attitude = frames_at(robot, q[None]).rotation[0, 0]
-        x = x if determines_own else None
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
@@ -148,9 +162,7 @@ class LegEquations:
         slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
         enclosures = [self._enclose_loops(frames, bounds)]
-        if self.x is not None and isinstance(robot.platform, JointPlatform):
-            enclosures.append(self._enclose_platform_joints(frames, radii, self.x))
-        elif self.x is not None:
+        if self.x is not None:
             enclosures.append(self._enclose_position(frames, bounds[-1], self.x))
         if self.attitude is not None:
             enclosures.append(self._enclose_attitude(frames, bounds[-1], self.attitude))
@@ -178,13 +190,16 @@ class LegEquations:
         return LinearEnclosure(values, slopes, errors)
 
     def _enclose_position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
-        """Enclose the frame's position less x, along its translation axes."""
+        """Enclose (position - x) / length of the frame, over B boxes, along its translation axes.
+
+        `platform.along` are the base axes of the translations, `platform.sliding` their places in x.
+        """
         platform = self.robot.platform
         length = self.robot.length
         position = frames.position[:, 0, platform.along]
         jacobian = frames.frame_jacobian(0)[:, platform.along]
         values = (position - x[platform.sliding]) / length
-        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)
+        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)  # in robot lengths already
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
 
     def _enclose_attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
@@ -198,31 +213,6 @@ class LegEquations:
         slopes = slopes.swapaxes(2, 3).reshape(-1, 9, len(self.own))
         errors = np.repeat(bound.attitude[:, None], 9, axis=1)
         return LinearEnclosure((axes - attitude.T).reshape(-1, 9), slopes, errors)
-
-    def _enclose_platform_joints(self, frames: FrameStack, radii: Array, x: Array) -> LinearEnclosure:
-        """Enclose sine and cosine - 1 of the platform joints' offsets from x.
-
-        For slides these are the offset [robot lengths] and 0. Second derivatives of sine and cosine are at
-        most 1.
-        """
-        robot = self.robot
-        platform = self.robot.platform
-        assert isinstance(platform, JointPlatform)
-        is_hinge = ~platform.translations
-        scale = np.where(is_hinge, 1.0, robot.length)
-        offset = platform.residual(frames, x) / scale  # (B, coordinates)
-        slopes = np.eye(robot.model.nv)[platform.columns][:, self.own] / scale[:, None]  # of the offset
-        sine = np.where(is_hinge, np.sin(offset), offset)
-        cosine = np.where(is_hinge, np.cos(offset), 1.0)
-        values = np.concatenate([sine, cosine - 1.0], axis=1)
-        rates = np.concatenate([cosine, np.where(is_hinge, -np.sin(offset), 0.0)], axis=1)
-        errors = 0.5 * (radii @ np.where(is_hinge[:, None], slopes, 0.0).T) ** 2
-        is_own = np.tile(np.isin(platform.columns, self.own), 2)
-        return LinearEnclosure(
-            values[:, is_own],
-            (rates[:, :, None] * np.tile(slopes, (2, 1)))[:, is_own],
-            np.tile(errors, 2)[:, is_own],
-        )
 
     def slide_lengths(self, q: Array) -> Array:
         """Compute the lengths (..., nv) [m] of slides in q (..., nq); 0 for hinges."""

@@ -54,12 +54,10 @@ class PathCount:
 class RealSolutions(ReadOnlyArrays):
     """The k real solutions of a system of leg conditions."""
 
-    z: Array  # (k, N) in the coordinates of the family
     R: Array  # (k, 3, 3) rotations of the displacements
     p: Array  # (k, 3) translations, in the unit of the conditions
-    proved: Array  # (k,) 1 where the solution is proved to exist, to be real and to be single
+    proved: BoolArray  # (k,) to exist, to be real and to be single
     count: PathCount
-    bound: int  # on the number of isolated complex solutions
     status: Status  # in which sense they are all
 
 
@@ -75,10 +73,8 @@ def find_real_solutions(
     family = group.family
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
     if family.is_dependent(coefficients):
-        nothing = np.zeros((0, family.size))
-        R, p = group.to_displacements(nothing)
-        no_paths = PathCount(0, 0, 0, 0)
-        return RealSolutions(nothing, R, p, nothing[:, 0], no_paths, family.bound, "architecturally singular")
+        R, p = group.to_displacements(np.zeros((0, family.size)))
+        return RealSolutions(R, p, np.zeros(0, dtype=bool), PathCount(0, 0, 0, 0), "architecturally singular")
     rows, sizes = group.eliminate_square(coefficients)
     slack = rounding * sizes
     attempts = list[RealSolutions]()
@@ -105,7 +101,7 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
         seed: of the ways that paths take.
     """
     family = group.family
-    quadrics = group.family.quadrics(coefficients)
+    quadrics = family.quadrics(coefficients)
     ends = find_path_ends(family, coefficients, seed)
     chart = choose_chart(ends.z[ends.arrived])
     z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
@@ -123,9 +119,8 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
         status = "proved"
     elif count.finite + count.infinite == count.paths == family.bound:
         status = "numerically complete"
-    real_z = z[is_real & is_new].real
-    proved = proof.proved[is_real & is_new].astype(float)
-    return RealSolutions(real_z, *group.to_displacements(real_z), proved, count, family.bound, status)
+    is_kept = is_real & is_new
+    return RealSolutions(*group.to_displacements(z[is_kept].real), proof.proved[is_kept], count, status)
 
 
 def _count_paths(

@@ -59,22 +59,15 @@ MIN_RADIUS = 1e-14  # [rad, lengths]
 PERRON_SHIFT = 0.1  # of the largest row sum, added to row sums as weights
 
 
-class RegularBall(NamedTuple):
-    """A ball that is proved to be free of singularities."""
-
-    radius: float  # [robot lengths, rad] of the open ball; 0 where nothing is proved
-    cells: int  # that were tested
-
-
 def prove_regular_ball(
     robot: ParallelRobot, q: Array, x: Array, within: float, *, max_cells: int = MAX_CELLS
-) -> RegularBall:
-    """Prove a ball about the pose x (n,), q (nq,) to be free of singularities.
+) -> float:
+    """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
-    In the ball no pose on the branch of q is singular, of Type 1 or Type 2. Of platforms that turn about
-    three axes or have more than three coordinates, one cell is tried. Of those that turn about two, or about
-    one and do not move in a plane, and of robots whose ball joints move or whose joints are coupled, nothing
-    is proved.
+    The pose is x (n,), q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2;
+    the radius is 0 where nothing is proved. Of platforms that turn about three axes or have more than three
+    coordinates, one cell is tried. Of those that turn about two, or about one and do not move in a plane, and
+    of robots whose ball joints move or whose joints are coupled, nothing is proved.
 
     Args:
         within: the largest radius of interest [robot lengths, rad].
@@ -85,32 +78,30 @@ def prove_regular_ball(
     turns_in_plane = isinstance(attitude, TwistAngle) and planar_normal(robot) is not None
     unmeasured_turn = isinstance(attitude, TwistAngle | TwoAngles) and not turns_in_plane
     if moving_balls(robot) or robot.rows.has_couplings or unmeasured_turn:
-        return RegularBall(0.0, 0)
+        return 0.0
     test = CellTest(DerivativeBounds.of(robot), x)
     single = _prove_one_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
-        return RegularBall(single, MAX_HALVINGS + STEPS_PER_OCTAVE)
-    many = _prove_cubes(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4)))
-    return RegularBall(max(single, many.radius), many.cells)
+        return single
+    return max(single, _prove_cubes(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4))))
 
 
 def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
-    """Compute the largest radius of a ball that is proved as one cell.
+    """Compute the radius of the largest ball about q (nq,) that is proved as one cell; 0 for none.
 
-    First `within` is halved until a ball is proved, then that radius is increased in steps up to its double.
+    Tried are radii [robot lengths, rad] up to `within`: first its halves, then steps up to the double of the
+    largest half that is proved.
     """
-    best = 0.0
-    halvings = -np.arange(MAX_HALVINGS)
-    steps = np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE
-    for exponents in (halvings, steps):
-        radii = (best or within) * np.exp2(exponents)
-        radii = radii[radii <= within]
-        joints = np.repeat(q[None], len(radii), axis=0)
-        cells = test(np.zeros((len(radii), len(test.x))), joints, radii, ball=True)
-        best = float(radii[cells.proved].max(initial=best))
-        if best == 0.0:
-            break
-    return best
+    halved = _largest_proved(test, q, within * np.exp2(-np.arange(MAX_HALVINGS)))
+    radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
+    return _largest_proved(test, q, radii[radii <= within]) if halved else 0.0
+
+
+def _largest_proved(test: CellTest, q: Array, radii: Array) -> float:
+    """Return the largest of the radii (S,) of balls about the pose q (nq,) that are proved; 0 for none."""
+    offsets = np.zeros((len(radii), len(test.x)))  # of the middles: all are at the pose
+    cells = test(offsets, np.repeat(q[None], len(radii), axis=0), radii, ball=True)
+    return float(radii[cells.proved].max(initial=0.0))
 
 
 class _Cubes(NamedTuple):
@@ -158,8 +149,8 @@ class _Grid(NamedTuple):
         return np.clip(pose, cubes.numbers * size - 1, (cubes.numbers + 1) * size)
 
 
-def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> RegularBall:
-    """Prove the ball up to the nearest cube that is unproved or on another branch."""
+def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
+    """Return the distance of the nearest cube that is not proved, or on another branch than q (nq,)."""
     n = len(test.x)
     grid = _Grid(within / OFF_CENTRE * ROUND_UP)
     start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
@@ -180,9 +171,9 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> Reg
     proved = join(end.proved)
     proved = select(proved, grid.distances(proved) < end.limit)
     if not len(proved.level):
-        return RegularBall(0.0, end.examined)
+        return 0.0
     disagreeing = select(proved, ~_agree_with_inner_neighbours(test, grid, proved, q))
-    return RegularBall(float(grid.distances(disagreeing).min(initial=end.limit)), end.examined)
+    return float(grid.distances(disagreeing).min(initial=end.limit))
 
 
 def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
@@ -321,17 +312,21 @@ def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
 
 
 def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
-    """Widen boxes of joints until Krawczyk's test holds.
+    """Widen boxes of k joints, about the middles of S cells, until Krawczyk's test holds.
 
-    x moves the joints by `reach` (S, k) at most. The map q - Y F takes a box of radii r into itself within
-    reach + error, with the bounds |Y F| of the middle, |1 - Y dF| r of rounding in Y, and |Y| times the
-    remainder of F.
+    The map q - Y F takes a box of radii r into itself within reach + error, with
+
+        error = |Y F| + |1 - Y dF| r + |Y| (remainder of F in the box).
+
+    Args:
+        values: (S, k) F at the middles, where its derivatives are `derivatives`.
+        Y: (S, k, k) approximate inverses of dF/dq at the middles.
+        reach: (S, k) by which x moves the joints within its cell at most.
     """
     Y_size = np.abs(Y)
-    rounding = derivatives.bounds.rounding
-    uncertain = gamma(Y.shape[1]) * np.abs(values) + rounding
-    offset = np.abs(np.matvec(Y, values)) + np.matvec(Y_size, uncertain)
-    defect = identity_defect(Y, derivatives.slopes)
+    value_errors = gamma(Y.shape[1]) * np.abs(values) + derivatives.bounds.rounding
+    offset = np.abs(np.matvec(Y, values)) + np.matvec(Y_size, value_errors)  # at least |Y F|
+    defect = identity_defect(Y, derivatives.slopes)  # at least |1 - Y dF|
     is_invertible = Y.any(axis=(1, 2))
 
     def test(radii: Array) -> _JointBoxes:

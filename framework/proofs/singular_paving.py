@@ -65,13 +65,9 @@ class PavedSet(ReadOnlyArrays):
     x: Array  # (B, n) middles in the platform's coordinates
     x_radii: Array  # (B, n) the poses that are proved are within
     q: Array  # (B, nq) middles
-    q_radii: Array  # (B, k) of the joints that move [rad, m]
     along: IntArray  # (B,) index into the joints that move; -1: none
     undecided_x: Array  # (U, n)
     undecided_x_radii: Array  # (U, n)
-    undecided_q: Array  # (U, nq)
-    undecided_q_radii: Array  # (U, k)
-    examined: int  # boxes
 
     @property
     def complete(self) -> bool:
@@ -171,7 +167,7 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     """Pave one set over the whole region, slides within `reach` robot lengths."""
     bounds = test.bounds
     robot = bounds.robot
-    k = len(bounds.robot.moving)
+    k = len(robot.moving)
     region_radii = np.where(robot.sliding[robot.moving], reach, ROUND_UP * np.pi)
     region = Boxes(np.zeros((1, k)), region_radii[None])
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
@@ -184,13 +180,9 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
         x=arcs.x,
         x_radii=arcs.x_radii,
         q=bounds.configurations(arcs.boxes.middle),
-        q_radii=arcs.boxes.radii * bounds.column_scale,
         along=arcs.along,
         undecided_x=robot.platform.coordinates(derivatives.frames),
         undecided_x_radii=_platform_radii(derivatives, left.radii, derivatives.remainders(left.radii).values),
-        undecided_q=derivatives.frames.q,
-        undecided_q_radii=left.radii * bounds.column_scale,
-        examined=partition.examined,
     )
 
 
@@ -240,9 +232,9 @@ class MeasureEnclosure(NamedTuple):
 
 
 def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
-    """Enclose the bordered scalar g of a block P over boxes.
+    """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over boxes.
 
-    Its slope is dg = -psi' dP eta (Govaerts 2000).
+    [P b; c' 0] [eta; g] = [0; 1], and psi is the eta of P'. The slope is -psi' dP eta (Govaerts 2000).
     """
     rows = block.rows[:, None]
     columns = block.columns

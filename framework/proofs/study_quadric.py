@@ -81,21 +81,21 @@ class QuadricFamily:
         return c / np.linalg.norm(c, axis=1, keepdims=True)
 
     def is_dependent(self, coefficients: Array) -> bool:
-        """Return whether no solution of coefficients (K, M) is single.
+        """Return whether equations of coefficients (K, M) depend on one another: no solution is isolated.
 
-        They are quotients by the first member: displacements are finite where that is not zero. At a random
-        point z of the fixed quadrics the slopes of the quotients f_k / f_1 and of the fixed equations have
-        full rank, with probability one, if they do anywhere; two points are tried.
+        The equations are quotients f_k / f_1 by the first member, as displacements are finite where that is
+        not zero, and the fixed quadrics. At a random point z of the fixed quadrics their gradients have full
+        rank, with probability one, if they do anywhere; two points are tried.
         """
         rng = np.random.default_rng(RANDOM_SEED)
+        quadrics = self.quadrics(coefficients)
         first = self.members[0]
-        K = self.equations
         for _ in range(2):
             z = self.random_point(rng)
-            quadrics = self.quadrics(coefficients)
-            quotients = np.einsum("kij,i,j->k", quadrics[:K], z, z) / (z @ first @ z)  # (K,)
-            quadrics[:K] -= quotients[:, None, None] * first
-            sizes = singular_values(quadrics @ z)
+            gradients = quadrics @ z  # (K + F, N) of f_k, over 2
+            quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,)
+            gradients[: self.equations] -= np.outer(quotients, first @ z)  # of f_k / f_1, times f_1 / 2
+            sizes = singular_values(gradients)
             if sizes[-1] > RANK_ROUNDING * sizes[0]:
                 return False
         return True

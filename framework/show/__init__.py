@@ -22,7 +22,7 @@ Pages
     standalone          any page in one file, with scripts, styles and data
     page, page/         pages on which robots move
     jogging, server     a robot moved by hand: the answers to the page, and their server
-    report              the report of a plan, with the command that makes the plan again
+    report              the report of a plan, with the call that makes the plan again
     lesson              a page to learn condition (8) by hand
     jupyter             robots and plans that show themselves in notebooks
 """

@@ -11,76 +11,23 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from framework.dynamics.platform_wrench import platform_wrench
+from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import LEAST_DIVISOR, Array
-from framework.planning.result import CrossingPlan
+from framework.numerics.arrays import Array
 from framework.show.captions import describe_motors
 from framework.show.film import Film
-from framework.show.style import (
-    ALARM,
-    BAND,
-    COLORS,
-    GOOD,
-    LOCUS,
-    draw_dashed,
-    draw_dot,
-    ensure_axes,
-    legend_above,
-)
+from framework.show.style import ALARM, BAND, GOOD, LOCUS, draw_dashed, ensure_axes, legend_above
 
-TIME_SAMPLES = 401
 SHOWN_PATH_SHARE = 0.3  # of the path, shown on either side of a singular point
 # colour, dash and mark of a motion at its singular instant, and its verdict
 THREADS, MISSES = (GOOD, "-", "o", "threads the eye"), (ALARM, "--", "X", "misses the eye")
 
 
-def plot_eye(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the force along t_s near the first crossing, reached and needed.
-
-    Torque limits are those of the robot file, and 1.5 times the plan's largest torque for other motors.
-
-    Raises:
-        InvalidInput: the plan has no crossing.
-    """
-    if not plan.crossings:
-        raise InvalidInput("the plan has no crossing, whose eye could be drawn")
-    crossed, robot = plan.crossings[0], plan.robot
-    torque = plan.torque(np.linspace(0.0, plan.duration, TIME_SAMPLES))
-    limit = limit_for_picture(robot, torque)
-    # a quarter of the duration on either side of the crossing
-    times = crossed.time + 0.25 * plan.duration * np.linspace(-1.0, 1.0, TIME_SAMPLES)
-    times = times[(times >= 0.0) & (times <= plan.duration)]
-    wrench, time = platform_wrench(robot, plan.dynamics.motion(times)), times - crossed.time
-    demand = wrench.force_along(crossed.twist)
-    ax = ensure_axes(ax)
-    motors = describe_motors(robot, limit, np.abs(torque).max())
-    _draw_band(ax, time, wrench.reach(crossed.twist, limit), motors)
-    ax.plot(time, demand, color=COLORS[1], label="what the motion asks for")
-    draw_dashed(ax, 0.0)
-    draw_dot(ax, 0.0, np.interp(0.0, time, demand))
-    rotors = "\nrotors included" if np.any(robot.rotor_inertia) else ""
-    top = 1.6 * max(np.abs(demand).max(), LEAST_DIVISOR)
-    ax.set(xlim=time[[0, -1]], ylim=(-top, top), xlabel="time from the singular instant  [s]")
-    ax.set_ylabel(_ordinate_label(robot, crossed.twist) + rotors)
-    legend_above(ax)
-    return ax
-
-
-def _draw_band(ax: Axes, places: Array, reach: Array, motors: str) -> None:
-    """Draw the forces (m,) that the motors reach, at abscissas (m,)."""
-    ax.fill_between(places, -reach, reach, **BAND, label=f"what {motors} can give")
-
-
-def _ordinate_label(robot: ParallelRobot, twist: Array) -> str:
-    """Return the label of an axis of forces or torques along t_s."""
-    turn = not np.any(twist[robot.platform.translations])
-    return rf"{'torque about' if turn else 'force along'} $\mathbf{{t}}_s$  [{'N m' if turn else 'N'}]"
-
-
 def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Axes:
     """Plot motions along one path in one eye: over s, with one band of the motors.
+
+    The force of each is along t_s of the first film's singular instant, rotors included.
 
     Args:
         films: of one robot and one path with a singular instant each.
@@ -95,13 +42,16 @@ def plot_eyes(films: Sequence[Film], limit: Array, ax: Axes | None = None) -> Ax
     twist = twist_at_singularity(films)
     s = first.law(first.time)
     reach = first.motors.reach(twist, limit)
-    _draw_band(ax, s, reach, describe_motors(first.robot, limit, peak_torque(films)))
+    motors = describe_motors(first.robot, limit, peak_torque(films))
+    ax.fill_between(s, -reach, reach, **BAND, label=f"what {motors} can give")
     low = max(0.0, first.instants[0].s - SHOWN_PATH_SHARE)
     high = min(1.0, first.instants[0].s + SHOWN_PATH_SHARE)
     top = max(_draw_demand(ax, film, twist, (low, high)) for film in films)
     draw_dashed(ax, first.instants[0].s, LOCUS, 0.8)
     ax.set(xlim=(low, high), ylim=(-1.25 * top, 1.25 * top))
-    ax.set(xlabel="position on the path  $s$  (dashed: singular)", ylabel=_ordinate_label(first.robot, twist))
+    kind, unit = ("force along", "N") if np.any(twist[first.robot.translations]) else ("torque about", "N m")
+    ax.set(xlabel="position on the path  $s$  (dashed: singular)")
+    ax.set_ylabel(rf"{kind} $\mathbf{{t}}_s$  [{unit}]")
     legend_above(ax)
     return ax
 
@@ -120,11 +70,7 @@ def _check_one_path(films: Sequence[Film]) -> None:
     """Refuse films of different robots or paths, or without a singularity."""
     first = films[0]
     for film in films:
-        if (
-            not film.instants
-            or film.robot.name != first.robot.name
-            or not np.allclose(film.path(_COMPARED_S), first.path(_COMPARED_S), rtol=0.0, atol=1e-12)
-        ):
+        if not film.instants or film.robot.name != first.robot.name or film.path != first.path:
             raise InvalidInput(
                 "one eye is for motions of one robot along one path, through a singularity each"
             )
@@ -134,9 +80,6 @@ def twist_at_singularity(films: Sequence[Film]) -> Array:
     """Return t_s (n,) at the first film's singular instant, for all films."""
     first = films[0]
     return first.t_s[first.frame_at(first.instants[0].time)]
-
-
-_COMPARED_S = np.linspace(0.0, 1.0, 7)
 
 
 def peak_torque(films: Sequence[Film]) -> float:
@@ -149,6 +92,6 @@ def limit_for_picture(robot: ParallelRobot, torque: Array) -> Array:
 
     They are the file's, or for other motors 1.5 times the largest torque.
     """
-    in_file = [motor.torque_limit for motor in robot.description.actuators]
     largest = 1.5 * float(np.abs(torque[np.isfinite(torque)]).max(initial=0.0)) or 1.0
-    return np.array([largest if limit is None else limit for limit in in_file])
+    limits = motor_limits(robot, "torque_limit", None)
+    return np.where(np.isfinite(limits), limits, largest)

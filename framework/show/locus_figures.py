@@ -84,6 +84,3 @@ def _range_about(values: Array) -> tuple[float, float]:
     """Return the range of an axis around values (m,), with a margin."""
     middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(np.ptp(values), 1e-6)
     return float(middle - half), float(middle + half)
-
-
-__all__ = ["plot_locus", "plot_motor_locus"]

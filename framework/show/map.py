@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 from html import escape
 from pathlib import Path as FilePath
-from textwrap import wrap
-from typing import NamedTuple
+from textwrap import fill
 
 import numpy as np
 from matplotlib import colormaps
@@ -18,14 +17,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.transforms import ScaledTranslation
 
 from framework.atlas.quantities import Quantity, quantity_unit
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.output import Document
+from framework.numerics.output import Document, select_fields
 from framework.show.captions import display_name
 from framework.show.plots import save_figure
 from framework.show.standalone import encode_array, page_part, standalone_page
@@ -36,7 +34,6 @@ from framework.show.style import (
     LOCUS,
     NOT_CARRIED,
     PATH,
-    SOFT,
     UNREACHED,
     Style,
     draw_curves,
@@ -48,9 +45,8 @@ SEQUENTIAL, DIVERGING = "cividis", "BrBG"
 COLOR_PERCENTILES = (2.0, 98.0)  # percentiles between which colours change: a pole would take them all
 PATH_SAMPLES = 401  # of a path
 UNEXPLAINED, NOT_TRACED = "g changes sign, no curve found", "locus not traced"
-MAX_WINDOW_EDGE = 3.4  # [in] of the window drawn
-LEFT, RIGHT, BELOW, ABOVE, BAR = 0.55, 0.65, 0.45, 0.15, 0.25  # [in] about it
-LINE, CHARACTERS, ENTRIES = 0.15, 60, 2  # above: a line's height [in], characters of one, keys in one
+WINDOW_EDGE, ASIDE, ABOVE = 3.4, 1.45, 1.4  # [in] of the window drawn, and of labels beside and above it
+LETTERS = 60  # of a line above the window
 
 
 def quantity_colours(workspace: WorkspaceMap, quantity: Quantity) -> tuple[Colormap, Normalize]:
@@ -76,27 +72,24 @@ def plot_map(workspace: WorkspaceMap, key: str = "g", *, path: Path | None = Non
         (workspace.beyond_ranges, BEYOND, "beyond a limit"),
     ]
     lacking = [entry for entry in lacking if entry[0].any()]
-    header = _make_header(workspace, quantity, lacking=len(lacking))
-    ax, scale = _make_axes(workspace, header)
+    ax = _make_axes(workspace, quantity)
     edges = [cell_edges(span) for span in workspace.window.spans]
     ax.set_facecolor(UNREACHED)
     for poses, colour, _ in lacking:
         shade = np.ma.masked_where(~poses, poses)
         ax.pcolormesh(*edges, shade.T, cmap=ListedColormap([colour]), rasterized=True, linewidth=0)
-    _draw_values(workspace, quantity, edges, ax, scale)
+    _draw_values(workspace, quantity, edges, ax)
     halo = [withStroke(linewidth=2.8, foreground="white")]
     _draw_locus(workspace, ax, halo)
     _draw_path(workspace, path, ax, halo)
     for poses, colour, label in lacking:
         ax.plot([], [], "s", color=colour, label=f"{label}: {poses.sum()} poses")
     ax.plot([], [], "s", color=UNREACHED, markeredgecolor=AXIS, label="not reached")
-    _finish_axes(workspace, header, ax)
+    ax.figure.legend(loc="outside lower left", ncols=2)
     return ax
 
 
-def _draw_values(
-    workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes, scale: Axes
-) -> None:
+def _draw_values(workspace: WorkspaceMap, quantity: Quantity, edges: Sequence[Array], ax: Axes) -> None:
     """Draw the values of a quantity as colours, and their scale."""
     palette, norm = quantity_colours(workspace, quantity)
     values = workspace.values[quantity.key]
@@ -106,7 +99,8 @@ def _draw_values(
     finite = values[np.isfinite(values)]
     below, above = finite.min(initial=np.inf) < norm.vmin, finite.max(initial=-np.inf) > norm.vmax
     extend = "both" if below and above else "min" if below else "max" if above else "neither"
-    bar = ax.figure.colorbar(mesh, extend=extend, cax=scale)
+    width = 0.04 * max(1.0, ax.get_box_aspect() or 1.0)  # of the window
+    bar = ax.figure.colorbar(mesh, cax=ax.inset_axes((1.0 + width, 0.0, width, 1.0)), extend=extend)
     unit = quantity_unit(workspace.robot, quantity)
     bar.set_label(f"{display_name(quantity.key)}  [{unit}]".replace("[1]", "(no unit)"))
 
@@ -132,48 +126,11 @@ def _draw_path(workspace: WorkspaceMap, path: Path | None, ax: Axes, halo: list[
     ax.plot(*line[0], "o", color=PATH, markersize=4, markeredgecolor="white", markeredgewidth=0.8)
 
 
-class _Header(NamedTuple):
-    """The name of a quantity, the title and the legend above a map."""
-
-    name: list[str]  # lines
-    title: list[str]
-    rows: int  # of the legend
-
-    @property
-    def height(self) -> float:
-        """Height [in] of all."""
-        return LINE * (len(self.name) + len(self.title) + self.rows) + ABOVE
-
-
-def _make_header(workspace: WorkspaceMap, quantity: Quantity, lacking: int) -> _Header:
-    """Return the header of a map; `lacking` kinds of poses have no value."""
-    locus = workspace.locus
-    entries = 2 + lacking + sum(len(part) > 0 for part in (locus.curves, locus.unexplained, locus.why_not))
-    name, below = (wrap(text, CHARACTERS) for text in (quantity.name, map_title(workspace)))
-    return _Header(name, below, -(-entries // ENTRIES))
-
-
 def mask_not_carried(workspace: WorkspaceMap, quantity: Quantity) -> BoolArray:
     """Mask poses (I, J) that are reached but do not carry the load."""
     if workspace.load is None or not quantity.loaded:
         return np.zeros(workspace.reason.shape, dtype=bool)
     return workspace.reached & (workspace.load != LoadReason.CARRIED)
-
-
-def _make_axes(workspace: WorkspaceMap, header: _Header) -> tuple[Axes, Axes]:
-    """Make axes for the window, to scale, and for the colours."""
-    wide, high = 1.0, 0.8
-    if is_to_scale(workspace):
-        wide, high = workspace.window.upper - workspace.window.lower
-    width, height = MAX_WINDOW_EDGE * np.array([wide, high]) / max(wide, high)
-    inches = np.array([max(LEFT + width + BAR + RIGHT, COLUMN_WIDTH), BELOW + height + header.height])
-    drawing = Figure(figsize=tuple(inches))
-
-    def add_axes(left: float, across: float) -> Axes:
-        corner, size = np.array([left, BELOW]) / inches, np.array([across, height]) / inches
-        return drawing.add_axes((*corner, *size))
-
-    return add_axes(LEFT, width), add_axes(LEFT + width + 0.5 * BAR, 0.5 * BAR)
 
 
 def path_on_map(workspace: WorkspaceMap, path: Path) -> tuple[Array, str]:
@@ -189,33 +146,23 @@ def is_to_scale(workspace: WorkspaceMap) -> bool:
     return bool(lengths.all() or not lengths.any())
 
 
-def _finish_axes(workspace: WorkspaceMap, header: _Header, ax: Axes) -> None:
-    """Set limits and labels of the axes; write legend and title above."""
+def _make_axes(workspace: WorkspaceMap, quantity: Quantity) -> Axes:
+    """Make labelled axes for the window, to scale, below the name of the quantity and the title."""
     robot, axes = workspace.robot, workspace.window.axes
     wide, high = workspace.window.upper - workspace.window.lower
+    shape = high / wide if is_to_scale(workspace) else 0.8
+    width = WINDOW_EDGE * min(1.0, 1.0 / shape)
+    drawing = Figure(figsize=(max(width + ASIDE, COLUMN_WIDTH), width * shape + ABOVE), layout="compressed")
+    ax = drawing.subplots()
+    ax.set_box_aspect(shape)
     ax.grid(False)
-    if is_to_scale(workspace):
-        ax.set_aspect("equal")
-        ax.locator_params(axis="x", nbins=int(np.clip(9 * wide / high, 2, 9)))
+    ax.locator_params(axis="x", nbins=int(np.clip(9 / shape, 2, 9)))
     xlim, ylim = (cell_edges(span)[[0, -1]] for span in workspace.window.spans)
-    ax.set(xlim=xlim, ylim=ylim)
     labels = [f"{robot.axis_names[k]}  [{robot.axis_units[k]}]" for k in axes]
-    ax.set(xlabel=labels[0], ylabel=labels[1])
-    aside = ax.transAxes + ScaledTranslation(-LEFT + 0.1, 0.0, ax.figure.dpi_scale_trans)
-    ax.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        bbox_transform=aside,
-        ncols=ENTRIES,
-        borderaxespad=0.2,
-        handlelength=1.6,
-        columnspacing=1.0,
-    )
-    low = LINE * header.rows + 0.3 * ABOVE
-    high = low + LINE * len(header.title)
-    for lines, above, colour in ((header.name, high, "black"), (header.title, low, SOFT)):
-        annotation: Style = {"xycoords": aside, "textcoords": "offset points", "va": "bottom"}
-        ax.annotate("\n".join(lines), (0.0, 1.0), (0, 72 * above), color=colour, **annotation)
+    ax.set(xlim=xlim, ylim=ylim, xlabel=labels[0], ylabel=labels[1])
+    heading = "\n".join([fill(quantity.name, LETTERS), fill(map_title(workspace), LETTERS)])
+    drawing.suptitle(heading, fontsize=8, x=0.02, ha="left")
+    return ax
 
 
 def map_title(workspace: WorkspaceMap) -> str:
@@ -319,14 +266,11 @@ def _quantity_document(workspace: WorkspaceMap, quantity: Quantity) -> Document:
     palette, norm = quantity_colours(workspace, quantity)
     shades = np.round(255 * palette(np.linspace(0.0, 1.0, 256))[:, :3]).astype(int)
     return {
-        "key": quantity.key,
-        "name": quantity.name,
+        **select_fields(quantity, "key", "name", "decades", "loaded"),
         "unit": quantity_unit(workspace.robot, quantity),
         "reading": _describe_colours(quantity),
         "values": encode_array(workspace.values[quantity.key].astype("<f4")),
         "range": [norm.vmin or 0.0, norm.vmax or 0.0],
-        "decades": quantity.decades,
-        "loaded": quantity.loaded,
         "colours": shades,
     }
 
@@ -346,6 +290,3 @@ def _curve_document(points: Array, colour: str, width: float, dash: list[int]) -
 def _rgb_values(colour: str) -> list[int]:
     """Return red, green and blue (0..255) of a colour #rrggbb."""
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-
-
-__all__ = ["map_page", "plot_map", "save_map_figures"]

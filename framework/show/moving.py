@@ -21,8 +21,7 @@ from framework.show.film import Film
 from framework.show.force_polygon import MISSES, THREADS, plot_eyes, twist_at_singularity
 from framework.show.plots import draw_torques
 from framework.show.scene import film_limit
-from framework.show.sight import film_sight
-from framework.show.still import film_locus, plot_still
+from framework.show.still import plot_still
 from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, use_style
 
 GIF_FRAMES = 60
@@ -171,15 +170,13 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
 
 def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
     """Return the mark that draws the robot at an instant, no later than its film's end."""
-    locus, sight, end = film_locus(film), film_sight(film), _end_time(film)
+    end = _end_time(film)
 
     def draw(t: float) -> None:
         """Draw the robot at instant t [s], in place of the one drawn before."""
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
-        plot_still(
-            film, ax, frame=film.frame_at(min(t, end)), limit=limit, locus=locus, sight=sight, alone=True
-        )
+        plot_still(film, ax, frame=film.frame_at(min(t, end)), limit=limit)
         if limit is None:  # several films: their titles instead of a legend each
             if ax.legend_ is not None:
                 ax.legend_.remove()

@@ -18,7 +18,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.specification import limits_within_margin
 from framework.show.captions import display_name, wrench_unit
 from framework.show.film import Film, film_plan
-from framework.show.force_polygon import plot_eye
+from framework.show.force_polygon import limit_for_picture, plot_eyes
 from framework.show.scene import UNPROVED_TORQUE_RATIO
 from framework.show.still import plot_still
 from framework.show.style import (
@@ -48,7 +48,7 @@ LOADED: Style = {
 
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Plot s(t) and its first two derivatives, on three axes."""
-    axes = new_figure(3, height=1.25)[1] if axes is None else list(axes)
+    axes = new_figure(3, height=1.25) if axes is None else list(axes)
     times = _sample_times(plan)
     labels = {"s": "$s$", "speed": r"$\dot s$  [1/s]", "acceleration": r"$\ddot s$  [1/s$^2$]"}
     for order, (ax, (key, label)) in enumerate(zip(axes, labels.items(), strict=True)):
@@ -198,7 +198,7 @@ def plot_phase_plane(
     Args:
         beside: another plan on the same path, whose law is drawn too.
     """
-    axes = new_figure(2, height=1.9)[1] if axes is None else list(axes)
+    axes = new_figure(2, height=1.9) if axes is None else list(axes)
     plans = [plan] if beside is None else [plan, beside]
     laws = [law_derivatives(each.law, np.linspace(0.0, each.duration, CURVE_SAMPLES)) for each in plans]
     tops = [1.5 * max(np.abs(law[order]).max() for law in laws) for order in (1, 2)]
@@ -249,20 +249,20 @@ def plot_raw_torques(
     return ax
 
 
-def plan_drawings(plan: CrossingPlan, film: Film | None = None) -> dict[str, Callable[[], Axes]]:
-    """Return functions that draw the figures of a plan, by name.
+def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes]]:
+    """Return functions that draw the figures of a plan and its film, by name.
 
     With crossings the eye too, and with an optimal law its phase plane.
     """
     drawings: dict[str, Callable[[], Axes]] = {
-        "robot": lambda: plot_still(film_plan(plan) if film is None else film),
+        "robot": lambda: plot_still(film),
         "law": lambda: plot_law(plan)[0],
         "torques": lambda: plot_torques(plan),
         "singularity": lambda: plot_singularity(plan),
         "wrench": lambda: plot_wrench(plan),
     }
     if plan.crossings:
-        drawings["eye"] = lambda: plot_eye(plan)
+        drawings["eye"] = lambda: plot_eyes([film], limit_for_picture(plan.robot, film.torque))
     if plan.optimality is not None:
         drawings["phase_plane"] = lambda: plot_phase_plane(plan)[0]
     return drawings
@@ -270,7 +270,7 @@ def plan_drawings(plan: CrossingPlan, film: Film | None = None) -> dict[str, Cal
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
     """Write the drawings of a plan into a folder: figures.pdf, and a PNG of each."""
-    return save_pages(plan_drawings(plan), folder / "figures.pdf")
+    return save_pages(plan_drawings(plan, film_plan(plan)), folder / "figures.pdf")
 
 
 def save_figure(draw: Callable[[], Axes], stem: Path) -> list[Path]:
@@ -312,15 +312,3 @@ def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:
     """Draw a dashed line at each crossing of the plan."""
     for crossing in plan.crossings:
         draw_dashed(ax, crossing.time)
-
-
-__all__ = [
-    "plot_law",
-    "plot_phase_plane",
-    "plot_raw_torques",
-    "plot_singularity",
-    "plot_speeds",
-    "plot_torques",
-    "plot_wrench",
-    "save_figures",
-]

@@ -1,9 +1,8 @@
-"""One page about a plan: scene, figures, law, certificate in words, and the command that repeats the plan."""
+"""One page about a plan: scene, figures, law, certificate in words, and the call that repeats the plan."""
 
 from __future__ import annotations
 
 import re
-import shlex
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
@@ -15,15 +14,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from framework.dynamics.result import Certificate
-from framework.errors import InvalidInput, point
-from framework.laws.path import Line, Polyline
+from framework.errors import point
 from framework.numerics.output import package_versions
 from framework.planning.plan_facts import motion_facts
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
-from framework.planning.saved import robot_name_or_file
-from framework.planning.scenes import scene_request
 from framework.show.captions import (
     describe_film,
     describe_flexibility,
@@ -67,17 +62,10 @@ CERTIFIED = {  # numbers of a certificate by their format
     "{0.end_speed:.1e}": "speed at the ends",
 }
 MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
-ONLY_CALLED = ("at", "tolerance")  # options of `plan_crossing` that a command line lacks
 
 
-def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | None = None) -> str:
-    """Return the report of a plan (HTML), complete in one file.
-
-    Args:
-        name: what stands above the scene.
-        planned: the certificate in plan.json, shown beside that of `plan`, which was computed from the law
-            read back: what is mere rounding may differ in it.
-    """
+def report_page(plan: CrossingPlan, *, name: str = "") -> str:
+    """Return the report of a plan (HTML), complete in one file; `name` stands above the scene."""
     film = film_plan(plan, name=name)
     heading = f"{display_name(plan.robot.name)}: {_describe_plan(plan)}"
     body = "\n".join(
@@ -87,7 +75,7 @@ def report_page(plan: CrossingPlan, *, name: str = "", planned: Certificate | No
             _section_html("What happens", _motion_html(film) + _table_html(motion_facts(plan))),
             _section_html("Figures", _figures_html(plan, film)),
             _section_html("The law", _law_html(plan)),
-            _section_html("The certificate", _certificate_html(plan, planned)),
+            _section_html("The certificate", _certificate_html(plan)),
             _section_html("Parameters", _parameters_html(plan)),
             _section_html("How to reproduce it", _reproduction_html(plan)),
             "</div>",
@@ -114,10 +102,9 @@ def _mark_indices(text: str) -> str:
     return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
-def _table_html(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
+def _table_html(rows: Iterable[Sequence[str]]) -> str:
     """Return a table of plain texts."""
-    cells = [[f"<th>{escape(cell)}</th>" for cell in head]] if head else []
-    cells += [[f"<td>{_mark_indices(cell)}</td>" for cell in row] for row in rows]
+    cells = [[f"<td>{_mark_indices(cell)}</td>" for cell in row] for row in rows]
     lines = [f"<tr>{''.join(row)}</tr>" for row in cells]
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
 
@@ -137,48 +124,37 @@ def _motion_html(film: Film) -> str:
 def _law_html(plan: CrossingPlan) -> str:
     """Return the law's formula and coefficients."""
     values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
+    formula = (
+        f"It is a polynomial of degree {plan.law.degree}: s(t) = Σ c<sub>k</sub> T<sub>k</sub>(2 t / T − 1), "
+        f"with Chebyshev polynomials T<sub>k</sub> and T = {plan.duration:g} s."
+    )
     if plan.optimality is not None:
         specification = plan.optimality.specification
-        return (
-            f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). It was optimised for "
-            f"{display_name(specification.goal)}: s = φ(σ), φ′ proportional to "
-            f"(σ (1 − σ))<sup>{specification.smoothness}</sup>, φ(1) = 1, and (dσ/dt)² = Σ c<sub>k</sub> "
-            f"B<sub>k</sub>(ξ(σ)), with ξ and the functions B<sub>k</sub> (B-splines, or Chebyshev "
-            f"polynomials on one cell) as plan.json has them; it takes {plan.duration:g} s. "
-            f"c<sub>k</sub>:</p>"
-            f"<pre>[{values}]</pre>"
+        formula = (
+            f"It was optimised for {display_name(specification.goal)} and takes {plan.duration:g} s: "
+            f"s = φ(σ), φ′ proportional to (σ (1 − σ))<sup>{specification.smoothness}</sup>, φ(1) = 1, and "
+            f"(dσ/dt)² = Σ c<sub>k</sub> B<sub>k</sub>(ξ(σ)), with ξ and the functions B<sub>k</sub> "
+            f"(B-splines, or Chebyshev polynomials on one cell) as plan.json has them."
         )
     return (
-        f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1): a polynomial of degree "
-        f"{plan.law.degree}, s(t) = Σ c<sub>k</sub> T<sub>k</sub>(2 t / T − 1) with Chebyshev polynomials "
-        f"T<sub>k</sub>, T = {plan.duration:g} s, and c<sub>k</sub>:</p><pre>[{values}]</pre>"
+        f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). {formula} c<sub>k</sub>:</p>"
+        f"<pre>[{values}]</pre>"
     )
 
 
-def _certificate_html(plan: CrossingPlan, planned: Certificate | None) -> str:
-    """Return the proof, condition (8) at each crossing, and the certificate's numbers.
-
-    `planned` is the certificate in plan.json, if any.
-    """
+def _certificate_html(plan: CrossingPlan) -> str:
+    """Return the proof, condition (8) at each crossing, and the certificate's numbers."""
     conditions = [
         ("condition (8)", CONDITION.format(crossing.time, crossing.condition))
         for crossing in plan.crossings
         if crossing.condition is not None
     ]
-    certificates = {} if planned is None else {"plan.json": planned}
-    certificates["computed anew"] = plan.certificate
-    numbers = [
-        (text, *(form.format(one) for one in certificates.values())) for form, text in CERTIFIED.items()
-    ]
-    tables = [
-        *([_table_html(conditions)] if conditions else []),
-        _table_html(numbers, ("certificate", *certificates)),
-    ]
+    numbers = [(text, form.format(plan.certificate)) for form, text in CERTIFIED.items()]
     sentences = [PROOF, CROSSED] if plan.crossings else [PROOF]
     if plan.robot.n_e:
         sentences.append(SMALL_DISPLACEMENTS if plan.geometry == "rigid" else SETTLED)
     sentences += [ADVANCES if plan.certificate.monotone else OVERSHOOTS, COMPUTED]
-    return "".join([f"<p>{_mark_indices(' '.join(sentences))}</p>", *tables])
+    return f"<p>{_mark_indices(' '.join(sentences))}</p>" + _table_html([*conditions, *numbers])
 
 
 def _parameters_html(plan: CrossingPlan) -> str:
@@ -219,14 +195,12 @@ def _format_value(value: object) -> str:
 
 
 def _reproduction_html(plan: CrossingPlan) -> str:
-    """Return the command that plans again, with versions of packages."""
+    """Return the call that plans again, with versions of packages."""
     robot = plan.robot
     versions = {**package_versions(), "meshcat": version("meshcat")}
     installed = [f"{package} {number}" for package, number in versions.items()]
-    line = command_line(plan, "again")
-    again = python_call(plan) if line is None else f"{line}\ncrossing report again"
     return (
-        f"<pre>{escape(again)}</pre>"
+        f"<pre>from framework import *\n\nplan = {escape(python_call(plan))}</pre>"
         f"<p>{escape(robot.name)} is {escape(robot.description.file.name)}; written on "
         f"{date.today()} with {escape(', '.join(installed))}.</p>"
     )
@@ -279,24 +253,6 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
 # ------------------------------------------------------------------ how to make the plan again
 
 
-def command_line(plan: CrossingPlan, folder: str) -> str | None:
-    """Return the `crossing plan` that makes the same plan into a folder, if any."""
-    typed = {key: value for key, value in given_options(plan).items() if key not in ONLY_CALLED}
-    wrenches = plan.dynamics.wrenches.entries
-    if any(wrench.turns or wrench.rows.ndim > 1 for wrench in wrenches):
-        typed.pop("wrenches")  # only a scene can state them
-    motion = _path_options(plan, typed)
-    if motion is None:
-        return None
-    robot = f"crossing plan {shlex.quote(robot_name_or_file(plan.robot))}"
-    parameters = plan.robot.description.parameters
-    if parameters:
-        motion += ["--set " + " ".join(f"{name}={value!r}" for name, value in parameters.items())]
-    words = [robot, *motion, f"--flexibility {plan.robot.flexibility}"]
-    words += [_format_option(key, value) for key, value in typed.items()]
-    return " \\\n    ".join([*words, f"--out {shlex.quote(folder)}"])
-
-
 def python_call(plan: CrossingPlan) -> str:
     """Return the call of `plan_crossing` that makes the same plan."""
     file = str(plan.robot.description.file)
@@ -319,37 +275,3 @@ def given_options(plan: CrossingPlan) -> dict[str, Any]:
         if field.name != "path" and (field.name in always or value != field.default):
             options[field.name] = value
     return options
-
-
-def _path_options(plan: CrossingPlan, typed: dict[str, Any]) -> list[str] | None:
-    """Return the path as options: the ends of a line, or a scene; None without either."""
-    path = plan.path
-    if isinstance(path, Line | Polyline) and Request.of(plan.robot, path, **typed) == plan.request:
-        start, *via, end = map(_format_numbers, path.points)
-        blend = [] if path.blend is None else [f"--blend {path.blend!r}"]
-        return [f"--from {start}", *(f"--via {corner}" for corner in via), f"--to {end}", *blend]
-    for name in plan.robot.description.scenes:
-        try:
-            of_scene = scene_request(plan.robot, name, **typed)
-        except InvalidInput:  # the options do not go with this scene
-            continue
-        if of_scene == plan.request:
-            return [f"--scene {shlex.quote(name)}"]
-    return None
-
-
-def _format_option(key: str, value: Any) -> str:
-    """Format one option for the command line."""
-    option = f"--{key.replace('_', '-')}"
-    if value is True:
-        return option
-    if key == "wrenches":
-        return " ".join(
-            f"--wrench-on {shlex.quote(frame)} {_format_numbers(numbers)}" for frame, numbers in value.items()
-        )
-    return f"{option} {_format_numbers(value)}".rstrip() if isinstance(value, tuple) else f"{option} {value}"
-
-
-def _format_numbers(values: Iterable[float | None]) -> str:
-    """Format numbers with all digits for the command line."""
-    return " ".join("none" if value is None else repr(float(value)) for value in values)

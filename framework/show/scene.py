@@ -23,7 +23,7 @@ from framework.kinematics.platform import FramePlatform
 from framework.model.description import RobotDescription
 from framework.model.visuals import Shape
 from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.output import Document, plain
+from framework.numerics.output import Document, plain, select_fields
 from framework.show.captions import (
     describe_film,
     describe_film_briefly,
@@ -37,7 +37,7 @@ from framework.show.captions import (
 )
 from framework.show.film import Film
 from framework.show.force_polygon import limit_for_picture, peak_torque
-from framework.show.shapes import motor_shapes, placement_with_z_along
+from framework.show.shapes import placement_with_z_along
 from framework.show.sight import Sight, film_sight, tilt_direction
 from framework.show.standalone import encode_array
 from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
@@ -148,8 +148,8 @@ def _instant_documents(film: Film, platform: Array, power: Array) -> list[Docume
 
 def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
     """Return the entries that do not depend on the motion, and the view."""
-    shapes = sight.shapes[: sight.bodies]
-    view = _view_document(_points_in_sight(robot, shapes, poses), sight)
+    view = _view_document(_points_in_sight(robot, sight.bodies, poses), sight)
+    motors = zip(sight.motors, robot.actuator_names, robot.torque_units, strict=True)
     return {
         "robot": robot.name,
         "flexibility": robot.flexibility,
@@ -157,8 +157,8 @@ def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Doc
         "turning": ~robot.platform.translations,
         "joints": robot.model.njoints,
         "length": 1.2 * view["radius"],
-        "shapes": [_shape_document(shape) for shape in shapes],
-        "motors": _motor_documents(robot, shapes, view["radius"]),
+        "shapes": [_shape_document(shape) for shape in sight.bodies],
+        "motors": [_shape_document(shape) | {"name": name, "unit": unit} for shape, name, unit in motors],
         "view": view,
     }
 
@@ -170,22 +170,11 @@ def _column_major(placement: Array) -> Array:
 
 def _shape_document(shape: Shape) -> Document:
     """Return a shape for the page; a mesh with its vertices and faces."""
-    solid = {
-        "node": shape.node,
-        "kind": shape.kind,
-        "size": shape.size,
-        "placement": _column_major(shape.placement),
-        "color": shape.color,
-    }
+    solid = select_fields(shape, "node", "kind", "size", "color")
+    solid["placement"] = _column_major(shape.placement)
     if shape.vertices is not None and shape.faces is not None:
         solid |= {"vertices": encode_floats(shape.vertices), "faces": encode_array(shape.faces.astype("<u4"))}
     return solid
-
-
-def _motor_documents(robot: ParallelRobot, shapes: list[Shape], size: float) -> list[Document]:
-    """Return the solids of the motors for the page, with names and units."""
-    rows = zip(motor_shapes(robot, shapes, size), robot.actuator_names, robot.torque_units, strict=True)
-    return [_shape_document(shape) | {"name": name, "unit": unit} for shape, name, unit in rows]
 
 
 def _spring_document(film: Film, size: float) -> Document | None:

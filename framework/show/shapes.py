@@ -109,16 +109,14 @@ def placement_with_z_along(place: Array, axis: Array) -> Array:
     return placement
 
 
-MOTOR_RADIUS = 0.06  # radius of a motor, over the radius of the picture
+MOTOR_RADIUS = 0.06  # radius of a motor, over the size of the robot in a picture
+PICTURE_SIZE = 0.7  # that size, over the robot's length
 IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
 
 
-def motor_shapes(robot: ParallelRobot, shapes: list[Shape], size: float = 0.0) -> list[Shape]:
-    """Return a solid for each motor, on its node.
-
-    `shapes` are the bodies, `size` is the radius [m] of the picture.
-    """
-    size = size or 0.7 * robot.length
+def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
+    """Return a solid for each motor, on its node; `shapes` are the bodies."""
+    size = PICTURE_SIZE * robot.length
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
     for column, axis in zip(robot.actuated, axes, strict=True):

@@ -48,10 +48,15 @@ class Projection(NamedTuple):
 class Sight(NamedTuple):
     """A robot's solids and the direction to the eye, shared by all pictures of one motion."""
 
-    shapes: list[Shape]  # of the bodies, and after them of the motors
-    bodies: int  # how many are bodies
+    bodies: list[Shape]
+    motors: list[Shape]
     toward: Array  # (3,) from the robot to the eye, flat-on for planar robots
     planar: bool
+
+    @property
+    def shapes(self) -> list[Shape]:
+        """All solids."""
+        return self.bodies + self.motors
 
     @property
     def onto(self) -> Projection:
@@ -62,13 +67,13 @@ class Sight(NamedTuple):
 def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjects | None = None) -> Sight:
     """Choose the sight on a robot at q (nq,), its reference when None."""
     bodies = body_shapes(robot)
-    shapes = bodies + motor_shapes(robot, bodies)
+    motors = motor_shapes(robot, bodies)
     normal = planar_normal(robot)
-    points, nodes = _sample_surfaces(robot, robot.reference.q if q is None else q, shapes)
-    return Sight(shapes, len(bodies), _best_direction(points, nodes, normal, wanted), normal is not None)
+    points, nodes = _sample_surfaces(robot, robot.reference.q if q is None else q, bodies + motors)
+    return Sight(bodies, motors, _best_direction(points, nodes, normal, wanted), normal is not None)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def film_sight(film: Film) -> Sight:
     """Choose the sight on a motion at its first singular instant, or else halfway."""
     robot, k = film.robot, film.key_frame

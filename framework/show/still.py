@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +15,7 @@ from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.drawing import convex_hull, draw_robot, draw_scale_bar
 from framework.show.film import Film
 from framework.show.scene import locus_lines
-from framework.show.sight import Projection, Sight, film_sight
+from framework.show.sight import Projection, film_sight
 from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style, draw_curves, legend_above
 from framework.singularity.drawn_locus import locus_curves
 
@@ -29,9 +29,6 @@ def plot_still(
     *,
     frame: int | None = None,
     limit: Array | None = None,
-    locus: Sequence[Array] | None = None,
-    sight: Sight | None = None,
-    alone: bool = False,
 ) -> Axes:
     """Draw a film at one of its frames.
 
@@ -39,15 +36,13 @@ def plot_still(
 
     Args:
         limit: torque limits (n_a,); a platform that moves in a plane then gets the polygons of the forces
-            that such motors can give, some along the path, in a common scale; with `alone` that of the
-            frame only.
-        locus, sight: `film_locus(film)` and `film_sight(film)`, when they are known already.
+            that such motors can give, in a common scale: that of `frame`, or some along the path.
     """
     robot, k = film.robot, film.key_frame if frame is None else frame
-    sight = film_sight(film) if sight is None else sight
+    sight = film_sight(film)
     ax = draw_robot(robot, film.q[k], ax, sight=sight)
     onto = sight.onto
-    curves = [onto(line) for line in (film_locus(film) if locus is None else locus)]
+    curves = [onto(line) for line in film_locus(film)]
     draw_curves(ax, curves, "singular locus", color=LOCUS, linewidth=1.4, zorder=2)
     path = onto(film.platform)  # (F, 2)
     label = "path" if np.ptp(path, axis=0).max() > 0 else None
@@ -56,7 +51,7 @@ def plot_still(
     dots: Style = {"color": LOCUS if film.proved else ALARM, "markersize": 4, "zorder": 6}
     ax.plot(*path[instants].T, "o", **dots)
     if limit is not None and robot.n == 2 and robot.platform.is_point:
-        _draw_force_polygons(film, ax, path, limit, [k] if alone else None)
+        _draw_force_polygons(film, ax, path, limit, frame)
     if film.instants and k == film.key_frame and len(robot.platform.sliding):
         _draw_action_lines(film, ax, k, onto)
     if film.has_measure:
@@ -122,6 +117,7 @@ def _draw_action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     draw_curves(ax, ends, "lines of the motors' forces", **style)
 
 
+@lru_cache(maxsize=16)
 def film_locus(film: Film) -> list[Array]:
     """Return the curves (m, 3) of the locus, of a platform that moves in a plane."""
     robot = film.robot
@@ -149,15 +145,12 @@ def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, lab
         ax.plot([], [], color=color, linewidth=1.2, label=label)
 
 
-def _draw_force_polygons(
-    film: Film, ax: Axes, line: Array, limit: Array, frames: Sequence[int] | None
-) -> None:
-    """Draw polygons of motor forces along the line (F, 2), at some frames."""
+def _draw_force_polygons(film: Film, ax: Axes, line: Array, limit: Array, frame: int | None) -> None:
+    """Draw polygons of motor forces along the line (F, 2), at one frame or, when None, at several."""
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
-    if frames is None:
-        spread = np.linspace(0, len(film.time) - 1, 7).astype(int)  # of forces along the path
-        frames = [int(k) for k in np.unique(np.append(spread, film.key_frame))]
+    along_path = np.linspace(0, len(film.time) - 1, 7).astype(int)
+    frames = np.unique(np.append(along_path, film.key_frame)) if frame is None else [frame]
     for k in frames:
         corners = line[k] + scale * convex_hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))

@@ -24,43 +24,38 @@ COLORS = ("#004f9e", "#d55e00", "#00a67a", "#7a1f4b", "#6bb8ff", "#e0a800")  # o
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)), (0, (9, 3)))
 CROSSING = "#444444"
 # One meaning each. Blue, orange and yellow are left to the robots.
-LOCUS, TWIST, WRENCH, WORLD = "#6212a8", "#14181d", "#a81560", "#4a1c00"
-PATH, AHEAD = "#00a572", "#8a929b"  # the path, or the way gone; the way to go
+LOCUS, TWIST, WRENCH = "#6212a8", "#14181d", "#a81560"
+PATH = "#00a572"
 GIVEN = "#70baff"  # what the motors can give
 BAND: Style = {"color": GIVEN, "alpha": 0.35, "linewidth": 0}
-ALARM, WARNING, GOOD = "#c8141e", "#8a5a00", "#14504f"
-INK, SOFT = "#1d2530", "#5c6876"  # text
-LINE, GRID, AXIS = "#d8dde3", "#e7eaee", "#9aa4af"
-PAPER, GROUND = "#ffffff", "#f3f5f8"
-GOOD_GROUND, ALARM_GROUND, WARNING_GROUND = "#eef3f3", "#fcf1f2", "#f5f0e8"
-IDLE, BUSY = "#d4d7db", "#00525e"  # a motor without torque, and at its largest
-UNREAL = "#b4bcc5"  # what is drawn for comparison only
+ALARM, GOOD = "#c8141e", "#14504f"
+LINE, AXIS = "#d8dde3", "#9aa4af"
 UNREACHED, BEYOND, NOT_CARRIED = "#e4e7eb", "#bcc4ce", "#e8a48c"  # poses of a map without a value
 PAGE_COLORS = {  # as the pages call them
     **{f"series-{k}": color for k, color in enumerate(COLORS)},
     "locus": LOCUS,
     "twist": TWIST,
     "wrench": WRENCH,
-    "world": WORLD,
-    "trace": PATH,
-    "path": AHEAD,
+    "world": "#4a1c00",
+    "trace": PATH,  # the way gone
+    "path": "#8a929b",  # the way to go
     "given": GIVEN,
     "alarm": ALARM,
-    "warning": WARNING,
+    "warning": "#8a5a00",
     "good": GOOD,
-    "idle": IDLE,
-    "busy": BUSY,
-    "unreal": UNREAL,
-    "ink": INK,
-    "soft": SOFT,
+    "idle": "#d4d7db",  # a motor without torque
+    "busy": "#00525e",  # and at its largest
+    "unreal": "#b4bcc5",  # what is drawn for comparison only
+    "ink": "#1d2530",  # text
+    "soft": "#5c6876",
     "line": LINE,
-    "grid": GRID,
+    "grid": "#e7eaee",
     "axis": AXIS,
-    "paper": PAPER,
-    "ground": GROUND,
-    "good-ground": GOOD_GROUND,
-    "alarm-ground": ALARM_GROUND,
-    "warning-ground": WARNING_GROUND,
+    "paper": "#ffffff",
+    "ground": "#f3f5f8",
+    "good-ground": "#eef3f3",
+    "alarm-ground": "#fcf1f2",
+    "warning-ground": "#f5f0e8",
 }
 COLUMN_WIDTH = 3.5  # [in] width of a journal column
 DPI = 200
@@ -99,19 +94,18 @@ def page_colors() -> str:
     return ":root { " + " ".join(f"--{name}: {color};" for name, color in PAGE_COLORS.items()) + " }"
 
 
-def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> tuple[Figure, list[Axes]]:
-    """Make a figure one journal column wide of `rows` axes, `height` [in] each.
+def new_figure(rows: int = 1, *, height: float = 2.2, shared: bool = True) -> list[Axes]:
+    """Return `rows` axes of a new figure one journal column wide, `height` [in] each.
 
     `shared`: one abscissa.
     """
     drawing = Figure(figsize=(COLUMN_WIDTH, height * rows), layout="constrained")
-    axes = drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0]
-    return drawing, list(axes)
+    return list(drawing.subplots(rows, 1, sharex=shared, squeeze=False)[:, 0])
 
 
 def ensure_axes(ax: Axes | None, height: float = 2.2) -> Axes:
     """Return the axes given, or new ones of a height [in] when None."""
-    return new_figure(height=height)[1][0] if ax is None else ax
+    return new_figure(height=height)[0] if ax is None else ax
 
 
 def draw_dashed(ax: Axes, place: float, color: str = CROSSING, linewidth: float = 0.6) -> None:

@@ -195,7 +195,7 @@ def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
     locus = map_document(found)["locus"]
     assert (locus["traced"], locus["curves"]) == (False, 0)
     assert "one motor for each freedom" in locus["status"]
-    assert NOT_TRACED in [text.get_text() for text in plot_map(found).get_legend().get_texts()]
+    assert NOT_TRACED in [text.get_text() for text in plot_map(found).figure.legends[0].get_texts()]
     assert "one motor for each freedom" in map_page(found)
 
 
@@ -308,7 +308,7 @@ def test_where_a_load_is_not_carried_a_map_says_so_everywhere(tmp_path):
     write_map(found, tmp_path)
     words = [row["load"] for row in csv.DictReader((tmp_path / "map.csv").read_text().splitlines())]
     assert words == [LOAD_WORDS[LoadReason(int(kind))] for kind in found.load.flat]
-    legend = [text.get_text() for text in plot_map(found, "loaded_stiffness").get_legend().get_texts()]
+    legend = [text.get_text() for text in plot_map(found, "loaded_stiffness").figure.legends[0].get_texts()]
     assert f"load not carried: {lost.sum()} poses" in legend
     assert f"load not carried: {lost.sum()} poses" in map_page(found)
     no_load = workspace_map(robot, at, ["stiffness"])

@@ -356,20 +356,6 @@ def test_a_chunk_whose_arrays_differ_in_length_is_computed_anew(tmp_path, monkey
     assert sorted(numbers) == [0, 1, 2, 3]
 
 
-def test_runs_that_fail_by_default_are_tried_with_feedback(capsys):
-    """The motors alone miss a payload that is 30 % off; lqr is told to keep to the plan where it does."""
-    assert main([*SHORT, "--payload", "0.3", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    (study,), tried = document["studies"], document["with_feedback"]
-    assert tried["runs"] == len(study["failures"]) > 0
-    assert main([*SHORT, "--payload", "0.3", "--controller", "lqr", "--json"]) == 0
-    alone = json.loads(capsys.readouterr().out)
-    lost = {tuple(failure["seed"]) for failure in alone["studies"][0]["failures"]}
-    failed = [tuple(failure["seed"]) for failure in study["failures"]]
-    assert tried["passed"] == sum(seed not in lost for seed in failed)
-    assert "with_feedback" not in alone
-
-
 def test_runs_of_another_study_are_not_taken(tmp_path, monkeypatch):
     words = [*SHORT, "--period", "1e-2", "--out", str(tmp_path)]
     with monkeypatch.context() as patched:

@@ -172,7 +172,7 @@ def test_a_robot_that_is_another_one_is_refused():
         (("motor_angle",), {}, "show nothing of the geometry"),
         (MEASURED, {"joints": ["elbow"]}, "unknown joint 'elbow'"),
         (MEASURED, {"noise": {"camera": 1.0}}, "unknown kind of noise 'camera'"),
-        (MEASURED, {"length_error": -1.0}, "length_error: needs a positive number"),
+        (MEASURED, {"length_error": -1.0}, "length_error: must be greater than zero"),
     ],
 )
 def test_what_cannot_be_calibrated_is_said(columns, options, message):

@@ -201,7 +201,7 @@ def test_whole_turns_of_a_motor_do_not_change_the_motion():
         (lambda v: v * [1, 1, 1, 1, 0], {}, "torque_right_motor is zero at all samples"),
         (lambda v: v, {"cutoff": 1e4}, "cutoff: needs"),
         (lambda v: v, {"poses": "both"}, "poses: needs motors or platform"),
-        (lambda v: v, {"prior": 0.0}, "prior: needs a positive number"),
+        (lambda v: v, {"prior": 0.0}, "prior: must be greater than zero"),
         (lambda v: np.delete(v, 7, axis=0), {}, "time steps differ"),
     ],
 )

@@ -13,7 +13,7 @@ from framework import InvalidInput, ParallelRobot, RobotFileError, load_plan, lo
 from framework.atlas.design_study import read_designs
 from framework.cli import main
 from framework.model.parameters import declared_parameters, fill_parameters, fill_placeholders
-from framework.show.report import command_line
+from framework.show.report import python_call
 from tests.urdf_edits import parametric_five_bar
 
 VALUES = {"a": 0.25, "b": 2.0}
@@ -96,7 +96,7 @@ def test_parameters_are_set_in_python_and_on_the_command_line_and_kept_with_a_pl
         assert np.linalg.norm(crank) == pytest.approx(0.25, abs=1e-9)
     assert main(["plan", *words, "--out", str(folder)]) == 0
     assert load_plan(folder).robot.description.parameters == robot.description.parameters
-    assert "--set l1=0.25 l2=0.255" in command_line(load_plan(folder), "again")
+    assert "parameters={'l1': 0.25, 'l2': 0.255}" in python_call(load_plan(folder))
     assert main(["locate", file, "--scene", "C", "--set", "l3=1"]) == 2
     assert "unknown parameter 'l3' (valid: l1, l2)" in capsys.readouterr().err
     assert main(["simulate", str(folder), "--set", "l2=1"]) == 2

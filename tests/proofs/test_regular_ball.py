@@ -20,7 +20,7 @@ LENGTH, MOTORS = five_bar_pose.LENGTH, five_bar_pose.BASES
 def ball(name, x=None, within=0.5, max_cells=2000):
     robot = robots.load(name)
     here = robot.reference if x is None else assemble(robot, x)
-    return robot, here, prove_regular_ball(robot, here.q, here.x, within, max_cells=max_cells).radius
+    return robot, here, prove_regular_ball(robot, here.q, here.x, within, max_cells=max_cells)
 
 
 def sine(x):
@@ -56,7 +56,7 @@ def test_a_near_miss_is_proved_regular_and_a_singular_pose_is_not():
     near = nearest_singular_pose(robot, here, within=1e-3)
     assert near.distance == pytest.approx(4e-6, rel=1e-3)
     assert 0.9 * near.distance < near.at_least <= near.distance
-    assert prove_regular_ball(robot, on_locus.q, on_locus.x, 0.01, max_cells=500).radius < 1e-6
+    assert prove_regular_ball(robot, on_locus.q, on_locus.x, 0.01, max_cells=500) < 1e-6
 
 
 def test_the_ball_of_the_biglide_reaches_to_the_edge_of_its_workspace():

@@ -157,4 +157,4 @@ def test_a_ball_that_moves_is_refused_and_no_margin_is_proved(tmp_path):
     robot = ParallelRobot.from_file(file)
     with pytest.raises(InvalidInput, match="right_elbow"):
         pave_singularities(robot)
-    assert prove_regular_ball(robot, robot.reference.q, robot.reference.x, 0.1).radius == 0.0
+    assert prove_regular_ball(robot, robot.reference.q, robot.reference.x, 0.1) == 0.0

@@ -32,13 +32,13 @@ def path():
 @pytest.mark.parametrize("key", ["g", "torque"])
 def test_a_figure_names_quantity_unit_mode_and_what_is_drawn(key):
     ax = plot_map(found(), key, path=path())
-    texts = [text.get_text() for text in ax.texts]
-    assert [one.name for one in found().quantities if one.key == key] == texts[:1]
-    assert texts[1] == "five bar, flexible links: working mode of the reference"
+    name, title = ax.figure.get_suptitle().split("\n")
+    assert [one.name for one in found().quantities if one.key == key] == [name]
+    assert title == "five bar, flexible links: working mode of the reference"
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x  [m]", "y  [m]")
-    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
     assert legend == ["singular locus (Type 2)", "path", "not reached"]
-    scale = next(other for other in ax.figure.axes if other is not ax)
+    (scale,) = ax.child_axes
     assert scale.get_ylabel() == {"g": "g  (no unit)", "torque": "torque  [N m/N]"}[key]
 
 

@@ -14,7 +14,8 @@ import robots
 from framework import InvalidInput, Line, ParallelRobot, plan_crossing, plan_scene
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.show import plots
-from framework.show.force_polygon import plot_eye
+from framework.show.film import film_plan
+from framework.show.force_polygon import plot_eyes
 from framework.show.plots import plot_phase_plane
 from framework.show.style import new_figure
 
@@ -165,20 +166,21 @@ def test_the_eye_closes_to_a_point_that_the_motion_passes(crossing_plan):
         motors = tuple(replace(motor, torque_limit=limit) for motor in description.actuators)
         robot = ParallelRobot.from_description(replace(description, actuators=motors))
         plan = plan_scene(robot, "C")
-        ax = plot_eye(plan)
+        ax = plot_eyes([film_plan(plan)], np.full(2, limit))
         (curve,) = curves(ax)
         (band,) = (part.get_paths()[0].vertices for part in ax.collections)
         width = np.abs(band[:, 1])
-        inside = np.abs(band[:, 0]) < 1e-9 * plan.duration
+        singular = plan.crossings[0].s
+        inside = np.abs(band[:, 0] - singular) < 1e-9
         assert width[inside].max() < 1e-6 * width.max()
-        assert np.interp(0.0, *curve.get_data()) == pytest.approx(0.0, abs=1e-6 * width.max())
+        assert np.interp(singular, *curve.get_data()) == pytest.approx(0.0, abs=1e-6 * width.max())
         assert f"{limit:.3g} N m" in ax.get_legend().get_texts()[0].get_text()
 
 
 def test_a_plan_without_a_crossing_has_no_eye(crossing_plan):
     clear = plan_crossing(crossing_plan.robot, Line([0.1, 0.345], [0.08, 0.335]), duration=1.0)
-    with pytest.raises(InvalidInput, match="no crossing"):
-        plot_eye(clear)
+    with pytest.raises(InvalidInput, match="through a singularity"):
+        plot_eyes([film_plan(clear)], np.ones(2))
 
 
 def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
@@ -194,13 +196,13 @@ def test_raw_torques_are_drawn_sample_by_sample_with_their_poles(crossing_plan):
 
 @pytest.mark.parametrize("draw", [plots.plot_torques, plots.plot_singularity, plots.plot_wrench])
 def test_figures_are_drawn_on_the_axes_that_one_gives(crossing_plan, draw):
-    ax = new_figure()[1][0]
+    (ax,) = new_figure()
     assert draw(crossing_plan, ax) is ax
     assert curves(ax)
 
 
 def test_the_law_is_drawn_on_the_axes_that_one_gives(crossing_plan):
-    axes = new_figure(3)[1]
+    axes = new_figure(3)
     assert plots.plot_law(crossing_plan, axes) == axes
     assert all(curves(ax) for ax in axes)
 
