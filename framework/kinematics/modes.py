@@ -87,7 +87,11 @@ def _keeps_platform_map(robot: ParallelRobot, first: LinearisedLoops, second: Li
 
 
 def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, float]:
-    """Compute a basis N (moving, n) of the motions that the loops allow (T = 1), and det (platform N)."""
+    """Compute a basis N (moving, n) of the motions that the loops allow, and det (platform N), of one pose.
+
+    Platform times N maps amplitudes of these motions to twists. Its determinant vanishes where the loops
+    allow a motion that rests the platform; the sign depends on the orientation of N.
+    """
     loops = scaled_loops(robot, linearised)[0][:, robot.moving]  # (m, moving)
     basis = np.linalg.svd(loops)[2][len(loops) :].T
     platform = scaled_platform(robot, linearised)[0][:, robot.moving]

@@ -125,7 +125,11 @@ def _motion_of_twist(
     dq_e: Array | None = None,
     ddq_e: Array | None = None,
 ) -> Motion:
-    """Compute the motion of all joints for a twist, v and dv/dt (T, n), and deflection rates (T, n_e)."""
+    """Compute the motion of all joints for a twist, v and dv/dt (T, n), and deflection rates (T, n_e).
+
+    Rates solve J v = (twist, 0), accelerations J a = (dv/dt, 0) - J' v, with the drift J' v of platform and
+    loops. Turns of idle joints, which these equations leave open, are added to both.
+    """
     v = joint_rates(robot, linearised, twist[0], dq_e)
     turns = idle_turns(robot, linearised)
     if turns is not None:

@@ -65,8 +65,8 @@ class Request(PlanOptions):
         expect_path(self.path)
         for option in OPTIONS.values():
             value = getattr(self, option.name)
-            left_open = value is None and getattr(PlanOptions, option.name) is None
-            if option.check is not None and not left_open:
+            is_left_out = value is None and getattr(PlanOptions, option.name) is None  # by default
+            if option.check is not None and not is_left_out:
                 object.__setattr__(self, option.name, option.check(option.name, value))
         self._check_crossings()
         if self.bounded and self.law == "polynomial":

@@ -131,7 +131,7 @@ def track_paths(
 def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArray) -> ComplexArray:
     """Refine solutions z (S, N) by Newton steps in the chart (N,) . z = 1."""
     z = z / (z @ chart)[:, None]
-    system = _LinearHomotopy(quadrics, 0 * quadrics, chart)
+    system = _LinearHomotopy(quadrics, np.zeros_like(quadrics), chart)  # the same system at all t
     for _ in range(REFINEMENT_STEPS):
         z = z + system.newton_step(z, np.zeros(len(z)))
     return z

@@ -32,6 +32,10 @@ ComplexArray = NDArray[np.complex128]
 
 RANDOM_SEED = 22
 NEWTON_STEPS = 50  # from a random point onto the fixed quadrics
+# places of the functions 1, |p|^2, p, R'p and R (3, 3) among the 17; of x_0, x and y among z
+_ONE, _SQUARE = 0, 1
+_POSITION, _ORIGIN, _ROTATION = np.arange(2, 5), np.arange(5, 8), np.arange(8, 17).reshape(3, 3)
+_X_0, _X, _Y = 0, np.arange(1, 4), np.arange(5, 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +241,7 @@ def spherical_displacements() -> Displacements:
 
     Three quadrics in P^3.
     """
-    chosen = np.concatenate([[0], np.arange(8, 17)])
+    chosen = np.array([_ONE, *_ROTATION.ravel()])
     family = QuadricFamily(
         "turns about a point", _function_forms()[chosen][:, :4, :4], np.zeros((0, 4, 4)), 8
     )
@@ -251,10 +255,10 @@ def planar_displacements(axis: int) -> Displacements:
     Three quadrics in P^3 with a common pair of points on the line x = 0, |y|^2 = 0 (Hunt 1983; Gosselin,
     Sefrioui and Richard 1992).
     """
-    b = (axis + 1) % 3
-    c = (axis + 2) % 3
-    places = np.array([0, 1 + axis, 5 + b, 5 + c])
-    chosen = np.array([0, 1, 2 + b, 2 + c, 5 + b, 5 + c, 8 + 3 * b + b, 8 + 3 * c + b])
+    in_plane = [(axis + 1) % 3, (axis + 2) % 3]
+    places = np.array([_X_0, _X[axis], *_Y[in_plane]])
+    cosine_and_sine = _ROTATION[in_plane, in_plane[0]]
+    chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
     forms = _function_forms()[chosen][:, places][:, :, places]
     return Displacements(
         QuadricFamily("displacements in a plane", forms, np.zeros((0, 4, 4)), 6), chosen, places
@@ -267,12 +271,12 @@ def translation_displacements(axes: tuple[int, ...]) -> Displacements:
 
     They meet circles or spheres. With z = (1, p) the functions are 1, |p|^2 and the coordinates of p.
     """
-    chosen = np.array([0, 1, *(2 + k for k in axes)])
+    chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
     size = len(axes) + 1
     forms = np.zeros((len(chosen), size, size))
     forms[0, 0, 0] = 1.0
     forms[1, 1:, 1:] = np.eye(len(axes))
     for k in range(len(axes)):
         forms[2 + k, 0, 1 + k] = forms[2 + k, 1 + k, 0] = 0.5
-    places = np.array([0, *(5 + k for k in axes)])
+    places = np.array([_X_0, *_Y[list(axes)]])
     return Displacements(QuadricFamily("translations", forms, np.zeros((0, size, size)), 2), chosen, places)

@@ -80,7 +80,8 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
 def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     """Find axes along which the platform cannot move, and axes that would do.
 
-    Poses are the assembled reference and closed poses nearby.
+    An axis counts as stuck if the platform cannot move along it at any of some poses: the assembled reference
+    and closed poses nearby. `stuck_here` are those of the reference alone.
     """
     q = robot.reference.q
     stuck_here = _immovable_combinations(robot, q)
@@ -99,10 +100,14 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
 
 def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[Names, ...]:
-    """Return sets of axes along which a frame can move, fewest turns first.
+    """Return sets of axes along which a frame can move, those with the fewest turns first.
 
-    `twists` (6, f) are those of the frame at each pose. Two turns are coordinates in series, and their order
-    matters: if the `stated` axes are two insufficient turns, the other order is proposed.
+    A set will do if the frame's twists move it independently along all of its axes, at one pose at least.
+    Two turns are coordinates in series, and their order matters: if the `stated` axes are two turns that do
+    not do, the other order is proposed.
+
+    Args:
+        twists: (6, f) of the frame at each pose, by the f motions of the loops.
     """
     proposals: list[Names] = []
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))

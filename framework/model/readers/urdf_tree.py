@@ -63,20 +63,16 @@ class Transmission(NamedTuple):
 
 
 def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str]:
-    """Remove other programs' elements from a URDF; count unused tags.
+    """Remove other programs' elements and attributes from a URDF without xacro; count unused tags.
 
     Raises:
         RobotFileError: a mistyped element, or a xacro macro.
     """
-    unused, arguments = Counter[str](), ""
+    _remove_xacro_definitions(root)
+    unused = Counter[str]()
     for element in list(root):
         tag = local_name(element.tag)
-        if _is_xacro(element):
-            if tag == "arg":
-                arguments += f" {element.get('name')}:={element.get('default')}"
-            if tag in ("property", "arg", "macro"):
-                root.remove(element)
-        elif tag in valid:
+        if tag in valid:
             unused.update(_unused_parts(element, tag))
         elif "}" not in element.tag and nearest(tag, valid):
             raise RobotFileError(choose_from("element", tag, valid))
@@ -84,13 +80,28 @@ def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str
             unused[f"<{tag}>"] += 1
             root.remove(element)
     for element in root.iter():
+        for key in [key for key in element.attrib if key.startswith("{")]:
+            del element.attrib[key]
+    return unused
+
+
+def _remove_xacro_definitions(root: Element) -> None:
+    """Remove definitions of xacro, which expanded files may keep.
+
+    Raises:
+        RobotFileError: a macro or a value is not expanded; advises the command with the file's arguments.
+    """
+    arguments = ""
+    for element in list(root):
+        tag = local_name(element.tag)
+        if _is_xacro(element) and tag in ("property", "arg", "macro"):
+            root.remove(element)
+            arguments += f" {element.get('name')}:={element.get('default')}" if tag == "arg" else ""
+    for element in root.iter():
         if _is_xacro(element) or any("${" in value or "$(" in value for value in element.attrib.values()):
             raise RobotFileError(
                 f"<{local_name(element.tag)}>: expand the xacro macros first: xacro FILE{arguments} > OUT"
             )
-        for key in [key for key in element.attrib if key.startswith("{")]:
-            del element.attrib[key]
-    return unused
 
 
 def _is_xacro(element: Element) -> bool:

@@ -73,6 +73,8 @@ def find_best_law(
 ) -> Best | NoneFound:
     """Find the smoothest law whose cost is within a share of the least.
 
+    Where the search for the least cost fails for another goal than the peak, the law of least peak is tried.
+
     Args:
         cells: (k + 1,) of xi, which are refined; uniform ones unless given.
         units: those of a similar program.

@@ -92,14 +92,21 @@ def find_least_limits(problem: LawProblem) -> LeastLimits:
 
 
 def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
-    """Find the multiples of limits that the law of least peaks needs.
+    """Find the peaks of torque and of speed over their limits, of the law whose peaks are least.
 
-    They are of torque and of speed; None without one.
+    Args:
+        goal: "peak_torque" within the limits of speed, "peak_speed" within those of torque, or "limits", the
+            larger of both peaks within none.
+
+    Returns:
+        Both, or None for both where no law was found.
     """
-    limit = problem.specification.torque_limit  # infinite of motors whose torque does not count
-    relative = problem._replace(chosen_reference=limit).with_goal(goal)
-    least = find_least_cost(relative, torque_limits=goal != "peak_torque")
-    return (None, None) if isinstance(least, NoneFound) else (least.speed.peak, least.speed.peak_speed)
+    # peaks are relative to the reference; a motor without a limit has an infinite one and does not count
+    over_limits = problem._replace(chosen_reference=problem.specification.torque_limit)
+    least = find_least_cost(over_limits.with_goal(goal), torque_limits=goal != "peak_torque")
+    if isinstance(least, NoneFound):
+        return None, None
+    return least.speed.peak, least.speed.peak_speed
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
