@@ -282,7 +282,7 @@ class _Refinement:
         return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
     def evaluate(self, state: DeflectionSolution) -> InverseDynamics:
-        """Return the result on one grid, and store what the next, finer grid starts from.
+        """Return the result on one grid, and store the start of the next.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, smooth functions of time.

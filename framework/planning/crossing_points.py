@@ -25,10 +25,14 @@ from framework.tolerances import SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class PathToCross:
-    """A path, its singular points, and the points where condition (8) shall hold."""
+    """A path, its singular points, and the points where condition (8) shall hold.
+
+    explained: whether a refusal finds limits and a duration within which there is a law.
+    """
 
     searched: SearchedPath
     crossing_points: Sequence[SingularPoint | CrossingPoint]
+    explained: bool = True
 
     @property
     def branch(self) -> Branch:

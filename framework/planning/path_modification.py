@@ -126,7 +126,8 @@ class _Modification(NamedTuple):
         points = path(self.s) + share * self.unit
         points[[0, -1]] = path(self.s[[0, -1]])
         try:
-            return plan_request(self.robot, replace(self.request, path=Spline(points)))
+            request = replace(self.request, path=Spline(points))
+            return plan_request(self.robot, request, explained=False)
         except (NoAnswer, InvalidInput):  # the latter: not as many crossings as times or speeds
             return None
 

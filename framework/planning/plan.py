@@ -83,9 +83,16 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
 
 
 def plan_request(
-    robot: ParallelRobot, request: Request, *, searched: SearchedPath | None = None
+    robot: ParallelRobot,
+    request: Request,
+    *,
+    searched: SearchedPath | None = None,
+    explained: bool = True,
 ) -> CrossingPlan:
     """Plan a request of this robot; see `plan_crossing`.
+
+    Args:
+        explained: whether a refusal finds limits and a duration within which there is a law.
 
     Raises:
         As `plan_crossing`.
@@ -94,7 +101,7 @@ def plan_request(
     if searched is None:
         searched = search_path(robot, request.path)
     check_branch(robot, request.path, searched.branch)
-    to_cross = path_to_cross(searched, request)
+    to_cross = replace(path_to_cross(searched, request), explained=explained)
     searched = to_cross.searched  # under the wrenches of the request
     try:
         with limit_time(request.time_limit) as clock:

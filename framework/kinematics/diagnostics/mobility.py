@@ -100,7 +100,7 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
 
 def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[Names, ...]:
-    """Return sets of axes along which a frame can move, those with the fewest turns first.
+    """Return sets of axes along which a frame can move, by number of turns.
 
     A set will do if the frame's twists move it independently along all of its axes, at one pose at least.
     Two turns are coordinates in series, and their order matters: if the `stated` axes are two turns that do

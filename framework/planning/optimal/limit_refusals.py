@@ -27,15 +27,14 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     name = problem.task.branch.robot.name
     cells = len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
-    if problem.degree is not None:  # that there is no series proves nothing of limits
-        return NotConverged(
-            f"{name}: no series of degree {problem.degree} was found: {none.status}", residual=np.inf
-        )
+    not_found = NotConverged(
+        f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
+    )
+    if problem.degree is not None or not problem.task.to_cross.explained:  # no series proves nothing
+        return not_found
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
-        return NotConverged(
-            f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
-        )
+        return not_found
     specification = problem.specification
     quickest = None
     limited = specification.limited or specification.limited_speeds
