@@ -257,7 +257,11 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
 
 
 def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
-    """Choose the first axes of OFF_ORIGIN with a closure's, closed at poses (K, nq)."""
+    """Choose the first axes of OFF_ORIGIN along all of which a closure is closed anyway.
+
+    An equality that locks more axes than the closure changes nothing if these do not move at any of the
+    poses (K, nq).
+    """
     lacking = dict[tuple[str, ...], float]()
     placements, names = frames_at(robot, poses), frame_names(robot)
     for axes in OFF_ORIGIN:

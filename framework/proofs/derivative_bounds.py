@@ -173,7 +173,10 @@ class Derivatives(NamedTuple):
     def _third_bounds(self, radii: Array) -> Array:
         """Bound sum_k |d3F_ijk| r_k over boxes of radii r, (S, R, k, k).
 
-        Radii (S, k) are in radians and metres.
+        It is the sum over the terms of each row, in the units of the scaled rows and columns.
+
+        Args:
+            radii: (S, k) [rad, m].
         """
         thirds = np.zeros_like(self.hessians)
         for term in self.bounds.terms:
@@ -276,9 +279,8 @@ def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
 def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radii: Array) -> Array:
     """Bound sum_k |d3 term_ijk| r_k (S, L, L) over boxes of radii r (S, L).
 
-    |d2p| and |d3p| are at most the lever of the outermost joint if all others turn, else 0. A direction is a
-    point whose levers are 1, of slides 0. For a square p . p the product rule gives
-    2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk).
+    |d3p| is at most the lever of the outermost joint if both others turn, else 0. A direction is a point
+    whose levers are 1, of slides 0.
     """
     turns = chain.turns
     if term.kind in ("direction", "turn"):
@@ -288,10 +290,25 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
     inner, middle, outer = chain.joint_tuples(3)  # (L, L, L)
     thirds = np.einsum("sijk,sk->sij", lever[:, outer] * (turns[inner] & turns[middle]), radii)
     if term.kind == "square":
-        inner, outer = chain.joint_tuples(2)
-        seconds = lever[:, outer] * turns[inner]  # (S, L, L)
-        mixed = lever[:, :, None] * np.matvec(seconds, radii)[:, None]  # |u_i| |d2p_jk| r_k
-        travel = np.sum(lever * radii, axis=1)[:, None, None]
-        distance = np.linalg.norm(derivatives.point.value, axis=1)[:, None, None] + travel
-        thirds = 2.0 * (mixed + mixed.swapaxes(1, 2) + travel * seconds + distance * thirds)
+        distance = np.linalg.norm(derivatives.point.value, axis=1)  # |p| at the middle
+        thirds = _bound_square_thirds(chain, lever, distance, thirds, radii)
     return abs(term.factor) * thirds
+
+
+def _bound_square_thirds(chain: Chain, lever: Array, distance: Array, thirds: Array, radii: Array) -> Array:
+    """Bound sum_k |d3(p . p)_ijk| r_k (S, L, L) over boxes of radii r (S, L), by the product rule.
+
+    d3(p . p)_ijk = 2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk), where |u_j| is at most the
+    lever of j, and |d2p_ij| the lever of the outer joint if the inner one turns, else 0.
+
+    Args:
+        lever: (S, L) within the boxes.
+        distance: |p| (S,) at the middles.
+        thirds: bounds (S, L, L) of sum_k |d3p_ijk| r_k.
+    """
+    inner, outer = chain.joint_tuples(2)
+    seconds = lever[:, outer] * chain.turns[inner]  # (S, L, L) of |d2p_ij|
+    mixed = lever[:, :, None] * np.matvec(seconds, radii)[:, None]  # sum_k |u_i| |d2p_jk| r_k
+    travel = np.sum(lever * radii, axis=1)[:, None, None]  # sum_k |u_k| r_k: how far p moves
+    largest_distance = distance[:, None, None] + travel
+    return 2.0 * (mixed + mixed.swapaxes(1, 2) + travel * seconds + largest_distance * thirds)

@@ -236,10 +236,11 @@ def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tupl
 
 
 def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) ahead; return which are accepted, too.
+    """Compute the points a step (S,) ahead, and whether each is accepted (S,).
 
-    The predictor is quadratic, with the tangents' rates `bend` (S, k); Newton's method corrects it. A point
-    whose step is too long stays as it was.
+    The predictor is quadratic, with the tangents' rates `bend` (S, k); Newton's method corrects it. Points
+    are corrected together until each is `ready`, or given up: its system is singular, its corrections are
+    long against the step, or its tangent turns too far. A point that is not accepted stays as it was.
     """
     length = step[:, None]
     q = equations.move(points.q, length * points.tangent + 0.5 * length**2 * bend)

@@ -214,8 +214,12 @@ def _fit_continuation(
 def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
     """Find the nodes (k,) at which Newton's method is trusted, with offsets (k, nv) from the origin.
 
-    The least singular value of its matrix is above a share of the largest one of all nodes, and its steps
-    are small against this value.
+    There the least singular value of the Type 1 matrix is above a share of the largest one of all nodes, and
+    the whole correction of the guess is small against this value.
+
+    Args:
+        guess: configurations (nodes, nq), corrected here.
+        x: (nodes, n) of the platform.
     """
     robot = branch.robot
     matrices = type1_matrix(robot, linearised_at(robot, guess, x))

@@ -277,8 +277,6 @@ class DualProgram:
 
         At both ends of each cell `slow` <= (2 minorant lambda^2)^(1/3), so that 1.5 slow is the least of
         minorant z + lambda z^(-1/2). Two cones bound it: slow^2 <= root lambda and root^2 <= 2 minorant slow.
-        With drag, each cell gives a share of lambda for `dragged`, at most the least 2 (drag share)^(1/2) of
-        drag z^(1/2) + share z^(-1/2).
         """
         width = self.series.width
         count = 2 * len(width)
@@ -289,13 +287,9 @@ class DualProgram:
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
         end_width = (width[:, None] * self._slowness).ravel()
         draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
-        half_lambda = {"lam": sparse.csr_array(np.full((count, 1), 0.5))}
+        half_lambda = {"lam": sparse.csr_array(np.full((count, 1), 0.5))}  # less the share of the drag
         if "drag" in draft.sizes:
-            cell = sparse.identity(len(width), format="csr")
-            draft.sizes |= {"share": len(width), "dragged": len(width)}
-            half_lambda["share"] = -0.5 * sparse.kron(cell, np.ones((2, 1)), format="csr")
-            draft.cost["dragged"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
-            draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [linear_rows(dragged=cell)]))
+            half_lambda["share"] = self._add_drag(draft)
         root = linear_rows(root=identity)
         slow = linear_rows(slow=identity)
         draft.cones.append(product_cone({"minorant": identity}, {"slow": 0.5 * identity}, [root]))
@@ -304,6 +298,19 @@ class DualProgram:
             draft.equal.append(AffineRows({"lam": sparse.csr_array(np.ones((1, 1)))}, -np.ones(1)))
         else:
             draft.cost["lam"] = np.array([self._lambda_unit * (self.longest or 0.0)])
+
+    def _add_drag(self, draft: _Draft) -> Any:
+        """Add `share` and `dragged`, constant on cells; return -share / 2 as rows (2 k, k) at ends of cells.
+
+        Each cell gives a share of lambda for `dragged`, at most the least 2 (drag share)^(1/2) of
+        drag z^(1/2) + share z^(-1/2).
+        """
+        width = self.series.width
+        cell = sparse.identity(len(width), format="csr")
+        draft.sizes |= {"share": len(width), "dragged": len(width)}
+        draft.cost["dragged"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
+        draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [linear_rows(dragged=cell)]))
+        return -0.5 * sparse.kron(cell, np.ones((2, 1)), format="csr")
 
     # ------------------------------------------------------------------ units and columns of the unknowns
 
