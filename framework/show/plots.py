@@ -290,10 +290,7 @@ def _draw_motors(
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
     ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
-    if robot.n_a <= 4:  # curves, among which a legend finds room
-        ax.legend()
-    else:
-        legend_above(ax, 3)
+    legend_above(ax, 3)
 
 
 def _sample_times(plan: CrossingPlan) -> Array:
