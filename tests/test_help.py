@@ -46,6 +46,7 @@ def test_a_help_has_a_line_of_usage_its_groups_and_two_examples_and_fits(name, c
     assert ended.value.code == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith(f"usage: crossing {name} ")
+    assert lines[0].endswith(" [options]")
     assert lines[1] == ""
     assert max(map(len, lines)) <= 80
     at = lines.index("examples:")

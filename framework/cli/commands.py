@@ -140,9 +140,18 @@ class _Help(argparse.HelpFormatter):
     """Help with a usage of one line; texts of several lines unchanged."""
 
     def add_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None = None) -> None:
-        """Write the usage with [options] and the arguments that are needed."""
-        self._prog += " [options]" * (usage is None)
-        super().add_usage(usage, [action for action in actions if action.required], [], prefix)
+        """Write the usage with needed arguments alone; options follow as [options]."""
+        needed = [
+            self._format_needed(action) for action in actions if action.required or not action.option_strings
+        ]
+        super().add_usage(usage or " ".join(["%(prog)s", *needed, "[options]"]), actions, groups, prefix)
+
+    def _format_needed(self, action: argparse.Action) -> str:
+        """Return a needed argument or option with its placeholders."""
+        if not action.option_strings:
+            return self._format_args(action, self._get_default_metavar_for_positional(action))
+        metavar = self._get_default_metavar_for_optional(action)
+        return f"{action.option_strings[0]} {self._format_args(action, metavar)}"
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if "\n" in text else super()._fill_text(text, width, indent)

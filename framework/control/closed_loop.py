@@ -175,7 +175,10 @@ def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
     Raises:
         InvalidInput: a limit that is no torque.
     """
-    limits = motor_limits(reference.robot, "torque_limit", loop.limit)
+    try:
+        limits = motor_limits(reference.robot, "torque_limit", loop.limit)
+    except InvalidInput as reason:
+        raise InvalidInput(str(reason).removeprefix("torque_")) from None  # the loop calls it limit
     return np.where(np.isfinite(limits), limits, 10 * np.abs(reference.torque).max(axis=0))
 
 

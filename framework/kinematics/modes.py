@@ -141,9 +141,9 @@ def _leg_dependencies(label: IntArray, first: IntArray, second: IntArray) -> Boo
     A leg needs itself, and others directly or through others. `label` (columns,) is the leg of each column.
     Each of the pairs (first, second) is a column and another one that its equation contains.
     """
-    needs = np.eye(int(label.max(initial=-1)) + 1)
-    needs[label[first], label[second]] = 1.0
-    return np.linalg.matrix_power(needs, len(needs)) > 0.0  # a chain of needs has at most as many legs
+    needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
+    needs[label[first], label[second]] = True
+    return np.linalg.matrix_power(needs, len(needs))  # a chain of needs has at most as many legs
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

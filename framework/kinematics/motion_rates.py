@@ -59,7 +59,10 @@ def joint_rates(
 def solve_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array | None = None
 ) -> Array:
-    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic, springs at rest.
+    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic.
+
+    Args:
+        elastic: rates (..., T, n_e) of the springs' joints; zero if None.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.

@@ -19,6 +19,7 @@ from framework.numerics.output import package_versions
 from framework.planning.plan_facts import motion_facts
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
+from framework.planning.saved import robot_name_or_file
 from framework.show.captions import (
     describe_film,
     describe_flexibility,
@@ -255,10 +256,10 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
 
 def python_call(plan: CrossingPlan) -> str:
     """Return the call of `plan_crossing` that makes the same plan."""
-    file = str(plan.robot.description.file)
+    loaded = robot_name_or_file(plan.robot)
     parameters = dict(plan.robot.description.parameters)
     stated = f", parameters={parameters!r}" * bool(parameters)
-    robot = f"ParallelRobot.from_file({file!r}, flexibility={plan.robot.flexibility!r}{stated})"
+    robot = f"load_robot({loaded!r}, flexibility={plan.robot.flexibility!r}{stated})"
     options = [f"{key}={value!r}" for key, value in given_options(plan).items()]
     return "plan_crossing(\n    " + ",\n    ".join([robot, repr(plan.path), *options]) + ",\n)"
 

@@ -63,6 +63,8 @@ def test_slopes_are_those_of_certified_torques(name, scene, flexibility, joints)
     response = respond_to_law(balance._replace(linear=None))  # with slopes at this motion
     torque, speed = response.torque(XI), response.speed(XI)
     slopes = response.slopes(XI).reshape(*torque.shape, -1)
+    by_last_slopes = respond_to_law(balance).slopes(XI).reshape(*torque.shape, -1)
+    assert np.abs(by_last_slopes - slopes).max() <= 1e-2 * np.abs(slopes).max()
     planned = torques_of(task, law, balance.deflections)
     assert np.abs(torque - planned).max() <= 1e-9 * np.abs(planned).max()
 

@@ -62,8 +62,8 @@ class LawProblem(NamedTuple):
 
     @property
     def neglects_deflections(self) -> bool:
-        """Whether rows leave out the deflections of an elastic robot."""
-        return self.degree is not None and self.response is None
+        """Whether rows leave out deflections that a response is going to have."""
+        return self.degree is not None and self.response is None and self.task.follows_balance
 
     @property
     def specification(self) -> Specification:

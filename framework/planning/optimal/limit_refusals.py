@@ -30,18 +30,12 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     not_found = NotConverged(
         f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
     )
-    if problem.degree is not None or not problem.task.to_cross.explained:  # no series proves nothing
-        return not_found
+    if problem.response is not None or not problem.task.to_cross.explained:
+        return not_found  # torques beside another motion prove nothing of limits
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return not_found
-    specification = problem.specification
-    quickest = None
-    limited = specification.limited or specification.limited_speeds
-    if holding is None and specification.max_duration and limited:
-        quickest = _find_quickest(problem)
-    limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
-    evidence = SearchEvidence(cells, least, quickest, limits)
+    evidence = _search_remedies(problem, cells, least, is_held=holding is None)
     if holding is not None:
         return _refuse_holding(problem, holding, evidence)
     proof = find_refuting_bound(problem.task)
@@ -51,6 +45,20 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
         reason = f"no law is admissible: the torque of each peaks at {peak} times the limits or more"
     advice = _limits_advice(problem, evidence)
     return NoLaw(f"{name}: {reason}: {evidence.sentence}{advice}", proof=proof, evidence=evidence)
+
+
+def _search_remedies(problem: LawProblem, cells: int, least: LeastLimits, *, is_held: bool) -> SearchEvidence:
+    """Search a duration and limits within which a problem without a law has one.
+
+    Args:
+        cells: number of cells of the search that failed.
+        is_held: whether motors can hold the robot at both ends of the path; else no duration helps.
+    """
+    specification = problem.specification
+    limited = specification.limited or specification.limited_speeds
+    quickest = _find_quickest(problem) if is_held and specification.max_duration and limited else None
+    limits = next((raised for raised in least.options if _has_law(problem, raised)), None)
+    return SearchEvidence(cells, least, quickest, limits)
 
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:

@@ -95,14 +95,14 @@ def optimal_motion(task: Task) -> OptimalMotion:
     check_unfolded(task)
     points = find_crossing_points(task)
     robot = task.branch.robot
-    if robot.n_e and robot.is_damped and not _follows_balance(task):
+    if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
             f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
             f"rigid or redundant motors; use {other_law(task)}flexibility rigid"
         )
     check_speeds(task, points)
     if robot.n_e:
-        is_redundant = task.geometry == "deformed" and not _follows_balance(task)
+        is_redundant = task.geometry == "deformed" and not task.follows_balance
         stages = CALM_STAGES if is_redundant else ELASTIC_STAGES
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
     best = find_law(task, points)
@@ -187,10 +187,13 @@ class _ElasticSearch:
                 if isinstance(failure, SearchEnded) or self.is_near_end:
                     return self.best_motion
                 self.is_near_end = True
+                gap = self.best_motion.best.gap
                 if self.share is None:  # a calmer law may still be better
                     self.stage = min(self.stage + 1, len(self.stages) - 1)
+                elif self.share < 0.5 * gap:
+                    self.share = float(np.sqrt(self.share * gap))
                 else:
-                    self.share = float(np.sqrt(self.share * self.best_motion.best.gap))
+                    return self.best_motion
                 continue
             excess = limit_excess(motion.dynamics, self.task.specification)
             is_settled = motion is self.best_motion  # the law costs no less
@@ -202,9 +205,11 @@ class _ElasticSearch:
                 is_settled = self.balance is None or _has_predicted_peak(motion)
             if is_settled:
                 gap = motion.best.gap
-                if self.balance is None or gap < WORTHWHILE_GAP or self.stages is SPLINE_STAGES:
+                share = gap / GAP_REDUCTION
+                is_tried = self.share is not None and self.share <= share
+                if self.balance is None or gap < WORTHWHILE_GAP or is_tried or self.stages is SPLINE_STAGES:
                     return motion
-                self.share = gap / GAP_REDUCTION
+                self.share = share
             self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
@@ -221,7 +226,7 @@ class _ElasticSearch:
         if self.best_motion is not None and not self._improves(best.cost):
             return self.best_motion
         law = best.law
-        if not _follows_balance(self.task):
+        if not self.task.follows_balance:
             dynamics = _resolve_law(self.task, law, None)
         else:
             law, dynamics = self._balance_law(law)
@@ -248,7 +253,10 @@ class _ElasticSearch:
     def _find_law(self) -> Best:
         """Find the law of this stage, in the units of the last law."""
         stage = self.stages[self.stage]
-        problem = problem_of(self.next_task, self.points, self.speed_places)
+        task = self.next_task
+        if self.last_law is None and self.stages is not SPLINE_STAGES:  # splines follow if there is no series
+            task = task._replace(to_cross=replace(task.to_cross, explained=False))
+        problem = problem_of(task, self.points, self.speed_places)
         problem = problem._replace(sampled=self.sampled, response=self.response)
         if self.response is not None:
             problem = problem._replace(degree=len(self.response.y) - 1)
@@ -288,7 +296,7 @@ class _ElasticSearch:
     def _check_ends(self) -> None:
         """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""
         branch = self.task.branch
-        if not _follows_balance(self.task):
+        if not self.task.follows_balance:
             return
         for s in (0.0, 1.0):
             compliance = find_static_fold(branch, s)
@@ -322,12 +330,6 @@ class _ElasticSearch:
             return
         scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
         self.next_task = self.next_task._replace(specification=scaled)
-
-
-def _follows_balance(task: Task) -> bool:
-    """Whether law and deflections of an elastic robot are sought together."""
-    robot = task.branch.robot
-    return task.geometry == "deformed" and robot.n_a == robot.n
 
 
 def _has_predicted_peak(motion: OptimalMotion) -> bool:

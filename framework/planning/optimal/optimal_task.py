@@ -33,6 +33,12 @@ class Task(NamedTuple):
         return self.request.geometry
 
     @property
+    def follows_balance(self) -> bool:
+        """Whether law and deflections of an elastic robot are sought together."""
+        robot = self.branch.robot
+        return self.geometry == "deformed" and robot.n_a == robot.n
+
+    @property
     def branch(self) -> Branch:
         """The poses along the path."""
         return self.to_cross.branch

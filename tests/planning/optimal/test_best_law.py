@@ -157,6 +157,19 @@ def test_a_speed_at_the_crossing_of_the_deflected_robot_is_met_at_a_duration():
     assert max(plan.peak_torque.values()) < 0.16  # of the rigid robot 0.147
 
 
+def test_an_elastic_robot_with_rigid_geometry_keeps_its_limits_between_points():
+    elastic = robots.load("five_bar", flexibility="flexible_joints")
+    limits = dict(duration=1.0, optimize="energy", geometry="rigid")
+    energy = []
+    for torque_limit in (0.10, 0.13):
+        plan = plan_crossing(elastic, LINE, torque_limit=torque_limit, **limits)
+        t = np.linspace(0.0, 1.0, 4001)
+        torque = plan.torque(t)
+        assert np.abs(torque).max() <= torque_limit
+        energy.append(np.trapezoid((torque**2).sum(axis=1), t))
+    assert energy[1] < energy[0]  # the wider limit allows less
+
+
 def test_more_cells_gain_little(robot, quickest, monkeypatch):
     monkeypatch.setattr(least_cost, "FIRST_CELLS", 180)
     fine = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS)
