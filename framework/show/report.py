@@ -139,7 +139,7 @@ def _law_html(plan: CrossingPlan) -> str:
         )
     return (
         f"<p>s(t) leads from the start of the path (s = 0) to its end (s = 1). {formula} c<sub>k</sub>:</p>"
-        f"<pre>[{values}]</pre>"
+        f'<pre tabindex="0">[{values}]</pre>'
     )
 
 
@@ -201,7 +201,7 @@ def _reproduction_html(plan: CrossingPlan) -> str:
     versions = {**package_versions(), "meshcat": version("meshcat")}
     installed = [f"{package} {number}" for package, number in versions.items()]
     return (
-        f"<pre>from framework import *\n\nplan = {escape(python_call(plan))}</pre>"
+        f'<pre tabindex="0">from framework import *\n\nplan = {escape(python_call(plan))}</pre>'
         f"<p>{escape(robot.name)} is {escape(robot.description.file.name)}; written on "
         f"{date.today()} with {escape(', '.join(installed))}.</p>"
     )

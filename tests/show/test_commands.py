@@ -191,7 +191,7 @@ def test_a_report_says_what_the_plan_is_and_how_to_have_it_again(crossing, folde
     assert len(text) < 5e6
     # the call in the report, run as it stands, makes the same plan
     names = {}
-    exec(re.search(r"<pre>(from framework import .*?)</pre>", text, re.DOTALL)[1], names)
+    exec(re.search(r'<pre tabindex="0">(from framework import .*?)</pre>', text, re.DOTALL)[1], names)
     np.testing.assert_allclose(names["plan"].law.coefficients, plan.law.coefficients, atol=1e-9)
     assert names["plan"].robot.description == plan.robot.description
 
