@@ -19,7 +19,6 @@ from framework.dynamics.balance_equations import (
     BalanceEquations,
     BalanceState,
     Family,
-    LinearBalance,
     LoadSlopes,
     Step,
     resize_series,
@@ -60,7 +59,6 @@ class GaussNewtonResult(NamedTuple):
     state: BalanceState
     is_solved: bool  # whether the misfit is as small as this truncation allows
     slopes: LoadSlopes | None  # of a state near the iterate
-    linear: LinearBalance | None = None  # with these slopes, if it was factorised
 
 
 class BalanceSolution(NamedTuple):
@@ -70,7 +68,6 @@ class BalanceSolution(NamedTuple):
     scalars: Array  # (k,)
     equations: BalanceEquations
     state: BalanceState
-    linear: LinearBalance | None  # of a state near this one, if it was factorised
 
 
 def solve_balance(
@@ -104,10 +101,9 @@ def solve_balance(
     if start is not None:
         series = resize_series(start.series / spring_units(robot), first)
     equations = BalanceEquations(branch, family, steps)
-    result = _refine_series(equations, _solve_by_softening(equations, series, scalars), most)
-    state = result.state
+    state = _refine_series(equations, _solve_by_softening(equations, series, scalars), most)
     deflections = KnownDeflections(state.samples.clock, state.series * equations.units)
-    return BalanceSolution(deflections, state.scalars, equations, state, result.linear)
+    return BalanceSolution(deflections, state.scalars, equations, state)
 
 
 def deflections_of(branch: Branch, law: MotionLaw) -> KnownDeflections:
@@ -181,7 +177,7 @@ def _gauss_newton(
     for _ in range(MAX_STEPS):
         check_time()
         if state.misfit <= SETTLED_MISFIT and slopes is not None:
-            return GaussNewtonResult(state, True, slopes, linear)
+            return GaussNewtonResult(state, True, slopes)
         are_fresh = slopes is None
         slopes = equations.slopes(state) if slopes is None else slopes
         linear = equations.linearise(state, slopes) if linear is None else linear
@@ -190,12 +186,12 @@ def _gauss_newton(
         stalls = step.predicted_misfit > MAX_MISFIT_RATIO * state.misfit
         if stalls and state.misfit <= MAX_UNRESOLVED_MISFIT:
             if coarser is None or is_enough or slopes.misfit <= MAX_MISFIT_OF_SLOPES:
-                return GaussNewtonResult(state, True, slopes, linear)
+                return GaussNewtonResult(state, True, slopes)
             slopes, linear = equations.slopes(coarser.state), None  # those used were of a state too far away
             continue
         new = _take_damped_step(equations, state, step)
         if new is None and (are_fresh or is_enough):
-            return GaussNewtonResult(state, is_enough, slopes, linear)
+            return GaussNewtonResult(state, is_enough, slopes)
         good_misfit = max(
             MAX_MISFIT_RATIO_OF_OLD_SLOPES * state.misfit,
             MAX_LINEAR_MISFIT_RATIO * step.predicted_misfit,
@@ -204,10 +200,10 @@ def _gauss_newton(
         if new is None or new.misfit > good_misfit:
             slopes = linear = None
         state = new or state
-    return GaussNewtonResult(state, False, slopes, linear)
+    return GaussNewtonResult(state, False, slopes)
 
 
-def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most: int) -> GaussNewtonResult:
+def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most: int) -> BalanceState:
     """Add coefficients until the misfit is settled, or falls too slowly to be settled by the most.
 
     A misfit that cannot fall by MIN_LAST_GAIN any more is settled.
@@ -231,7 +227,7 @@ def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most:
         needed = count + (count - last_count) * np.log(state.misfit / SETTLED_MISFIT) / gain
         if needed > MAX_NEEDED_RATIO * largest:
             break
-    return result
+    return state
 
 
 def _take_damped_step(equations: BalanceEquations, state: BalanceState, step: Step) -> BalanceState | None:

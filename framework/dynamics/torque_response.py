@@ -54,18 +54,14 @@ class TorqueResponse(NamedTuple):
 
 
 def respond_to_law(solution: BalanceSolution) -> TorqueResponse:
-    """Compute the response of torques to each coefficient of an optimal law, at a motion in balance.
-
-    Deflections follow by the last factorised slopes of the balance, if any: those of a motion near this one.
-    That makes derivatives wrong by 1e-4 of the largest, after large changes of a law by 1e-2 (measured).
-    """
+    """Compute the response of torques to each coefficient of an optimal law, at a motion in balance."""
     equations, state = solution.equations, solution.state
     clock = state.samples.clock
     assert isinstance(clock, OnParameter)
     terms, terms_by_y = _law_terms(clock.law, state.samples.parameters)
     by_terms = _split_by_law_terms(equations, state)
     F_y = by_terms.F @ terms_by_y  # (T, n_e, n)
-    linear = solution.linear or equations.linearise(state, equations.slopes(state))
+    linear = equations.linearise(state, equations.slopes(state))
     changes = linear.follow(F_y.reshape(-1, F_y.shape[2]))  # of deflections and scalars
     series, scalars = np.split(changes, [state.series.size])
     series = series.reshape(*state.series.shape, -1)  # (panels, N, n_e, n)
