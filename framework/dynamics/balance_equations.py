@@ -87,20 +87,54 @@ class Step(NamedTuple):
     predicted_misfit: float  # after the step, if F were linear
 
 
-class LinearBalance(NamedTuple):
-    """The linearised equations of balance and of rest, their unknowns scaled by the columns' sizes.
+class NormalFactors(NamedTuple):
+    """The factored normal equations N = B'B + small^2 of balance.
 
-    Deflections of a panel do not act on F of another one. So the normal equations N = B'B + small^2 are
-    factored panel by panel, and the scalars of the law last.
+    Deflections of a panel do not act on F of another one. So N is factored panel by panel, and the scalars of
+    the law last.
     """
+
+    factors: tuple[tuple[Array, bool], ...]  # Cholesky's, of each panel
+    eliminated: Array  # (panels, C, k) N_series^-1 N_series,scalars
+    core: Array  # (k, k) of the scalars, once the series are eliminated
+
+    @staticmethod
+    def factorise(by_series: Array, by_scalars: Array) -> NormalFactors:
+        """Factor N of derivatives by series (panels, R, C) and by scalars (panels, R, k)."""
+        from scipy.linalg import cho_factor, cho_solve
+
+        small = WEAK_COLUMN**2
+        factors = tuple(cho_factor(block.T @ block + small * np.eye(block.shape[1])) for block in by_series)
+        coupling = by_series.swapaxes(1, 2) @ by_scalars
+        eliminated = np.stack([cho_solve(*pair) for pair in zip(factors, coupling, strict=True)])
+        core = by_scalars.swapaxes(1, 2) @ by_scalars - coupling.swapaxes(1, 2) @ eliminated
+        return NormalFactors(factors, eliminated, core.sum(axis=0) + small * np.eye(core.shape[1]))
+
+    def solve(self, right: Array) -> Array:
+        """Solve N y = right (unknowns, k)."""
+        from scipy.linalg import cho_solve
+
+        of_series, of_scalars = self.split(right)
+        solved = np.stack([cho_solve(*pair) for pair in zip(self.factors, of_series, strict=True)])
+        remaining = of_scalars - (self.eliminated.swapaxes(1, 2) @ of_series).sum(axis=0)
+        scalars = np.linalg.solve(self.core, remaining)
+        return np.concatenate([*(solved - self.eliminated @ scalars), scalars])
+
+    def split(self, unknowns: Array) -> tuple[Array, Array]:
+        """Split unknowns (unknowns, k) into series (panels, C, k) and scalars."""
+        panels, count, _ = self.eliminated.shape
+        of_series, of_scalars = np.split(unknowns, [panels * count])
+        return of_series.reshape(panels, count, -1), of_scalars
+
+
+class LinearBalance(NamedTuple):
+    """The linearised equations of balance and of rest, their unknowns scaled by the columns' sizes."""
 
     by_series: Array  # (panels, R, C) derivatives of F on each panel by its own coefficients
     by_scalars: Array  # (panels, R, k) by the law's scalars
     rest: Array  # (rows, unknowns)
-    sizes: Array  # (unknowns,) of the columns before
-    factors: tuple[tuple[Array, bool], ...]  # Cholesky's, of each panel
-    eliminated: Array  # (panels, C, k) N_series^-1 N_series,scalars
-    core: Array  # (k, k) of the scalars, once the series are eliminated
+    sizes: Array  # (unknowns,) of the columns that are not scaled
+    normal: NormalFactors
     rest_response: Array  # (unknowns, rows) N^-1 R'
 
     @staticmethod
@@ -109,23 +143,14 @@ class LinearBalance(NamedTuple):
 
         Columns of the series count as not smaller than their median.
         """
-        from scipy.linalg import cho_factor, cho_solve
-
         series_sizes = np.linalg.norm(by_series, axis=1)  # (panels, C)
         series_sizes = np.maximum(series_sizes, np.median(series_sizes))
         scalar_sizes = np.linalg.norm(by_scalars, axis=(0, 1))
         scalar_sizes[scalar_sizes == 0.0] = 1.0  # a scalar that changes nothing
         by_series, by_scalars = by_series / series_sizes[:, None], by_scalars / scalar_sizes
-        small = WEAK_COLUMN**2
-        factors = tuple(cho_factor(block.T @ block + small * np.eye(block.shape[1])) for block in by_series)
-        coupling = by_series.swapaxes(1, 2) @ by_scalars
-        eliminated = np.stack([cho_solve(*pair) for pair in zip(factors, coupling, strict=True)])
-        core = by_scalars.swapaxes(1, 2) @ by_scalars - coupling.swapaxes(1, 2) @ eliminated
-        core = core.sum(axis=0) + small * np.eye(len(scalar_sizes))
         sizes = np.append(series_sizes, scalar_sizes)
-        rest = rest / sizes
-        linear = LinearBalance(by_series, by_scalars, rest, sizes, factors, eliminated, core, rest.T)
-        return linear._replace(rest_response=linear._solve_normal(rest.T))
+        rest, normal = rest / sizes, NormalFactors.factorise(by_series, by_scalars)
+        return LinearBalance(by_series, by_scalars, rest, sizes, normal, normal.solve(rest.T))
 
     def step(self, state: BalanceState) -> Step:
         """Compute the Gauss-Newton step from a state with as many coefficients.
@@ -138,7 +163,7 @@ class LinearBalance(NamedTuple):
         unknowns = np.append(series.ravel(), np.zeros(len(state.scalars))) * self.sizes
         weight = min(1.0, state.misfit / END_RATE_MISFIT)
         y = self._least_change(F[:, None], self.rest @ unknowns[:, None], weight)
-        of_series, of_scalars = self._split(y)
+        of_series, of_scalars = self.normal.split(y)
         remaining = self.by_series @ of_series + self.by_scalars @ of_scalars
         predicted = float(np.abs(remaining.ravel() + F).max() / state.balance.size)
         step = y[:, 0] / self.sizes
@@ -154,25 +179,9 @@ class LinearBalance(NamedTuple):
         F = F.reshape(*self.by_series.shape[:2], -1)
         gradient = self.by_series.swapaxes(1, 2) @ F
         scalar_gradient = (self.by_scalars.swapaxes(1, 2) @ F).sum(axis=0)
-        y = -self._solve_normal(np.concatenate([*gradient, scalar_gradient]))  # y_0
+        y = -self.normal.solve(np.concatenate([*gradient, scalar_gradient]))  # y_0
         core = np.eye(len(self.rest)) / weight**2 + self.rest @ self.rest_response
         return np.asarray(y - self.rest_response @ np.linalg.solve(core, rest + self.rest @ y))
-
-    def _solve_normal(self, right: Array) -> Array:
-        """Solve the normal equations N y = right (unknowns, k)."""
-        from scipy.linalg import cho_solve
-
-        of_series, of_scalars = self._split(right)
-        solved = np.stack([cho_solve(*pair) for pair in zip(self.factors, of_series, strict=True)])
-        remaining = of_scalars - (self.eliminated.swapaxes(1, 2) @ of_series).sum(axis=0)
-        scalars = np.linalg.solve(self.core, remaining)
-        return np.concatenate([*(solved - self.eliminated @ scalars), scalars])
-
-    def _split(self, unknowns: Array) -> tuple[Array, Array]:
-        """Split unknowns (unknowns, k) into series (panels, C, k) and scalars."""
-        panels, _, count = self.by_series.shape
-        of_series, of_scalars = np.split(unknowns, [panels * count])
-        return of_series.reshape(panels, count, -1), of_scalars
 
 
 class BalanceEquations:

@@ -97,8 +97,8 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
         share: of the least cost, which smoothness may take; as before by default.
     """
     program = SpeedProgram.on_cells(problem, best.program.cells)
-    if len(best.program.further):
-        program = program.extend(best.program.further)
+    if len(best.program.further_xi):
+        program = program.extend(best.program.further_xi)
     least_cost = solve_least_cost(program, best.search.units)
     if isinstance(least_cost, NoneFound):
         return least_cost

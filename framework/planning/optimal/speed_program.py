@@ -98,7 +98,7 @@ class SpeedProgram:
     weights: Array  # (M,) of integrals over sigma; zero at the ends
     rows: MotorRows  # at the points, at crossings and at further places
     conditions: Affine  # (k, n)
-    further: Array  # (R,) xi between the points, where a limit was exceeded
+    further_xi: Array  # (R,) between the points, where a limit was exceeded
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
@@ -183,7 +183,7 @@ class SpeedProgram:
     def extend(self, xi: Array) -> SpeedProgram:
         """Return the program with rows at further places xi (R,)."""
         rows = motor_rows(self.problem, self.basis, self.conditions, xi)
-        return replace(self, rows=self.rows.stack(rows), further=np.append(self.further, xi))
+        return replace(self, rows=self.rows.stack(rows), further_xi=np.append(self.further_xi, xi))
 
     def speed(self, y: Array, value: float = np.nan) -> Speed:
         """Compute the costs of coefficients y (n,).
