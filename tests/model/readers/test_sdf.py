@@ -324,6 +324,20 @@ def test_a_jack_lifts_its_nut_by_the_lead_of_its_screw(tmp_path, thread, lead):
     np.testing.assert_allclose(plan.torque(np.zeros(1)), -mass * 9.81 * lead / (2 * np.pi), rtol=1e-9)
 
 
+def test_a_screw_that_has_to_close_a_loop_is_refused_by_its_name(tmp_path):
+    ends = {"a": ("base", "shaft"), "b": ("base", "nut"), "c": ("shaft", "nut")}
+    links = "".join(
+        f'<link name="{n}">{INERTIAL.format(x=0, m=1.0)}</link>' for n in ("base", "shaft", "nut")
+    )
+    joints = "".join(
+        f'<joint name="{name}" type="screw"><parent>{parent}</parent><child>{child}</child>{axis()}</joint>'
+        for name, (parent, child) in ends.items()
+    )
+    text = f'<sdf version="1.10"><model name="m">{links}{joints}</model></sdf>'
+    with pytest.raises(RobotFileError, match="joint 'c': screw: not read where it closes a loop"):
+        read(tmp_path, text, motors=["a"], platform="nut", axes=["z"])
+
+
 def test_links_without_gravity_beside_the_mechanism_and_what_no_motion_needs_are_named(tmp_path):
     text = five_bar('<link name="hook"/><plugin name="p" filename="f"/><light name="l"/>')
     parsed = read(
