@@ -78,7 +78,7 @@ def test_threads_do_not_share_a_working_memory():
         np.testing.assert_array_equal(positions, same)
 
 
-@pytest.mark.parametrize("name", ["five_bar", "gough_stewart", "standing_quadruped"])
+@pytest.mark.parametrize("name", robots.CATALOGUE)
 def test_the_working_memory_has_the_numbers_of_the_accessors(name):
     robot = robots.CATALOGUE[name].load(flexibility="flexible_links")
     q, v = states(robot, 1)
