@@ -17,6 +17,7 @@ import re
 import sys
 from itertools import zip_longest
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 NUMBER = re.compile(r"([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)")
@@ -68,15 +69,20 @@ def execute(file: Path) -> dict[str, Any]:
     """Run a notebook in its folder; return it with its outputs as they come."""
     import nbformat
     from nbclient import NotebookClient
+    from traitlets.config import Config
 
     notebook = nbformat.read(file, as_version=4)
-    NotebookClient(
-        notebook,
-        timeout=TIMEOUT,
-        coalesce_streams=True,
-        record_timing=False,
-        resources={"metadata": {"path": str(file.parent)}},
-    ).execute(env={**os.environ, "NO_COLOR": "1"})
+    with (
+        TemporaryDirectory() as folder
+    ):  # of the kernel's sockets: two kernels at once may draw the same port
+        NotebookClient(
+            notebook,
+            config=Config(KernelManager={"transport": "ipc", "ip": f"{folder}/kernel"}),
+            timeout=TIMEOUT,
+            coalesce_streams=True,
+            record_timing=False,
+            resources={"metadata": {"path": str(file.parent)}},
+        ).execute(env={**os.environ, "NO_COLOR": "1"})
     return json.loads(nbformat.writes(notebook))
 
 
