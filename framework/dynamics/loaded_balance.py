@@ -25,9 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.force_changes import force_changes
+from framework.dynamics.force_changes import force_changes, force_slopes
 from framework.dynamics.forces import Forces, tree_forces
 from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.inverse_kinematics import close_loops
@@ -37,6 +38,7 @@ from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.ordered_sums import matvec, solve
+from framework.tolerances import EIGENVALUE_ROUNDING
 
 
 class DeflectedMotion(NamedTuple):
@@ -69,6 +71,20 @@ def spring_units(robot: ParallelRobot) -> Array:
     scale = robot.column_scale[robot.elastic]
     compliance = 1.0 / (robot.stiffness * scale**2)
     return scale * np.sqrt(compliance / compliance.max(initial=0.0))
+
+
+def springs_carry_inertia(branch: Branch) -> bool:
+    """Return whether forces depend on accelerations of the deflections, at the start of a path."""
+    robot = branch.robot
+    if not robot.elastic_inertia:
+        return False
+    start = np.zeros(1)
+    closed = close_loops(robot, branch.path(start), branch.guess(start))
+    at_rest = np.zeros((1, robot.n))
+    motion = motion_at(robot, closed, at_rest, at_rest)
+    mass = force_slopes(robot, motion).mass
+    inertia = coordinate_changes(robot, motion, robot.elastic).q @ mass  # (1, n_e, nv)
+    return bool(np.abs(inertia).max() > EIGENVALUE_ROUNDING * np.abs(mass).max())
 
 
 def evaluate_balance(

@@ -65,11 +65,12 @@ class SpeedBasis(ReadOnlyArrays):
         y_i) / (t_(i+p+1) - t_(i+1)).
         """
         from scipy import sparse
-        from scipy.interpolate import BSpline
 
         if not self.is_spline:
             values = chebyshev.chebvander(xi, self.size - 1)
             return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
+
+        from scipy.interpolate import BSpline  # takes time to import
 
         if not len(xi):  # `design_matrix` refuses an empty array
             return sparse.csr_array((0, self.size))

@@ -20,8 +20,8 @@ from framework.numerics.time_limit import check_time
 # most programs end at the first, in half the time of the others.
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
-# of the solver, in the units of the optimum; and that with which a solution is accepted where it stalls
-TOLERANCE, STALLED_TOLERANCE = 1e-8, 1e-7
+TOLERANCE = 1e-8  # of the solver, in the units of the optimum
+STALLED_RATIO = 10.0  # of the tolerance with which a solution is accepted where the solver stalls
 SOLVED = ("Solved", "AlmostSolved")  # statuses of a solution within one of these tolerances
 
 
@@ -101,10 +101,15 @@ class Unsolved(NamedTuple):
         return self.status == "PrimalInfeasible"
 
 
-def solve_cone_program(program: ConeProgram) -> Mapping[str, Array] | Unsolved:
+def solve_cone_program(
+    program: ConeProgram, *, tolerance: float = TOLERANCE
+) -> Mapping[str, Array] | Unsolved:
     """Compute the unknowns of least cost by name, else the solver's status.
 
     Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b, with the slack in cones.
+
+    Args:
+        tolerance: relative, of the cost and of the rows.
     """
     import clarabel
 
@@ -112,7 +117,7 @@ def solve_cone_program(program: ConeProgram) -> Mapping[str, Array] | Unsolved:
     objective = _objective(program)
     constraints = _constraints(program)
     for regularization, refinements in REGULARIZATIONS:
-        settings = _cone_settings(regularization, refinements)
+        settings = _cone_settings(regularization, refinements, tolerance)
         solution = clarabel.DefaultSolver(*objective, *constraints, settings).solve()
         status = str(solution.status)
         if status in SOLVED or status == "PrimalInfeasible":
@@ -226,16 +231,16 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
     return Affine(weight[:, None] * matrix.slopes[row, column], weight * matrix.offset[row, column])
 
 
-def _cone_settings(regularization: float, refinements: int) -> Any:
+def _cone_settings(regularization: float, refinements: int, tolerance: float) -> Any:
     """Return settings for cone programs: regularization of linear systems, and refinements of solutions."""
     settings = _settings()
     settings.max_iter = MAX_ITERATIONS
     settings.iterative_refinement_enable = refinements > 0
     settings.iterative_refinement_max_iter = refinements
     settings.static_regularization_constant = regularization
-    for prefix, tolerance in (("", TOLERANCE), ("reduced_", STALLED_TOLERANCE)):
+    for prefix, share in (("", tolerance), ("reduced_", STALLED_RATIO * tolerance)):
         for measure in ("gap_abs", "gap_rel", "feas"):
-            setattr(settings, f"{prefix}tol_{measure}", tolerance)
+            setattr(settings, f"{prefix}tol_{measure}", share)
     return settings
 
 

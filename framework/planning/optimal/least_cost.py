@@ -22,6 +22,7 @@ FIRST_CELLS, MAX_CELLS = 60, 180
 MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
 LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
 MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
+LEAST_COST_TOLERANCE = 1e-5  # relative, of a cost to which smoothness adds SMOOTHNESS_COST or more
 # corrections of the units; ratio of the optimum to its unit, or inverse, above which the unit is corrected
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0
 
@@ -152,7 +153,7 @@ def solve_least_cost(
     bounds = Bounds(longest, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
     for _ in range(MAX_UNIT_CHANGES):
-        speed = program.minimise(goal, bounds, units)
+        speed = program.minimise(goal, bounds, units, tolerance=LEAST_COST_TOLERANCE)
         if isinstance(speed, Unsolved):
             if speed.infeasible:
                 return NoneFound(program, speed.status)

@@ -16,6 +16,7 @@ import numpy as np
 
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.known_deflections import KnownDeflections
+from framework.dynamics.loaded_balance import springs_carry_inertia
 from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.static_fold import find_static_fold
@@ -63,8 +64,7 @@ class ElasticStage(NamedTuple):
 
 
 # in turn, until deflections are resolved and at rest at both ends
-ELASTIC_STAGES = (
-    ElasticStage(4e-3, 240),
+CAPPED_STAGES = (
     ElasticStage(4e-3, 240, 100.0),
     ElasticStage(1e-2, 240, 20.0),
     ElasticStage(2e-2, 240, 8.0),
@@ -72,7 +72,8 @@ ELASTIC_STAGES = (
     ElasticStage(0.8, 400, 4.0),
     ElasticStage(3.0, 400, 4.0),
 )
-CALM_STAGES = ELASTIC_STAGES[3:]  # of redundant motors, whose deflections passes alone have to resolve
+MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # of springs that carry no inertia
+CALM_STAGES = CAPPED_STAGES[2:]  # of redundant motors, whose deflections passes alone have to resolve
 SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (2e-2, 8e-2, 0.3, 3.0))
 
 
@@ -102,8 +103,14 @@ def optimal_motion(task: Task) -> OptimalMotion:
         )
     check_speeds(task, points)
     if robot.n_e:
-        is_redundant = task.geometry == "deformed" and not task.follows_balance
-        stages = CALM_STAGES if is_redundant else ELASTIC_STAGES
+        if not springs_carry_inertia(task.branch):
+            stages = MASSLESS_STAGES
+        else:
+            stages = CAPPED_STAGES
+            # rates of these springs follow the fifth derivative of the law, their accelerations the sixth
+            task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
+        if task.geometry == "deformed" and not task.follows_balance:
+            stages = CALM_STAGES
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
     best = find_law(task, points)
     for share in (None, *RIGID_SHARES):
@@ -289,9 +296,6 @@ class _ElasticSearch:
             self._check_ends()
         if self.stage == len(self.stages):
             raise self.first_failure or failure from None
-        if self.next_task.specification.smoothness < HIGHEST_SMOOTHNESS:
-            smoother = replace(self.next_task.specification, smoothness=HIGHEST_SMOOTHNESS)
-            self.next_task = self.next_task._replace(specification=smoother)
 
     def _check_ends(self) -> None:
         """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""

@@ -25,6 +25,7 @@ from framework.laws.exact_duration import SpeedSpace
 from framework.laws.speed_basis import SpeedBasis
 from framework.numerics.arrays import Array, read_only
 from framework.numerics.cone_program import (
+    TOLERANCE,
     Affine,
     AffineRows,
     ConeProgram,
@@ -212,6 +213,7 @@ class SpeedProgram:
         cap: Array | None = None,
         weights: Array | None = None,
         about: tuple[Array, float] | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Speed | Unsolved:
         """Compute the speed of least cost within bounds.
 
@@ -226,6 +228,7 @@ class SpeedProgram:
             floor, cap: of the `positive` rows [1/s^2], a number and (m,).
             weights: (P,) at the points with a weight.
             about: y (n,) and a duration [s], which the tangent of T(z) at y must not fall below.
+            tolerance: relative, of the cost and of the rows.
         """
         timed = goal == "time" or bounds.longest is not None
         powered = goal == "energy" or bounds.energy is not None
@@ -250,7 +253,7 @@ class SpeedProgram:
             nonnegative,
             self._cones(units, timed=timed, powered=powered),
         )
-        optimum = solve_cone_program(program)
+        optimum = solve_cone_program(program, tolerance=tolerance)
         if isinstance(optimum, Unsolved):
             return optimum
         y = optimum["y"] / scale
