@@ -40,7 +40,7 @@ MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over the one before:
 MAX_MISFIT_OF_SLOPES = 1e-2  # of the state of slopes: above, they tell nothing of truncation
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one, of slopes that are good enough
 SETTLED_MISFIT = 2e-14  # rounding
-ENOUGH_MISFIT, MIN_LAST_GAIN = 1e-12, 10.0  # below, further coefficients are worth it for such a gain alone
+ENOUGH_MISFIT = 1e-12  # below, neither further coefficients nor fresh slopes are worth their time
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
 MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # factors of the number, where it grows
@@ -204,14 +204,11 @@ def _gauss_newton(
 
 
 def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most: int) -> BalanceState:
-    """Add coefficients until the misfit is settled, or falls too slowly to be settled by the most.
-
-    A misfit that cannot fall by MIN_LAST_GAIN any more is settled.
-    """
+    """Add coefficients until the misfit is enough, or falls too slowly to be so by the most."""
     state = result.state
     largest = min(most, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
     count = state.series.shape[1]
-    while result.is_solved and state.misfit > MIN_LAST_GAIN * SETTLED_MISFIT and count < largest:
+    while result.is_solved and state.misfit > ENOUGH_MISFIT and count < largest:
         last_misfit, last_count = state.misfit, count
         # a misfit that falls geometrically, e^(-r count), is settled at count log(settled) / log(misfit)
         growth = np.log(SETTLED_MISFIT) / np.log(last_misfit)
@@ -221,10 +218,9 @@ def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most:
         result = _gauss_newton(equations, start, result)
         state = result.state
         gain = np.log(last_misfit / state.misfit)
-        least_ratio = MIN_LAST_GAIN if state.misfit <= ENOUGH_MISFIT else 1.0 / MAX_MISFIT_RATIO
-        if gain < np.log(least_ratio):
+        if gain < np.log(1.0 / MAX_MISFIT_RATIO):
             break
-        needed = count + (count - last_count) * np.log(state.misfit / SETTLED_MISFIT) / gain
+        needed = count + (count - last_count) * np.log(state.misfit / ENOUGH_MISFIT) / gain
         if needed > MAX_NEEDED_RATIO * largest:
             break
     return state

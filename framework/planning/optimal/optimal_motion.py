@@ -73,7 +73,8 @@ CAPPED_STAGES = (
     ElasticStage(3.0, 400, 4.0),
 )
 MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # of springs that carry no inertia
-CALM_STAGES = CAPPED_STAGES[2:]  # of redundant motors, whose deflections passes alone have to resolve
+# of redundant motors, whose deflections passes alone have to resolve
+CALM_STAGES = (ElasticStage(0.2, 400, 4.0), *CAPPED_STAGES[4:])
 SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (2e-2, 8e-2, 0.3, 3.0))
 
 
@@ -292,7 +293,7 @@ class _ElasticSearch:
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
-        if self.stage == 2:
+        if self.stage == 3:
             self._check_ends()
         if self.stage == len(self.stages):
             raise self.first_failure or failure from None
