@@ -87,7 +87,7 @@ def find_best_law(
     longest = problem.specification.longest
     if goal == "time" and longest is not None and least.value > longest:
         return NoneFound(program, f"the quickest found takes {least.duration:.4g} s")
-    return _search_smooth(SmoothSearch(program, units, least, share))
+    return _search_smooth(SmoothSearch(program, units, least, share), is_least_new=True)
 
 
 def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -> Best | NoneFound:
@@ -108,7 +108,7 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
         units=least_cost.units,
         share=share or best.search.share,
     )
-    return _search_smooth(search, best.speed)
+    return _search_smooth(search, best.speed, is_least_new=True)
 
 
 def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
@@ -137,7 +137,9 @@ def _find_least_peak(problem: LawProblem, failure: NoneFound, share: float) -> B
     return best if is_within_limits else failure
 
 
-def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best | NoneFound:
+def _search_smooth(
+    search: SmoothSearch, similar: Speed | None = None, *, is_least_new: bool = False
+) -> Best | NoneFound:
     """Find the smooth law, with rows where limits were exceeded between the points.
 
     A search that neglects deflections leaves these rows to the next one. They, or tighter limits, may raise
@@ -146,9 +148,10 @@ def _search_smooth(search: SmoothSearch, similar: Speed | None = None) -> Best |
 
     Args:
         similar: the speed of a similar law, from which the search begins.
+        is_least_new: whether the least cost is that of the program and its limits.
     """
     duration = search.program.problem.specification.duration
-    program_solved_again: SpeedProgram | None = None
+    program_solved_again = search.program if is_least_new else None
     best: Best | None = None
     try:
         search = search.limit_duration()

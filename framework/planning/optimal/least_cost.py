@@ -18,6 +18,7 @@ from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram
 from framework.tolerances import LIMIT_MARGIN
 
 FIRST_CELLS, MAX_CELLS = 60, 180
+CELLS_PER_DEGREE = 0.5  # of a series
 # rounds of cutting cells; relative change of the cost below which no further round is worth its time
 MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
 LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
@@ -64,15 +65,20 @@ def cost_of(goal: str, speed: Speed) -> float:
 
 
 def first_cells(problem: LawProblem) -> Array:
-    """Return edges (k + 1,) of uniform cells in xi, shifted to have each condition in a middle.
+    """Return edges (k + 1,) of cells in xi, shifted to have each condition in a middle.
 
-    The cell about a condition is as wide as the others, less near an end. Edges within that cell, or nearer
-    to its edges than 0.35 widths, are left out.
+    Splines have uniform cells. Those of a series are as dense at the ends as its zeros, whose cosines they
+    have in uniform angles. The cell about a condition is as wide as the others there, less near an end. Edges
+    within that cell, or nearer to its edges than 0.35 widths, are left out.
     """
-    count = FIRST_CELLS if problem.degree is None else problem.degree
-    edges = np.linspace(-1.0, 1.0, count + 1)
-    width = 2.0 / count
+    if problem.degree is None:
+        count = FIRST_CELLS
+        edges = np.linspace(-1.0, 1.0, count + 1)
+    else:
+        count = int(CELLS_PER_DEGREE * problem.degree)
+        edges = -np.cos(np.linspace(0.0, np.pi, count + 1))
     for xi in np.unique(problem.crossing_xi):
+        width = 2.0 / count if problem.degree is None else np.pi / count * np.sqrt(1.0 - xi**2)
         half_width = min(0.5 * width, 0.7 * (1.0 - abs(xi)))
         is_end = np.abs(edges) == 1.0
         is_far = np.abs(edges - xi) > half_width + 0.35 * width

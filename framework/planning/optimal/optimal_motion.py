@@ -21,7 +21,15 @@ from framework.dynamics.restoration import BalanceSolution
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.static_fold import find_static_fold
 from framework.dynamics.torque_response import TorqueResponse, respond_to_law
-from framework.errors import NoAnswer, NoLaw, NotConverged, SpringsTooSoft, UnboundedTorque, round_up
+from framework.errors import (
+    NoAnswer,
+    NoLaw,
+    NotAssembled,
+    NotConverged,
+    SpringsTooSoft,
+    UnboundedTorque,
+    round_up,
+)
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS, OptimalLaw
 from framework.numerics.time_limit import SearchEnded, report_result
 from framework.planning.condition import CrossingPoint
@@ -68,7 +76,7 @@ CAPPED_STAGES = (
     ElasticStage(4e-3, 240, 100.0),
     ElasticStage(1e-2, 240, 20.0),
     ElasticStage(2e-2, 240, 8.0),
-    ElasticStage(0.3, 400, 4.0),
+    ElasticStage(0.3, 240, 4.0),
     ElasticStage(0.8, 400, 4.0),
     ElasticStage(3.0, 400, 4.0),
 )
@@ -104,9 +112,8 @@ def optimal_motion(task: Task) -> OptimalMotion:
         )
     check_speeds(task, points)
     if robot.n_e:
-        if not springs_carry_inertia(task.branch):
-            stages = MASSLESS_STAGES
-        else:
+        stages: tuple[ElasticStage, ...] = MASSLESS_STAGES
+        if springs_carry_inertia(task.branch):
             stages = CAPPED_STAGES
             # rates of these springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
@@ -188,7 +195,7 @@ class _ElasticSearch:
         for _ in range(MAX_PASSES):
             try:
                 motion = self._find_motion()
-            except (NoLaw, NotConverged, UnboundedTorque, SearchEnded) as failure:
+            except (NoLaw, NotAssembled, NotConverged, UnboundedTorque, SearchEnded) as failure:
                 if self.best_motion is None:
                     self._choose_smoother(failure)
                     continue

@@ -27,6 +27,7 @@ MIN_ENERGY_GAIN = 1e-3
 MAX_INNER_COST = 0.9  # of holding the robot inside its path, over that at an end, where a law may wait
 # in sigma, of stretches where a law may wait; the second where the first has no law
 WAITING_WIDTHS = (0.15, 0.05)
+LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law stands still
 BETWEEN = np.arange(1, 6) / 6  # of the way from a point to the next, where limits are checked
 NEARLY_REACHED = 0.98  # of what is allowed
 
@@ -101,10 +102,12 @@ class SmoothSearch(NamedTuple):
         bounds = self.bounds._replace(longest=None)
         if similar is not None:
             return self._improve("curvature", similar, smooth, bounds, floor)
-        slow = self._find_slow(duration, bounds, floor)
-        if isinstance(slow, NoneFound):
-            return slow
-        law = self._improve("curvature", self._blend(smooth, slow, duration), smooth, bounds, floor)
+        law = self._improve("curvature", smooth, smooth, bounds, floor, duration)
+        if law is smooth:
+            slow = self._find_slow(duration, smooth, bounds, floor)
+            if isinstance(slow, NoneFound):
+                return slow
+            law = self._improve("curvature", self._blend(smooth, slow, duration), smooth, bounds, floor)
         return self._improve("curvature", law, smooth, bounds, floor)
 
     def _solve_above_floor(
@@ -133,17 +136,28 @@ class SmoothSearch(NamedTuple):
         blend = self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
         return blend._replace(floor=min(quick.floor, slow.floor))
 
-    def _find_slow(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
+    def _lift(self, slow: Speed | Unsolved, quick: Speed) -> Speed | Unsolved:
+        """Mix as much of a quick law into a slow one, if that stands still between the points, as it moves."""
+        if isinstance(slow, Unsolved) or np.isfinite(slow.duration):
+            return slow
+        values, _ = self.program.fine_quadrature
+        z, z_quick = values @ slow.y, values @ quick.y
+        share = float(((LIFTED_SHARE * z_quick - z) / (z_quick - z))[z < LIFTED_SHARE * z_quick].max())
+        return self.program.speed(slow.y + share * (quick.y - slow.y))._replace(floor=slow.floor)
+
+    def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s]: a smooth one that waits at its ends, else any."""
         sigma = self._positive_sigma
         for width in WAITING_WIDTHS:
             cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
-            slow = self.program.minimise("curvature", bounds, self.units, floor=floor, cap=cap)
+            slow = self._lift(
+                self.program.minimise("curvature", bounds, self.units, floor=floor, cap=cap), quick
+            )
             if _takes_at_least(slow, duration):
                 return slow
-        return self._slow_down(duration, bounds, floor)
+        return self._slow_down(duration, quick, bounds, floor)
 
-    def _slow_down(self, duration: float, bounds: Bounds, floor: float) -> Speed | NoneFound:
+    def _slow_down(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s], by least integrals of weights times z.
 
         The weights are z^(-3/2) of the last law, to which the change of T = integral of z^(-1/2) is
@@ -151,7 +165,9 @@ class SmoothSearch(NamedTuple):
         """
         weights = np.ones(self.program.z.shape[0])
         for _ in range(MAX_SLOW_STEPS):
-            slow = self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights)
+            slow = self._lift(
+                self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights), quick
+            )
             if _takes_at_least(slow, duration):
                 return slow
             if isinstance(slow, Unsolved):
@@ -164,14 +180,24 @@ class SmoothSearch(NamedTuple):
         """Return the result that no law takes so long."""
         return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
 
-    def _improve(self, goal: str, law: Speed, quick: Speed, bounds: Bounds, floor: float) -> Speed:
-        """Lower the cost of a law at its duration, by a tangent of T(z) and a blend.
+    def _improve(
+        self,
+        goal: str,
+        law: Speed,
+        quick: Speed,
+        bounds: Bounds,
+        floor: float,
+        duration: float | None = None,
+    ) -> Speed:
+        """Lower the cost of a law at its duration, or at another one, by a tangent of T(z) and a blend.
 
         Where the program has no solution, or one that is too quick all the same, the law itself is returned.
         """
-        duration = law.duration
+        duration = duration or law.duration
         bounds = bounds._replace(longest=4.0 * duration)
-        slow = self.program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, duration))
+        slow = self._lift(
+            self.program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, duration)), quick
+        )
         if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
             return self._blend(quick, slow, duration)
         return law

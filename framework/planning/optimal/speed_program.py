@@ -42,6 +42,7 @@ from framework.tolerances import LIMIT_MARGIN
 # middle, where the pole is.
 POINTS, POINTS_ABOUT = 4, 8
 FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, where a duration is integrated
+POSITIVE_PARTS = 2  # of the way from a point to the next, where a series is positive
 MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
 
 
@@ -144,11 +145,13 @@ class SpeedProgram:
     def positive(self) -> tuple[Any, Array]:
         """Rows (m, n) on y that make z positive, and their xi (m,).
 
-        The coefficients themselves for splines; the values at the points for a series.
+        The coefficients themselves for splines; for a series the values at the points and between these.
         """
         if self.basis.is_spline:
             return sparse.identity(self.basis.size, format="csr"), self.basis.centres
-        return self.basis.matrix(self.xi), self.xi
+        parts = self.xi[:-1, None] + np.diff(self.xi)[:, None] * np.arange(POSITIVE_PARTS) / POSITIVE_PARTS
+        xi = np.append(parts.ravel(), self.xi[-1])
+        return self.basis.matrix(xi), xi
 
     @cached_property
     def curvature(self) -> AffineRows:
@@ -170,7 +173,7 @@ class SpeedProgram:
         return linear_rows(y=rows / size)
 
     @cached_property
-    def _fine_quadrature(self) -> tuple[Any, Array]:
+    def fine_quadrature(self) -> tuple[Any, Array]:
         """Values (F, n) of z and weights (F,) that integrate a duration.
 
         The integral is over sigma.
@@ -191,7 +194,7 @@ class SpeedProgram:
 
         The duration is the integral of z^(-1/2) over sigma, the energy that of |torque|^2 z^(-1/2).
         """
-        fine_z, fine_weights = self._fine_quadrature
+        fine_z, fine_weights = self.fine_quadrature
         z = fine_z @ y
         duration = float(fine_weights @ z**-0.5) if z.min() > 0 else np.inf
         torque = np.stack([row(y) for row in self.rows.torque], axis=1) / self.problem.reference
