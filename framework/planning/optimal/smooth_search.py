@@ -137,7 +137,7 @@ class SmoothSearch(NamedTuple):
         return blend._replace(floor=min(quick.floor, slow.floor))
 
     def _lift(self, slow: Speed | Unsolved, quick: Speed) -> Speed | Unsolved:
-        """Mix as much of a quick law into a slow one, if that stands still between the points, as it moves."""
+        """Mix a quick law into a slow one that stands still between the points, until it moves."""
         if isinstance(slow, Unsolved) or np.isfinite(slow.duration):
             return slow
         values, _ = self.program.fine_quadrature
