@@ -41,6 +41,7 @@ MAX_MISFIT_OF_SLOPES = 1e-2  # of the state of slopes: above, they tell nothing 
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one, of slopes that are good enough
 SETTLED_MISFIT = 2e-14  # rounding
 ENOUGH_MISFIT = 1e-12  # below, neither further coefficients nor fresh slopes are worth their time
+MIN_LAST_GAIN = 10.0  # factor by which the misfit falls, or it is left where it is nearly enough
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
 MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # factors of the number, where it grows
@@ -218,7 +219,8 @@ def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most:
         result = _gauss_newton(equations, start, result)
         state = result.state
         gain = np.log(last_misfit / state.misfit)
-        if gain < np.log(1.0 / MAX_MISFIT_RATIO):
+        is_nearly_enough = state.misfit <= MIN_LAST_GAIN * ENOUGH_MISFIT
+        if gain < np.log(MIN_LAST_GAIN if is_nearly_enough else 1.0 / MAX_MISFIT_RATIO):
             break
         needed = count + (count - last_count) * np.log(state.misfit / ENOUGH_MISFIT) / gain
         if needed > MAX_NEEDED_RATIO * largest:

@@ -167,8 +167,6 @@ def _search_smooth(
                 if not len(exceeded):
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
-                if search.program.problem.neglects_deflections:
-                    return best._replace(search=search)
                 continue
             if search.program is program_solved_again:
                 return best or smooth
