@@ -20,7 +20,7 @@ from framework.planning.optimal.least_cost import NoneFound, solve_least_cost
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
-SAME_DURATION = 1e-6  # of a duration
+SAME_DURATION = 1e-5  # of a duration
 BLENDED_DURATION = 1e-4  # of a duration by which the tangent of T may fall short
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3
