@@ -236,7 +236,7 @@ class PoseSearch:
     def _close(self, q: Array) -> tuple[Array, Array] | None:
         """Close the loops near q (nq,) by Newton steps of least norm within the joints' ranges.
 
-        A joint that leaves its range is is_beyond at the end of the range by a further equation.
+        A joint that leaves its range is held at the end of the range by a further equation.
 
         Returns:
             The pose and the derivatives (m, f) of its loops; None if the loops do not close.
