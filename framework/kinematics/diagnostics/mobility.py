@@ -49,7 +49,7 @@ class Mobility(NamedTuple):
 
 
 class PlatformAxes(NamedTuple):
-    """Axes along which the platform cannot move; `stuck` like "x, rz" or "x and rz independently of each other"."""
+    """Platform axes that are stuck, as "x, rz" or "x and rz independently of each other"."""
 
     stuck: str  # axes stuck at the reference and at nearby poses; empty without any
     stuck_here: str  # axes stuck at the reference
