@@ -96,7 +96,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
 
     A line search halves each step until the norm of the loop equations decreases.
     """
-    q, norm = start, np.linalg.norm(scaled_residual(mechanism, start))
+    q, norm = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
     iterations = 0
     while iterations < MAX_ITERATIONS and norm > ROUNDING_GAP:
         iterations += 1
@@ -105,7 +105,7 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
         while trial_norm > norm and share > MIN_DAMPING:
             share *= 0.5
             trial = integrate_columns(mechanism, q, free, share * step)
-            trial_norm = np.linalg.norm(scaled_residual(mechanism, trial))
+            trial_norm = float(np.linalg.norm(scaled_residual(mechanism, trial)))
         if trial_norm >= norm:
             break
         q, norm = trial, trial_norm

@@ -241,10 +241,9 @@ class RotationVector(Attitude):
         ds = cross(dr, f) + cross(r, df)
         (a, a_slope), (b, b_slope) = left_jacobian_coefficients(dot(r, r))[..., None]  # along |r|^2
         square_rate = 2.0 * dot(r, dr)[:, None]
-        w = u + a * f + b * s
         by_f = a_slope * square_rate * f + a * df  # the rate of a f
         by_s = b_slope * square_rate * s + b * ds  # the rate of b s
-        return w[:, self.axes], (du + by_f + by_s)[:, self.axes]
+        return (u + a * f + b * s)[:, self.axes], (du + by_f + by_s)[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Add whole turns along each rotation vector (T, 3) [rad] until nearest to `near`."""

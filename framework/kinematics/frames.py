@@ -115,7 +115,7 @@ def move_frames(twist: Array, placements: Array) -> Array:
 
 
 def move_wrench(wrench: Array, arm: Array) -> Array:
-    """Refer wrenches (..., 6) to another point; arms (..., 3) lead from there to their own point.
+    """Refer wrenches (..., 6) to another point, from which arms (..., 3) lead to the old one.
 
     The moment becomes m + arm x f; the force f does not change.
     """

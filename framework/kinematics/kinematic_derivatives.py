@@ -26,7 +26,6 @@ from framework.kinematics.motion_rates import jacobian_rates, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import matrices_and_changes
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
-from framework.tolerances import RANK_LOST
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +70,7 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     require_mobility(robot)
     check_motors_are_free(robot)
     linearised = closed.linearised
-    if len(find_near_type2(robot, linearised, RANK_LOST)):
+    if len(find_near_type2(robot, linearised)):
         raise SingularPose(
             f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",

@@ -34,7 +34,7 @@ class LinearisedLoops:
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at one configuration (T = 1) or at several of them."""
+        """Return the equations at one configuration (T = 1) or at several."""
         every = np.arange(len(self.residual))
         which = np.atleast_1d(every[k])
         if np.array_equal(which, every):
@@ -82,7 +82,7 @@ class LinearisedLoops:
         return self._factor(self.equations.passive_part, "the loops along passive joints")
 
     def _factor(self, part: SquarePart | None, subject: str) -> Factors:
-        """Factor a part (T, k, k) of dF/dq; raise LinAlgError about `subject` if it is None."""
+        """Factor a part (T, k, k) of dF/dq; raise LinAlgError about `subject` if the part is None."""
         if part is None:
             raise np.linalg.LinAlgError(f"{subject} do not make a square system")
         return part.factor(self.jacobian)
@@ -125,7 +125,7 @@ def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
-    """Check that q (nq,) closes all loops; return it with its linearised equations.
+    """Return an assembled configuration q (nq,) with its linearised equations, after a check.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.

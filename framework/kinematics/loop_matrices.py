@@ -46,8 +46,8 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     return values.min(axis=1, initial=np.inf)
 
 
-def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
-    """Find the ascending indices of configurations whose `clearance` is below a level.
+def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArray:
+    """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST.
 
     Usually there are none. The Cholesky factorisation of P'P - c^2 proves that at a tenth of the cost of
     singular values: it succeeds only if all singular values are above c.
@@ -57,7 +57,7 @@ def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops, level: fl
     try:
         np.linalg.cholesky(shifted)
     except np.linalg.LinAlgError:
-        return np.flatnonzero(clearance(robot, linearised) < level)
+        return np.flatnonzero(clearance(robot, linearised) < RANK_LOST)
     return np.empty(0, dtype=np.intp)
 
 
@@ -93,7 +93,7 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
     return full_motion(robot, columns, eta * robot.column_scale[columns])
 
 
-def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float = RANK_LOST) -> IntArray:
+def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
     """Compute by how much (T,) the rank of the independent loop equations drops.
 
     Each singular value, in radians and robot lengths, that is below `level` times the largest one, or times 1

@@ -23,6 +23,7 @@ from framework.kinematics.tree_model import (
     JointLimit,
     coordinate_names,
     file_axes,
+    is_slide,
     joint_limits,
     tree_model,
 )
@@ -150,7 +151,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def joints(self) -> IntArray:
-        """All columns except those of springs."""
+        """All columns except the elastic ones."""
         return read_only(np.setdiff1d(np.arange(self.nv), self.elastic))
 
     @cached_property
@@ -184,7 +185,7 @@ class Mechanism(ReadOnlyArrays):
         """Whether each column is of a slide [m], (nv,); the others turn [rad]."""
         sliding = np.zeros(self.nv, dtype=bool)
         for joint in self.model.joints[1:]:
-            sliding[joint.idx_v] = joint.shortname().startswith("JointModelP")
+            sliding[joint.idx_v] = is_slide(joint)
         return read_only(sliding)
 
     @cached_property
@@ -241,8 +242,11 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     loop_ends = chain.from_iterable(closure.frames for closure in description.closures)
     frame_names = list(dict.fromkeys([description.platform.frame, *loop_ends]))  # without repetitions
     frames = tuple(frame_index(model, name) for name in frame_names)
-    couplings = [_index_coupling(model, coupling) for coupling in description.couplings]
-    rows = loop_rows(description.closures, frame_names, couplings)
+    rows = loop_rows(
+        description.closures,
+        frame_names,
+        [_index_coupling(model, coupling) for coupling in description.couplings],
+    )
     return Mechanism(
         description=description,
         flexibility=description.least_flexibility(flexibility),
@@ -307,7 +311,7 @@ def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
         places=(first.idx_q, second.idx_q),
         ratio=coupling.ratio,
         offset=coupling.offset,
-        turns=not first.shortname().startswith("JointModelP"),
+        turns=not is_slide(first),
     )
 
 
@@ -329,7 +333,7 @@ def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:
 
 
 def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
-    """Compute the size [m] of the mechanism at q (nq,); 1 if it has none.
+    """Compute the size [m] of the mechanism at q (nq,); 1 if this is zero.
 
     The size makes metres comparable with radians. It is the largest distance between joints, moving frames
     and frames of the loops, so it does not depend on where the robot stands. If all of these meet in one

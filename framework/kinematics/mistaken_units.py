@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -51,7 +51,7 @@ def longest_reach(robot: Mechanism) -> float:
 
 
 def remark_on_reach(robot: Mechanism, position: Array) -> str:
-    """Return a remark on a platform that the links cannot reach; empty if they may.
+    """Return a remark on a platform out of reach of the links; empty if within reach.
 
     `position` are the prescribed coordinates of the platform's origin [m].
     """
@@ -65,31 +65,30 @@ def remark_on_reach(robot: Mechanism, position: Array) -> str:
     )
 
 
-def remarks_on_bodies(robot: Mechanism) -> list[str]:
-    """Return remarks on bodies whose sizes, masses or inertias suggest another unit."""
-    bodies, advice = moving_bodies(robot), []
+def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
+    """Yield remarks on bodies whose sizes, masses or inertias suggest another unit."""
+    bodies = moving_bodies(robot)
     masses = {name: body.mass for name, body in bodies.items()}
     longest = max((body.size for body in bodies.values()), default=1.0)
     if longest and not SMALL_LINK < longest < LARGE_LINK:  # zero if all joints are slides at one point
-        advice.append(f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
+        yield (f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
     for name, body in bodies.items():
         if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
-            advice.append(
+            yield (
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
             )
     if sum(masses.values()) == 0.0:
-        advice.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
+        yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)
     for name, mass in masses.items():
         if 0 < mass < LIGHT_PART_RATIO * heaviest:
-            advice.append(
+            yield (
                 f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
                 f"wrong unit? Leave <inertial> out for a massless part"
             )
     if heaviest > HEAVY_PART:
-        advice.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
-    return advice
+        yield (f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
 
 
 class _Body(NamedTuple):

@@ -18,7 +18,7 @@ from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import scaled_loops, scaled_platform, type1_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 
@@ -102,7 +102,7 @@ def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Ar
 class Leg(ReadOnlyArrays):
     """A group of joints that k equations at given x determine together."""
 
-    motors: tuple[str, ...]  # names of its actuators; empty for joints that only follow
+    motors: Names  # of its actuators; empty for joints that only follow
     rows: IntArray  # (k,) of the equations F
     columns: IntArray  # (k,) indices into the `moving` columns: actuated, then passive
     needed: IntArray  # (j,) such indices of the legs that have to be solved earlier

@@ -22,6 +22,7 @@ import pinocchio as pin
 
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
 from framework.kinematics.frames import FrameMotions, FrameStack
+from framework.kinematics.tree_model import is_slide
 from framework.laws.path import Path
 from framework.model.description import AXES, Platform
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
@@ -34,7 +35,7 @@ CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or d
 
 @dataclass(frozen=True, eq=False)
 class _Coordinates(ReadOnlyArrays):
-    """What all kinds of a platform's n coordinates x have in common."""
+    """The common part of all kinds of platform coordinates x (n,)."""
 
     translations: BoolArray  # (n,) [m]; the others are turns [rad]
     sliding: IntArray  # indices into x of translations of the frame's origin along base axes
@@ -231,7 +232,7 @@ class JointPlatform(_Coordinates):
     def from_joints(names: Names, model: pin.Model) -> JointPlatform:
         """Return the coordinates of named hinges and slides."""
         joints = [model.joints[model.getJointId(name)] for name in names]
-        slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
+        slides = np.array([is_slide(joint) for joint in joints])
         nothing = np.empty(0, dtype=np.intp)
         columns = np.array([joint.idx_v for joint in joints])
         q_indices = np.array([joint.idx_q for joint in joints])

@@ -33,7 +33,7 @@ _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointM
 CENTRE_DISTANCE = 1e-12  # [m] a point nearer to the ball's centre than this gives no direction
 
 
-def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> pin.Model:
+def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.Model:
     """Build pinocchio's model of a URDF without shapes; modify the URDF.
 
     The third axis of a ball is turned towards the centre of mass of its child, except for joints
@@ -149,6 +149,11 @@ def coordinate_names(model: pin.Model) -> Names:
 def is_ball(joint: pin.JointModel) -> bool:
     """Whether a joint has a quaternion."""
     return bool(joint.shortname() == "JointModelSpherical")
+
+
+def is_slide(joint: pin.JointModel) -> bool:
+    """Whether a joint is prismatic."""
+    return bool(joint.shortname().startswith("JointModelP"))
 
 
 @lru_cache(maxsize=64)

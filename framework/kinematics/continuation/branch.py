@@ -194,16 +194,15 @@ def _fit_continuation(
     truncation error. If there are too few sound nodes, the continuation is None.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
-    local_nodes = nodes(CONTINUATION_NODES)  # in [-1, 1]
-    parameters = start + 0.5 * (end - start) * (local_nodes + 1.0)
-    basis = chebyshev.chebvander(local_nodes, CONTINUATION_DEGREE)
+    parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
+    basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
     x, guess = branch.path(parameters), branch.guess(parameters)
     continuation, error = None, np.inf
     for share in SOUND_NODE_RATIOS:
         sound, u = _trusted_offsets(branch, guess, x, share)
         if len(sound) < MIN_SOUND_NODES:
             break
-        series = np.linalg.lstsq(basis[sound], u, rcond=None)[0]  # (DEGREE + 1, nv)
+        series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
         continuation = Continuation(start, end, _core_interval(parameters, sound, s), series)
         guess = integrate(robot, branch.origin, basis @ series)
         misfit = np.abs((basis[sound] @ series - u) / lengths).max()

@@ -94,25 +94,28 @@ def follow_curves(
     curves = _begin_curves(robot, start, linearised, turn)
     is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
     step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
-    # a curve that has come close to a singularity ends before its clearance would grow again: growth would
-    # mean that the step has jumped across, to another assembly mode
+    # near a singularity, where assembly modes meet, a step after which the clearance has grown has passed
+    # the singularity: the curve ends before it
     approaching, ended = np.zeros((2, len(turn)), dtype=bool)
     live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
         current = select(curves, live)
         step[live] = limit_steps(robot, current.rate, step[live])
         steps = _take_steps(robot, start.q[0], turn[live], current, step[live])
-        rows = live[steps.rows]
+        rows = live[steps.rows]  # curves whose loops are closed after the step
+
         is_nearer = steps.ends.clearance < current.clearance[steps.rows]
         approaching[rows] |= steps.on_branch & is_nearer & (steps.ends.clearance < BRANCHES_MEET)
         past_meeting = steps.on_branch & approaching[rows] & ~is_nearer
         ended[rows[past_meeting]] = True
         accepted = steps.on_branch & ~past_meeting
         assign(curves, rows[accepted], select(steps.ends, accepted))
+
         grows = rows[accepted & (steps.correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
         refused = np.setdiff1d(live[~ended[live]], rows[accepted])
         step[refused] *= 0.5
+
         ended[_end_at_turning_points(robot, curves, refused, turn)] = True
         live = live[~ended[live] & (curves.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
     return curves
@@ -150,11 +153,13 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     linearised = closing.linearised.select(rows)
     current, length = select(current, rows), length[rows]
     rate = motor_driven_rates(robot, linearised, turn[rows])
-    ends = curves_at(robot, linearised, current.x)._replace(
-        rate=turn[rows] if rate is None else rate, share=share[rows], steps=current.steps + 1
-    )
+    ends = curves_at(robot, linearised, current.x)
     ends = ends._replace(
-        least=np.minimum(current.least, ends.clearance), largest=np.maximum(current.largest, ends.clearance)
+        rate=turn[rows] if rate is None else rate,
+        share=share[rows],
+        steps=current.steps + 1,
+        least=np.minimum(current.least, ends.clearance),
+        largest=np.maximum(current.largest, ends.clearance),
     )
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
@@ -192,15 +197,17 @@ def _end_at_turning_points(
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
-    ending = np.flatnonzero(ahead.found)
-    ends = curves_at(robot, ahead.linearised.select(ending), curves.x[rows[ending]])
+    found = np.flatnonzero(ahead.found)
+    ending = rows[found]
+    last = select(curves, ending)
+    ends = curves_at(robot, ahead.linearised.select(found), last.x)
     ends = ends._replace(
-        share=ahead.share[ending],
-        steps=curves.steps[rows[ending]] + 1,
-        largest=np.maximum(curves.largest[rows[ending]], ends.clearance),
+        share=ahead.share[found],
+        steps=last.steps + 1,
+        largest=np.maximum(last.largest, ends.clearance),
     )
-    assign(curves, rows[ending], ends)
-    return rows[ending]
+    assign(curves, ending, ends)
+    return ending
 
 
 def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:

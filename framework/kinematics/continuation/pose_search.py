@@ -12,7 +12,7 @@ Differences of gradients along Z give H. After a step Newton's method closes the
 the ends of ranges that the step has passed. A step is accepted if its correction is as small as one branch
 allows and every leg stays in its working mode.
 
-The search is local: no pose around the result is nearer, but another pose farther away may be.
+The search is local: no pose beside the result is nearer to the target, but a pose elsewhere may be.
 """
 
 from __future__ import annotations
@@ -91,6 +91,12 @@ class _Step(NamedTuple):
     decrease: float  # of the value, predicted by the model
     forces: Array  # (2 f + 2,) multipliers of the bounds; zero of inactive ones
 
+    @property
+    def range_forces(self) -> Array:
+        """Forces (f,) of the active ends of ranges on the joints."""
+        lower, upper = self.forces[:-2].reshape(2, -1)
+        return upper - lower
+
     def is_small(self, iterate: _Iterate) -> bool:
         """Whether the predicted decrease is negligible."""
         return self.decrease < LEAST_DECREASE * iterate.value
@@ -118,7 +124,7 @@ class PoseSearch:
         for limit in robot.limits:
             ranges[:, limit.column] = limit.lower, limit.upper
         self._lower, self._upper = ranges[:, robot.moving] / self._lengths
-        self._no_forces = np.zeros(2 * len(self._lengths))
+        self._no_forces = np.zeros(len(self._lengths))
         self._determinant_sizes = np.ones(2)  # to evaluate the determinants at the reference
         reference = robot.reference
         iterate = self._evaluate(
@@ -224,7 +230,7 @@ class PoseSearch:
         sizes = largest_motion(self.robot, np.array([correction, motion]))
         if not is_small(*sizes[:, None])[0]:
             return None
-        following = self._evaluate(*closed, iterate.x, target, step.forces)
+        following = self._evaluate(*closed, iterate.x, target, step.range_forces)
         least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
         if (following.room[-2:] < least_room).any():
             return None
@@ -270,24 +276,22 @@ class PoseSearch:
         jacobian = self._pose.jacobian.take(independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
 
-    def _evaluate(self, q: Array, J: Array, near: Array, target: Array, forces: Array) -> _Iterate:
+    def _evaluate(self, q: Array, J: Array, near: Array, target: Array, range_forces: Array) -> _Iterate:
         """Compute the quadratic model at a pose q (nq,), whose loops have the derivatives J (m, f).
 
         Derivatives are also evaluated at poses one `DIFFERENCE_STEP` away along each motion of Z, T = 1 + n.
 
         Args:
             near: (n,) platform coordinates, to which turns are counted on.
-            forces: (2 f + 2,) of the bounds in the last step. Those of ranges enter the multipliers of the
-                loops, and so the curvature.
+            range_forces: (f,) of the last step, which affect the multipliers of the loops.
         """
-        m, f = J.shape
+        m = len(J)
         Q, R = np.linalg.qr(J.T, mode="complete")
         Z = Q[:, m:]
         linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)
         e = (x[0] - target) / self.robot.platform_scale
-        pull = e @ X[0] + forces[f : 2 * f] - forces[:f]  # of target and ranges on the joints
-        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ pull)
+        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0] + range_forces))
         gradients = e @ X - multipliers @ loops  # (1 + n, f)
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
         A = X[0] @ Z

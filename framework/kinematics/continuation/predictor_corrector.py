@@ -56,7 +56,7 @@ def is_small(correction: Array, advance: Array) -> BoolArray:
 
 
 def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
-    """Whether changes `turned` (T,) of the step by the tangent's turn suit one branch, (T,)."""
+    """Whether changes (T,) of steps by the tangents' turn are small enough for one branch, (T,)."""
     return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
 
 

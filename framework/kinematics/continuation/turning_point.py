@@ -93,8 +93,8 @@ class Curves:
         A curve that has converged or has become too long rests while the others go on.
         """
         equations = self.evaluate(q, share)
-        slope = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
-        c = slope / np.linalg.norm(slope, axis=1, keepdims=True)
+        c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
+        c /= np.linalg.norm(c, axis=1, keepdims=True)
         correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
         t, dt = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
@@ -123,10 +123,8 @@ def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array
     The matrix is [M b; c' 0], the right sides are [-F; 0] and [0; 1]: Newton's step does not change c . y.
     """
     count, size = c.shape
-    bordered = np.zeros((count, size + 1, size + 1))
-    bordered[:, :-1, :-1] = equations.matrix
-    bordered[:, :-1, -1] = equations.by_share
-    bordered[:, -1, :-1] = c
+    top = [equations.matrix, equations.by_share[:, :, None]]
+    bordered = np.block([top, [c[:, None], np.zeros((count, 1, 1))]])
     newton_right, tangent_right = np.zeros((2, count, size + 1))
     newton_right[:, :-1] = -equations.residual
     tangent_right[:, -1] = 1.0

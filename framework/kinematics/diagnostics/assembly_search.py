@@ -43,11 +43,13 @@ MIN_JOINT_ROOM = 1e-9  # between limits [rad, robot lengths], or relative to the
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian from the reference
 # options of `scipy.optimize.least_squares` to nearly close the loops, and to close them: there by steps of
 # least norm (lsmr), because there are more joints than independent equations
-NEARLY: dict[str, Any] = {"max_nfev": 100, **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-6)}
+NEARLY: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
 CLOSELY: dict[str, Any] = {
     "max_nfev": 20,
     "tr_solver": "lsmr",
-    **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-12),
+    "xtol": 1e-12,
+    "ftol": 1e-12,
+    "gtol": 1e-12,
 }
 
 
@@ -90,15 +92,12 @@ class _Group:
     lower: Array  # (k,) limits of the joints, else infinite
     upper: Array  # (k,)
 
-    def equations(self, u: Array) -> Array:
-        """Compute the loop equations (m,) [robot lengths or rad]."""
-        residual = loop_equations(self.rows, self._frames(u)).residual[0]
-        return row_weights(self.mechanism, self.rows.rotation) * residual
-
     def gap(self, u: Array) -> Array:
-        """Compute the loop equations (m,), then the direction gaps (3 d,), zero unless flipped."""
-        vectors = direction_gaps(self.directions, self._frames(u))[0]
-        return np.concatenate([self.equations(u), vectors.ravel()])
+        """Compute the loop equations (m,) [robot lengths or rad], then the direction gaps (3 d,)."""
+        frames = self._frames(u)
+        residual = loop_equations(self.rows, frames).residual[0]
+        equations = row_weights(self.mechanism, self.rows.rotation) * residual
+        return np.concatenate([equations, direction_gaps(self.directions, frames).ravel()])
 
     def slope(self, u: Array) -> Array:
         """Compute the derivative (m + 3 d, k) of `gap` along the k joints."""
@@ -212,7 +211,7 @@ def _find_nearest_offsets(group: _Group) -> Array:
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
     """Return the error for a group that no start has closed; offsets `u` (k,) came nearest."""
     mechanism, q = group.mechanism, group.configuration(u)
-    gap = np.abs(group.equations(u))
+    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # without directions
     row = np.argmax(gap)
     length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
     residual = float(gap[row]) * length

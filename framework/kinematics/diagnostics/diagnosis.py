@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,7 +82,6 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
     square = robot.n == motions.working <= robot.n_a and not axes.stuck_here
     working, assembly, least = _reference_modes(robot) if square else (0, 0, np.inf)
     bodies = moving_bodies(robot)
-    passive = map(robot.coordinates.name_of, robot.passive)
     redundant = tuple(robot.rows.names[row] for row in robot.structure.dropped)
     advice = [
         *remarks,
@@ -97,7 +97,9 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         flexibility=robot.flexibility,
         platform_axes=robot.axis_names,
         actuators=robot.actuator_names,
-        passive_joints=tuple(name for name in passive if name not in motions.idle),
+        passive_joints=tuple(
+            name for name in map(robot.coordinates.name_of, robot.passive) if name not in motions.idle
+        ),
         idle_joints=motions.idle,
         loose_joints=motions.loose,
         springs=robot.spring_names,
@@ -171,95 +173,90 @@ def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
     return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
 
 
-def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
-    """Return advice on a robot's freedoms and its platform's axes."""
-    advice, mobility = [], motions.working
+def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> Iterator[str]:
+    """Yield advice on a robot's freedoms and its platform's axes."""
+    mobility = motions.working
     listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
     instead = f"; axes that would do: {listed}" if listed else ""
     if axes.stuck:
-        advice.append(
+        yield (
             f"the platform's frame {robot.description.platform.frame} cannot move along {axes.stuck}: it has "
             f"{axes.velocities} independent velocit{'y' if axes.velocities == 1 else 'ies'}"
             f"{instead or '; choose another frame'}"
         )
     elif axes.stuck_here:
-        advice.append(
+        yield (
             f"at the reference the platform cannot move along {axes.stuck_here}, but it can beside it: a "
             f"Type 1 singularity; give another reference"
         )
     if robot.n != mobility:
-        advice.append(
+        yield (
             f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
             f"platform's axes or the closures{_name_suspect_closures(robot, mobility)}"
             f"{'' if axes.stuck else instead}"
         )
     if robot.n_a < mobility:
-        advice.append(
+        yield (
             f"{robot.n_a} actuators for {mobility} degrees of freedom: nothing holds the rest; add actuators"
         )
     if robot.n_a > mobility:
-        advice.append(
+        yield (
             f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
             f"drop actuators if that is not meant"
         )
     if motions.loose:
-        advice.append(
+        yield (
             f"{', '.join(motions.loose)}: masses move there by themselves, without a motor and without the "
             f"platform's axes: add a motor, or lock them (locked, a closure)"
         )
     if motions.idle:
-        advice.append(
+        yield (
             f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it "
             f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
             f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )
-    return advice
 
 
-def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[str]:
-    """Return advice on loops, springs and dry friction of a robot."""
-    advice = []
+def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
+    """Yield advice on loops, springs and dry friction of a robot."""
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
-        advice.append(
+        yield (
             f"rounded and overconstrained by {gap:.2g} m or rad: {', '.join(robot.rounded.names)} repeat "
             f"other loop equations but for that; they stay open by it, all others close"
         )
     if redundant:
-        advice.append(
+        yield (
             f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in "
             f"a planar or overconstrained mechanism; where they are needed elsewhere, lock only what it "
             f"takes (axes: [...])"
         )
     alone = robot.structure.springs_alone
     if alone:
-        advice.append(
+        yield (
             f"{', '.join(alone)} can only be closed by springs, which planning refuses: lock fewer axes "
             f"there (axes: [...]) or leave those axes out of the springs' motion"
         )
     friction = robot.friction_sizes(robot.passive)
     if friction:
-        advice.append(f"dry friction, which no plan counts with: {friction}")
-    return advice
+        yield (f"dry friction, which no plan counts with: {friction}")
 
 
-def _advice_on_reference(robot: ParallelRobot) -> list[str]:
-    """Return advice on a reference that differs from the stated one, or exceeds joint limits."""
-    advice = []
+def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:
+    """Yield advice on a reference that differs from the stated one, or exceeds joint limits."""
     offset = difference(robot, robot.q_near, robot.reference.q)
     stated = velocity_columns(robot.model, robot.description.reference)
     sizes = np.abs(offset / robot.column_scale)[stated]
     if sizes.max(initial=0.0) > MOVED_REFERENCE:
         farthest = stated[sizes.argmax()]
-        advice.append(
+        yield (
             f"the loops close beside the reference that is given, {robot.coordinates.name_of(farthest)} by "
             f"{offset[farthest]:+.3g} {robot.unit_of(farthest)}"
         )
     excesses = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if excesses:
         listed = "; ".join(f"{joint}: {position}" for joint, position in excesses.items())
-        advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
-    return advice
+        yield (f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
 
 
 def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:

@@ -220,8 +220,7 @@ def _no_freedom_error(motions: _Motions, known: PartialRobot) -> RobotFileError:
 def _advise_on_parts(known: PartialRobot) -> str:
     """Return advice to select one of several parts with loops, such as a leg; empty without several.
 
-    A part is what a joint carries if that includes several motors, but not all, and only whole loops. Without
-    such a joint, the advice is to lock all loops except those that share joints with the first.
+    A part is what a joint carries if that includes several motors, but not all, and only whole loops.
     """
     tree, description = known.tree, known.description
     motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
@@ -233,7 +232,12 @@ def _advise_on_parts(known: PartialRobot) -> str:
         carried_motors = sum(joint in path for path in motor_paths)
         if 1 < carried_motors < len(motor_paths) and carried_ends == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
+    return _advise_on_other_loops(known)
 
+
+def _advise_on_other_loops(known: PartialRobot) -> str:
+    """Return advice to lock all loops except those that share joints with the first; empty without any."""
+    tree, description = known.tree, known.description
     first, *others = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures) or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
@@ -332,7 +336,7 @@ def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
 
 
 def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
-    """Choose as many of the named motors as freedoms, with the best conditioned rates.
+    """Choose the set of as many motors as freedoms with the best conditioned rates, out of more names.
 
     Raises:
         RobotFileError: two choices are equally good.
@@ -343,17 +347,17 @@ def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
         order = qr(rates.T, pivoting=True)[2][:count]
         return [names[i] for i in sorted(order)]
 
-    choices = list(combinations(range(len(names)), count))
-    clearances = singular_values(rates[np.array(choices)])[:, -1]  # (choices,) least singular values
-    ranked = np.argsort(-clearances, kind="stable")
-    best, *others = ([names[i] for i in choices[k]] for k in ranked[:2])
-    largest, *second = clearances[ranked[:2]]
-    if others and largest > FILE_ROUNDING and second[0] > (1.0 - ALIKE_CHOICES) * largest:
+    choices = list(combinations(names, count))
+    indices = np.array(list(combinations(range(len(names)), count)))  # (choices, count)
+    clearances = singular_values(rates[indices])[:, -1]  # (choices,) least singular values
+    best, second, *_ = np.argsort(-clearances, kind="stable").tolist()
+    alike = (1.0 - ALIKE_CHOICES) * clearances[best]
+    if clearances[best] > FILE_ROUNDING and clearances[second] > alike:
         raise RobotFileError(
             f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
-            f"{' '.join(best)} or --motors {' '.join(others[0])}"
+            f"{' '.join(choices[best])} or --motors {' '.join(choices[second])}"
         )
-    return best
+    return list(choices[best])
 
 
 def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRobot) -> list[str]:
