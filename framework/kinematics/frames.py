@@ -149,11 +149,16 @@ def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
     """Move configurations q (..., nq) by tangent vectors (..., nv), as pinocchio's `integrate`."""
     if not mechanism.has_balls:
         return q + step
-    model, stack = mechanism.model, step.shape[:-1]
-    starts = np.broadcast_to(q, (*stack, model.nq)).reshape(-1, model.nq)
-    pairs = zip(starts, step.reshape(-1, model.nv), strict=True)
-    ends = [pin.integrate(model, *map(np.ascontiguousarray, pair)) for pair in pairs]
-    return np.array(ends).reshape(*stack, model.nq)
+    starts = np.broadcast_to(q, (*step.shape[:-1], mechanism.model.nq))
+    return _apply_to_pairs(pin.integrate, mechanism, starts, step).reshape(starts.shape)
+
+
+def _apply_to_pairs(
+    function: Callable[..., Array], mechanism: Mechanism, first: Array, second: Array
+) -> Array:
+    """Apply a function of pinocchio to pairs of vectors (..., k) and (..., l), one after the other."""
+    rows = (np.ascontiguousarray(stack).reshape(-1, stack.shape[-1]) for stack in (first, second))
+    return np.array([function(mechanism.model, *pair) for pair in zip(*rows, strict=True)])
 
 
 def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array:
@@ -177,11 +182,9 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Compute tangent vectors (..., nv) from start (..., nq) to q (..., nq), as pinocchio's `difference`."""
     if not mechanism.has_balls:
         return q - start
-    model = mechanism.model
-    pairs = np.broadcast_arrays(start, q)
-    starts, ends = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
-    differences = [pin.difference(model, *pair) for pair in zip(starts, ends, strict=True)]
-    return np.array(differences).reshape(*pairs[0].shape[:-1], model.nv)
+    starts, ends = np.broadcast_arrays(start, q)
+    differences = _apply_to_pairs(pin.difference, mechanism, starts, ends)
+    return differences.reshape(*starts.shape[:-1], mechanism.nv)
 
 
 def difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:

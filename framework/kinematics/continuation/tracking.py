@@ -64,13 +64,15 @@ PLATFORM_ROUNDING = 1e-14  # [lengths, rad] platform coordinates nearer than thi
 class BranchPoses(NamedTuple):
     """K assembled configurations of a branch, with their tangents."""
 
+    s: Array  # (K,) path coordinates
     q: Array  # (K, nq)
     linearised: LinearisedLoops
-    rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
+    rate: Array  # (K, nv) dq/ds
 
     def select(self, which: slice) -> BranchPoses:
         """Return some of the poses."""
-        return BranchPoses(self.q[which], self.linearised.select(which), self.rate[which])
+        linearised = self.linearised.select(which)
+        return BranchPoses(self.s[which], self.q[which], linearised, self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
@@ -146,34 +148,31 @@ def follow_path(
         to_the_end: whether the last pose is the Type 1 singularity itself, if that is found, instead of a
             pose just before it.
     """
-    s, first = 0.0, np.zeros(1)
+    first = np.zeros(1)
     pose = _poses_at(robot, path, first, q[None], linearised_at(robot, q[None], path(first)))
-    parameters, stretches = [first], [pose]
+    stretches = [pose]
     is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
     step = 1.0 if is_short else FIRST_STEP_RATIO
-    while s < 1.0:
-        step = float(limit_steps(robot, pose.rate, np.array([min(step, 1.0 - s)]))[0])
+    while pose.s[0] < 1.0:
+        step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
         if step < MIN_STEP_RATIO:
             break
-        s_ahead = _parameters_ahead(robot, pose, s, step)
-        accepted = _take_steps(robot, path, pose, s, s_ahead, last_step)
+        s_ahead = _parameters_ahead(robot, pose, step)
+        accepted = _take_steps(robot, path, pose, s_ahead, last_step)
         if accepted is not None:
             poses, correction = accepted
-            parameters.append(s_ahead[: len(poses.q)])
             stretches.append(poses)
-            s, pose = float(parameters[-1][-1]), poses.select(slice(-1, None))
+            pose = poses.select(slice(-1, None))
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
-        end = _type1_end(robot, path, s, pose) if to_the_end else None
+        end = _type1_end(robot, path, pose) if to_the_end else None
         if end is not None:
-            s_end, pose_at_end = end
-            parameters.append(s_end)
-            stretches.append(pose_at_end)
+            stretches.append(end)
             break
         step *= 0.5
     return FollowedCurve(
-        at=np.concatenate(parameters),
+        at=np.concatenate([poses.s for poses in stretches]),
         q=np.concatenate([poses.q for poses in stretches]),
         rate=np.concatenate([poses.rate for poses in stretches]),
         last=stretches[-1].select(slice(-1, None)),
@@ -181,9 +180,9 @@ def follow_path(
 
 
 def _take_steps(
-    robot: ParallelRobot, path: Path, start: BranchPoses, s: float, s_ahead: Array, last_step: float
+    robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array, last_step: float
 ) -> tuple[BranchPoses, float] | None:
-    """Take steps along the tangent of a pose (K = 1) at s to path coordinates ahead (T,).
+    """Take steps along the tangent of a pose (K = 1) to path coordinates ahead (T,).
 
     All ends are predicted from the same pose, but each step is judged from the end of the previous one. It is
     accepted if the loops close, the correction is small, and its end is in the same working mode. If the
@@ -193,7 +192,7 @@ def _take_steps(
         The poses of accepted steps, up to the first refused, and the correction of the last step; None if
         the first step is refused.
     """
-    lengths = (s_ahead - s)[:, None]
+    lengths = (s_ahead - start.s)[:, None]
     guess = integrate(robot, start.q, lengths * start.rate)
     ends = _close_ahead(robot, path, s_ahead, guess, last_step)
     if ends is None:
@@ -237,16 +236,17 @@ def _poses_at(
 ) -> BranchPoses:
     """Return the poses q (K, nq) at s (K,) with their tangents dq/ds, springs at rest."""
     twist, _ = robot.platform.twist(path(s), path(s, 1))
-    return BranchPoses(q, linearised, joint_rates(robot, linearised, twist))
+    return BranchPoses(s, q, linearised, joint_rates(robot, linearised, twist))
 
 
-def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: float) -> Array:
-    """Return up to POSES_AT_ONCE path coordinates ahead of s, within the predictor's range."""
+def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> Array:
+    """Return up to POSES_AT_ONCE path coordinates ahead of a pose, within the predictor's range."""
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]
-    allowed = (s + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
+    s_ahead = pose.s + lengths
+    allowed = (s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     allowed[0] = True  # at least one step
-    s_ahead = s + lengths[allowed]
+    s_ahead = s_ahead[allowed]
     return np.where(s_ahead > 1.0 - END_ROUNDING, 1.0, s_ahead)
 
 
@@ -255,10 +255,8 @@ def _count_leading(flags: BoolArray) -> int:
     return len(flags) if flags.all() else int(np.argmin(flags))
 
 
-def _type1_end(
-    robot: ParallelRobot, path: Path, s: float, pose: BranchPoses
-) -> tuple[Array, BranchPoses] | None:
-    """Find the next Type 1 singularity ahead of a pose at s: path coordinate (1,) and pose."""
+def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
+    """Find the next Type 1 singularity ahead of a pose (K = 1); None without any."""
     sizes, still = equation_sizes(robot), np.zeros((1, robot.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -271,10 +269,8 @@ def _type1_end(
         matrix = type1_matrix(robot, linearised)
         return CurveEquations(matrix, by_share / sizes, linearised.residual / sizes, linearised)
 
-    ahead = Curves(robot, robot.moving, still, evaluate).find_turning_points(pose.q, np.array([s]))
-    if not ahead.found[0]:
-        return None
-    return ahead.share, BranchPoses(ahead.q, ahead.linearised, still)
+    ahead = Curves(robot, robot.moving, still, evaluate).find_turning_points(pose.q, pose.s)
+    return BranchPoses(ahead.share, ahead.q, ahead.linearised, still) if ahead.found[0] else None
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> Branch:
@@ -297,14 +293,15 @@ def _branch_end_error(
 
     Either the loops lose rank, or a leg is stretched or folded.
     """
-    s, q, linearised = float(followed.at[-1]), followed.last.q[0], followed.last.linearised
+    last = followed.last
+    s, linearised = float(last.s[0]), last.linearised
     x = path(s)
     count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
         return escape_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
     place = f"at s = {s:.6g}, {robot.place(x)}"
-    if _closes_beyond(robot, path, s, q):
+    if _closes_beyond(robot, path, last):
         return Type1Singularity(
             f"{robot.name}: {subject} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
             f"or folded there and could go on in another working mode",
@@ -315,7 +312,7 @@ def _branch_end_error(
     return OutOfReach(
         f"{robot.name}: {subject} leaves the workspace {place}: the leg of {joint} cannot follow"
         + remark_on_reach(robot, path(1.0)[robot.platform.sliding]),
-        q=q,
+        q=last.q[0],
         residual=float(np.abs(linearised.residual).max()),
         s=s,
         platform=x,
@@ -334,18 +331,18 @@ def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     return robot.actuator_names[motor]
 
 
-def _closes_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
+def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
     """Whether the loops close again a little further along the path, on any branch.
 
-    Newton's method starts from q (nq,) with all joints moved by a small nudge, in both directions.
+    Newton's method starts from the last pose with all joints moved by a small nudge, in both directions.
     """
-    ahead = s + np.array(LOOK_AHEAD)
+    ahead = last.s + np.array(LOOK_AHEAD)
     ahead = np.repeat(ahead[ahead <= 1.0], 2)  # each twice, for both directions
     if not len(ahead):
         return False
     nudge = np.full((len(ahead), len(robot.moving)), LOOK_AHEAD_NUDGE)
     nudge[1::2] *= -1.0
-    guess = integrate_columns(robot, q, robot.moving, nudge)
+    guess = integrate_columns(robot, last.q, robot.moving, nudge)
     return bool(close_each(robot, path(ahead), guess).closed.any())
 
 
