@@ -29,7 +29,7 @@ MIN_DAMPING = 1e-4  # least share of a Newton step in the line search
 
 @dataclass(frozen=True, eq=False)
 class Configuration(ReadOnlyArrays):
-    """A configuration with closed loops, as solvers return it.
+    """A configuration with closed loops, as returned by solvers.
 
     `q` (nq,), platform `x` (n,), largest loop `residual` [m or rad], Newton `iterations`.
     """

@@ -35,7 +35,7 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero for a resting turn
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to rates (..., T, nv) so that Z' G (rates + Z y) = right (T, k)."""
+        """Add turns Z y to rates (..., T, nv) by Z' G (rates + Z y) = right (T, k)."""
         missing = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)

@@ -40,9 +40,9 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     return Pose(
         robot=robot.name,
         flexibility=robot.flexibility,
-        platform=_by_name(robot.axis_names, closed.x[0]),
-        motor_joints=_by_name(robot.actuator_names, motors),
-        motor_angles=_by_name(robot.actuator_names, robot.gear_ratio * motors),
+        platform=_name_values(robot.axis_names, closed.x[0]),
+        motor_joints=_name_values(robot.actuator_names, motors),
+        motor_angles=_name_values(robot.actuator_names, robot.gear_ratio * motors),
         joints=robot.reference_values(closed.q[0]),
         working_mode=int(working_sign[0]),
         assembly_mode=int(assembly_sign[0]),
@@ -51,6 +51,6 @@ def describe_pose(robot: ParallelRobot, q: ArrayLike) -> Pose:
     )
 
 
-def _by_name(names: Names, values: Array) -> dict[str, float]:
-    """Return values (k,) by name."""
+def _name_values(names: Names, values: Array) -> dict[str, float]:
+    """Return values (k,) as a mapping by name."""
     return dict(zip(names, values.tolist(), strict=True))

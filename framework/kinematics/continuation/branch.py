@@ -44,6 +44,7 @@ class Continuation(ReadOnlyArrays):
     end: float
     core: tuple[float, float]
     series: Array  # (DEGREE + 1, nv) of the offset from the branch's origin
+    error: float  # estimate [rad, lengths]
 
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin."""
@@ -164,7 +165,7 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation about s; None if the branch is not smooth there.
+    """Return the branch with a continuation about s; None where not smooth.
 
     Continuations are tried from wide to narrow, within the smooth piece of the path about s. A wider one that
     is not accurate enough still gives the guesses for the next narrower one.
@@ -174,46 +175,43 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     guessed = branch
     for half_width in HALF_WIDTHS:
         start, end = max(s - half_width, lowest), min(s + half_width, highest)
-        continuation, error = _fit_continuation(guessed, s, start, end)
+        continuation = _fit_continuation(guessed, s, start, end)
         if continuation is None:
             continue
-        continued = replace(branch, continuations=(*branch.continuations, continuation))
-        if error < CONTINUATION_ERROR:
-            return continued
-        guessed = continued
+        guessed = replace(branch, continuations=(*branch.continuations, continuation))
+        if continuation.error < CONTINUATION_ERROR:
+            return guessed
     return None
 
 
-def _fit_continuation(
-    branch: Branch, s: float, start: float, end: float
-) -> tuple[Continuation | None, float]:
-    """Fit a continuation about s between start and end; return its error, too [rad, lengths].
+def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Continuation | None:
+    """Fit a continuation about s between start and end; None with too few sound nodes.
 
     The series is fitted to closed configurations at sound nodes. First these are far from the singularity;
     then the fitted series provides guesses closer to it. The error is the largest of misfit, residual and
-    truncation error. If there are too few sound nodes, the continuation is None.
+    truncation error.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
     parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
     x, guess = branch.path(parameters), branch.guess(parameters)
-    continuation, error = None, np.inf
+    continuation = None
     for share in SOUND_NODE_RATIOS:
         sound, u = _trusted_offsets(branch, guess, x, share)
         if len(sound) < MIN_SOUND_NODES:
             break
         series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
-        continuation = Continuation(start, end, _core_interval(parameters, sound, s), series)
         guess = integrate(robot, branch.origin, basis @ series)
         misfit = np.abs((basis[sound] @ series - u) / lengths).max()
         residual = np.abs(linearised_at(robot, guess, x).residual).max() / robot.length
         truncation = np.abs(series / lengths).max() * tail(series / lengths)
         error = float(max(misfit, residual, truncation))
-    return continuation, error
+        continuation = Continuation(start, end, _core_interval(parameters, sound, s), series, error)
+    return continuation
 
 
 def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
-    """Find the nodes (k,) at which Newton's method is trusted, and close the loops at these.
+    """Find the nodes (k,) where Newton's method is trusted; return their offsets too.
 
     The least singular value of the Type 1 matrix at such a node is above a `share` of its largest value over
     all nodes, and the correction of the guess is small compared with this singular value.

@@ -53,7 +53,7 @@ class MotorCurves(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The ends of those S of T steps whose loops Newton's method closes."""
+    """The ends of S out of T steps: of all steps whose loops Newton's method closes."""
 
     rows: IntArray  # (S,) of the T steps
     ends: MotorCurves  # (S, ...)

@@ -51,7 +51,7 @@ POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squar
 
 @dataclass(frozen=True, eq=False)
 class NearestPose(Configuration):
-    """The pose nearest to a target, as a search has found it, see `Configuration`.
+    """The nearest pose to a target in a local search, see `Configuration`.
 
     `distance` from the target is in `unit`: m if all coordinates are translations, rad if all are turns, else
     robot lengths and rad. `stops` names what keeps the pose from the target: ranges of joints, legs (Type 1),
@@ -71,7 +71,7 @@ def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
 
 
 class _Iterate(NamedTuple):
-    """A pose with closed loops and the quadratic model there [rad, robot lengths]; f moving joints."""
+    """A pose with closed loops and its quadratic model [rad, robot lengths]; f moving joints."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
@@ -172,7 +172,7 @@ class PoseSearch:
         return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
-        """Return the pose of the last iterate; the forces of the next step tell what stops it."""
+        """Return the pose of the last iterate; forces of the next step tell its stops."""
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
@@ -317,7 +317,7 @@ class PoseSearch:
         return room, np.vstack([Z, -Z, slopes])
 
     def _linearise_around(self, q: Array, Z: Array) -> LinearisedLoops:
-        """Compute the loops at q (nq,) and one step away along each motion of Z (f, n), T = 1 + n."""
+        """Compute the loops at q (nq,) and one step away along motions Z (f, n), T = 1 + n."""
         steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
         return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
 

@@ -98,7 +98,7 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
 
 def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Names, ...]:
-    """Return sets of axes along which a frame can move, those with few turns first.
+    """Return sets of axes along which a frame can move, by number of turns.
 
     A set is sufficient if the frame can move independently along all of its axes, at one pose at least. Two
     turns are coordinates in series, and their order matters: if the `stated` axes are two turns that are not

@@ -236,7 +236,7 @@ def _advise_on_parts(known: PartialRobot) -> str:
 
 
 def _advise_on_other_loops(known: PartialRobot) -> str:
-    """Return advice to lock all loops except those that share joints with the first; empty without any."""
+    """Return advice to lock all loops that share no joint with the first; empty without any."""
     tree, description = known.tree, known.description
     first, *others = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures) or [[]]
     other_joints = [name for joints in others for name in joints]
@@ -537,7 +537,7 @@ def _serial_joints(known: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Return the serial joints that carry no loops, and those that carry loops.
+    """Return the serial joints without and with loops behind.
 
     Joints that the options name or that carry the platform are left out.
     """
@@ -554,7 +554,7 @@ def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[st
 
 
 def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
-    """Lock joints at the reference, remove them from the description, and add a remark."""
+    """Lock joints at the reference, edit the description accordingly, and add a remark."""
     if not joints:
         return known
     tree, description = known.tree, known.description
