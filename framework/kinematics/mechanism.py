@@ -193,6 +193,14 @@ class Mechanism(ReadOnlyArrays):
         """Length of the mechanism for slides, 1 for turns, (nv,)."""
         return read_only(np.where(self.sliding, self.length, 1.0))
 
+    @property
+    def joint_ranges(self) -> Array:
+        """Lower and upper limits of joint positions, (2, nv) [rad, m]; infinite without limits."""
+        ranges = np.repeat([[-np.inf], [np.inf]], self.nv, axis=1)
+        for limit in self.limits:
+            ranges[:, limit.column] = limit.lower, limit.upper
+        return ranges
+
     @cached_property
     def neutral(self) -> Array:
         """The configuration (nq,) that pinocchio takes for zero."""

@@ -149,16 +149,13 @@ class ParallelRobot(Mechanism):
     @property
     def speed_units(self) -> tuple[str, ...]:
         """Unit of each motor's speed."""
-        return tuple({"N": "m/s", "N m": "rad/s"}[unit] for unit in self.torque_units)
+        return tuple("m/s" if unit == "N" else "rad/s" for unit in self.torque_units)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
         """Unit of each motor's torque: N of slides with gear ratio 1, else N m."""
-        slides = self.sliding[self.actuated]
-        return tuple(
-            "N" if slide and gear == 1.0 else "N m"
-            for slide, gear in zip(slides, self.gear_ratio, strict=True)
-        )
+        are_forces = self.sliding[self.actuated] & (self.gear_ratio == 1.0)
+        return tuple("N" if is_force else "N m" for is_force in are_forces)
 
     @property
     def axis_names(self) -> Names:

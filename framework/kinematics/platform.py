@@ -195,7 +195,7 @@ class FramePlatform(_Coordinates):
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
         """Compute v = E(x) dx and dv/dt, each (T, n); E is 1 except for rotation vectors."""
-        ddx = np.zeros_like(dx) if ddx is None else ddx
+        dx, ddx = super().twist(x, dx, ddx)
         if self.attitude.rates_are_velocities:
             return dx, ddx
         turns = self.turning

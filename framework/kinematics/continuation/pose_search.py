@@ -120,16 +120,10 @@ class PoseSearch:
         self._lengths = robot.column_scale[robot.moving]
         self._row_sizes = robot.loop_lengths * robot.structure.row_sizes
         self._unit_length, self._unit = distance_unit(robot)
-        ranges = np.repeat([[-np.inf], [np.inf]], robot.nv, axis=1)  # (2, nv)
-        for limit in robot.limits:
-            ranges[:, limit.column] = limit.lower, limit.upper
-        self._lower, self._upper = ranges[:, robot.moving] / self._lengths
-        self._no_forces = np.zeros(len(self._lengths))
+        self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._lengths
         self._determinant_sizes = np.ones(2)  # to evaluate the determinants at the reference
         reference = robot.reference
-        iterate = self._evaluate(
-            reference.q, self._equations(reference.q)[1], reference.x, reference.x, self._no_forces
-        )
+        iterate = self._evaluate(reference.q, reference.x, reference.x)
         self._determinant_sizes = iterate.room[-2:] + LEAST_DETERMINANTS
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
@@ -139,7 +133,7 @@ class PoseSearch:
             earlier: results of other starts. The search ends early if it will hardly find a nearer pose, or
                 if it arrives at the same pose.
         """
-        iterate = self._evaluate(q, self._equations(q)[1], x, target, self._no_forces)
+        iterate = self._evaluate(q, x, target)
         least = min((pose.distance for pose in earlier), default=np.inf)
         least_value = 0.5 * (least / self._unit_length) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
@@ -223,14 +217,14 @@ class PoseSearch:
         """
         motion = full_motion(self.robot, self.robot.moving, iterate.basis @ step.z * self._lengths)
         predicted = integrate(self.robot, iterate.q, motion)
-        closed = self._close(predicted)
-        if closed is None:
+        q = self._close(predicted)
+        if q is None:
             return None
-        correction = difference(self.robot, predicted, closed[0])
+        correction = difference(self.robot, predicted, q)
         sizes = largest_motion(self.robot, np.array([correction, motion]))
         if not is_small(*sizes[:, None])[0]:
             return None
-        following = self._evaluate(*closed, iterate.x, target, step.range_forces)
+        following = self._evaluate(q, iterate.x, target, step.range_forces)
         least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
         if (following.room[-2:] < least_room).any():
             return None
@@ -239,13 +233,10 @@ class PoseSearch:
         determinants = (passive_determinants(loops) for loops in (iterate.loops, following.loops))
         return following if not self._motors_hold or keeps_sign(*determinants)[0] else None
 
-    def _close(self, q: Array) -> tuple[Array, Array] | None:
-        """Close the loops near q (nq,) by Newton steps of least norm within the joints' ranges.
+    def _close(self, q: Array) -> Array | None:
+        """Close the loops near q (nq,) by Newton steps of least norm; None if they stay open.
 
         A joint that leaves its range is held at the end of the range by a further equation.
-
-        Returns:
-            The pose and the derivatives (m, f) of its loops; None if the loops do not close.
         """
         units = np.eye(len(self._lengths))
         room_slopes = np.vstack([units, -units])  # (2 f, f)
@@ -256,7 +247,7 @@ class PoseSearch:
             is_beyond |= room < 0.0
             gap, K = np.append(residual, room[is_beyond]), np.vstack([J, room_slopes[is_beyond]])
             if np.abs(gap).max(initial=0.0) < CLOSED:
-                return q, J
+                return q
             step = -K.T @ np.linalg.solve(K @ K.T + CLOSED * np.eye(len(K)), gap)
             if not np.abs(step).max() < MAX_JOINT_STEP:
                 return None
@@ -276,8 +267,8 @@ class PoseSearch:
         jacobian = self._pose.jacobian.take(independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
 
-    def _evaluate(self, q: Array, J: Array, near: Array, target: Array, range_forces: Array) -> _Iterate:
-        """Compute the quadratic model at a pose q (nq,), whose loops have the derivatives J (m, f).
+    def _evaluate(self, q: Array, near: Array, target: Array, range_forces: Array | float = 0.0) -> _Iterate:
+        """Compute the quadratic model at a pose q (nq,) with closed loops.
 
         Derivatives are also evaluated at poses one `DIFFERENCE_STEP` away along each motion of Z, T = 1 + n.
 
@@ -285,8 +276,8 @@ class PoseSearch:
             near: (n,) platform coordinates, to which turns are counted on.
             range_forces: (f,) of the last step, which affect the multipliers of the loops.
         """
-        m = len(J)
-        Q, R = np.linalg.qr(J.T, mode="complete")
+        Q, R = np.linalg.qr(self._equations(q)[1].T, mode="complete")
+        m = R.shape[1]  # number of loop equations
         Z = Q[:, m:]
         linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)

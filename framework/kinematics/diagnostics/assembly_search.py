@@ -167,10 +167,8 @@ def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Grou
 
 def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
-    ranges = np.repeat([[-np.inf], [np.inf]], mechanism.nv, axis=1)  # (2, nv)
-    for limit in mechanism.limits:
-        ranges[:, limit.column] = np.array([limit.lower, limit.upper]) - mechanism.q_near[limit.coordinate]
-    lower, upper = ranges / mechanism.column_scale
+    reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
+    lower, upper = (mechanism.joint_ranges - reference) / mechanism.column_scale
     # the solver refuses equal bounds: leave a little room between equal limits
     limited = np.isfinite(lower)
     room = MIN_JOINT_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
