@@ -77,7 +77,7 @@ class ExternalWrenches:
     @property
     def push(self) -> bool:
         """Whether any wrench is not zero."""
-        return any(bool(np.any(entry.rows[..., -6:])) for entry in self.entries)
+        return any(np.any(entry.rows[..., -6:]) for entry in self.entries)
 
     @property
     def knots(self) -> Array:
@@ -158,7 +158,7 @@ def applied_wrench(
     origin, _ = _frame_placement(mechanism, frames, index)
     at_origin = np.broadcast_to(np.asarray(wrench, dtype=float), (len(origin), 6))
     at_base = move_wrench(at_origin, origin)
-    joint = int(mechanism.model.frames[index].parentJoint)
+    joint = mechanism.model.frames[index].parentJoint
     carried = tree_columns(mechanism).carried[joint]  # (nv,)
     return AppliedWrench(
         frame=frame,

@@ -113,5 +113,5 @@ def moving_bodies(robot: Mechanism) -> dict[str, _Body]:
         placements += [model.jointPlacements[child] for child in model.children[j]]
         points = [inertia.lever, *(placement.translation for placement in placements)]
         size = max(float(np.linalg.norm(point)) for point in points)
-        bodies[str(model.names[j])] = _Body(float(inertia.mass), float(gyration), size)
+        bodies[model.names[j]] = _Body(inertia.mass, gyration, size)
     return bodies

@@ -61,7 +61,7 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
     new = {0: 0}  # index of each parsed joint in the new model
     axes = {0: pin.SE3.Identity()}  # pose of each parsed joint in the new one, whose axes may be turned
     for j in range(1, parsed.njoints):
-        name, parsed_parent = str(parsed.names[j]), int(parsed.parents[j])
+        name, parsed_parent = parsed.names[j], parsed.parents[j]
         parent, placement = new[parsed_parent], axes[parsed_parent] * parsed.jointPlacements[j]
         joint, axes[j] = parsed.joints[j], pin.SE3.Identity()
         if name in several:
@@ -178,7 +178,7 @@ def file_axes(model: pin.Model) -> Array:
 
 def link_axes(model: pin.Model, j: int) -> pin.SE3:
     """Return the placement of the link's axes on joint j; the identity except for balls."""
-    name = str(model.names[j])
+    name = model.names[j]
     if model.existFrame(name, pin.FrameType.JOINT):
         return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement
     return pin.SE3.Identity()

@@ -174,7 +174,7 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     lowest, highest = np.concatenate(([0.0], branch.path.knots, [1.0]))[piece : piece + 2].tolist()
     guessed = branch
     for half_width in HALF_WIDTHS:
-        start, end = max(s - half_width, lowest), min(s + half_width, highest)
+        start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
         continuation = _fit_continuation(guessed, s, start, end)
         if continuation is None:
             continue

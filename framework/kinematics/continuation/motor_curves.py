@@ -24,7 +24,13 @@ from framework.kinematics.continuation.predictor_corrector import (
     measure_steps,
 )
 from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
-from framework.kinematics.frames import difference, integrate, largest_motion
+from framework.kinematics.frames import (
+    difference,
+    full_motion,
+    integrate,
+    integrate_columns,
+    largest_motion,
+)
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
@@ -89,8 +95,7 @@ def follow_curves(
     `start` and `linearised` (T = 1) are of this pose. A curve with a `share` below 1 has ended early, at a
     Type 2 singularity or where it cannot be followed.
     """
-    turn = np.zeros((len(targets), robot.nv))
-    turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q)
+    turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
     curves = _begin_curves(robot, start, linearised, turn)
     is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
     step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
@@ -170,9 +175,8 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
     """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
-    missing = np.zeros_like(turn)  # motor angles that rounding of many steps has lost
-    missing[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
-    guess = integrate(robot, guess, missing)
+    missing = (turn - difference(robot, start, guess))[:, robot.actuated]  # by rounding of many steps
+    guess = integrate_columns(robot, guess, robot.actuated, missing)
     if not len(robot.following):
         return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
     return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)

@@ -230,8 +230,10 @@ class PoseSearch:
             return None
         if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
             return None
-        determinants = (passive_determinants(loops) for loops in (iterate.loops, following.loops))
-        return following if not self._motors_hold or keeps_sign(*determinants)[0] else None
+        determinants = map(passive_determinants, (iterate.loops, following.loops))
+        if self._motors_hold and not keeps_sign(*determinants)[0]:
+            return None
+        return following
 
     def _close(self, q: Array) -> Array | None:
         """Close the loops near q (nq,) by Newton steps of least norm; None if they stay open.

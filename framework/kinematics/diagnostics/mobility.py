@@ -171,11 +171,11 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
 
 def _name_stuck_axes(stuck: Array, names: Names) -> str:
     """Name the axes of immovable combinations (n, k): single axes first, then the mixed ones."""
-    sizes = np.linalg.norm(stuck, axis=1)  # (n,) 1 for an axis that is immovable by itself
-    alone = [name for name, size in zip(names, sizes, strict=True) if size > 1.0 - FILE_ROUNDING]
+    sizes = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))  # 1 if immovable by itself
+    alone = [name for name, size in sizes.items() if size > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
         return ", ".join(alone)
-    involved = [name for name, size in zip(names, sizes, strict=True) if size > FILE_ROUNDING]
+    involved = [name for name, size in sizes.items() if size > FILE_ROUNDING]
     together = " and ".join(name for name in involved if name not in alone)
     return ", ".join([*alone, f"{together} independently of each other"])
 
