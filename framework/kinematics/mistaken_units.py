@@ -70,7 +70,7 @@ def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
     bodies = moving_bodies(robot)
     masses = {name: body.mass for name, body in bodies.items()}
     longest = max((body.size for body in bodies.values()), default=1.0)
-    if longest and not SMALL_LINK < longest < LARGE_LINK:  # zero if all joints are slides at one point
+    if longest and not SMALL_LINK < longest < LARGE_LINK:  # zero if only slides move
         yield (f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
     for name, body in bodies.items():
         if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):

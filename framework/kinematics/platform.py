@@ -162,8 +162,8 @@ class FramePlatform(_Coordinates):
     def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
         """Compute two time derivatives (2, T, n, 6) of the unit wrenches about the base's origin.
 
-        Those of a unit force f at the origin p are couples p' x f and p" x f. The first derivative of the
-        chart's couples is analytic, the second one is its complex-step derivative.
+        The moment of a unit force f at the origin p has the derivatives p' x f and p" x f. The first
+        derivative of the chart's couples is analytic; a complex step of it gives the second.
         """
         rates = np.zeros((2, len(motions.twist), self.n, 6))
         rates[..., 3:] = cross(motions.rates[1:, :, :1, 3], self.units[:, :3])
@@ -264,7 +264,8 @@ class JointPlatform(_Coordinates):
     def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
         """Return two time derivatives (2, T, n, 6) of the unit wrenches about the base's origin.
 
-        They are those of the axes: the couples of forces along slides have no power on slides.
+        They are the derivatives of the axes. The moment of a force along a slide about the base's origin has
+        no power on the slide and is left out.
         """
         rates = screws[:, :, self.columns].copy()
         rates[:, :, ~self.translations, :3] = 0.0

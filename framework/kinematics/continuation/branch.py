@@ -62,7 +62,7 @@ class Branch(ReadOnlyArrays):
     """A path with the branch of its inverse kinematics, springs at rest, and the world's wrenches.
 
     Guesses are cubics in the offset `u` from `origin` between the knots `s` (K,), or the series of `through`.
-    They are near enough for Newton's method to converge to the branch: `close` returns it to rounding.
+    From these Newton's method converges to the branch: `close` returns poses on the branch to rounding.
     """
 
     robot: ParallelRobot

@@ -236,7 +236,7 @@ class PoseSearch:
         return following
 
     def _close(self, q: Array) -> Array | None:
-        """Close the loops near q (nq,) by Newton steps of least norm; None if they stay open.
+        """Close the loops near q (nq,) by Newton steps of least norm; None without success.
 
         A joint that leaves its range is held at the end of the range by a further equation.
         """

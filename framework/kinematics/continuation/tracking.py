@@ -184,9 +184,9 @@ def _take_steps(
 ) -> tuple[BranchPoses, float] | None:
     """Take steps along the tangent of a pose (K = 1) to path coordinates ahead (T,).
 
-    All ends are predicted from the same pose, but each step is judged from the end of the previous one. It is
-    accepted if the loops close, the correction is small, and its end is in the same working mode. If the
-    tangent turns much, the end must also be away from other branches.
+    All ends are predicted from the same pose, but each step is judged from the end of the previous one. A
+    step is accepted if the loops close, the correction is small, and its end is in the same working mode. If
+    the tangent turns much, the end must also be away from other branches.
 
     Returns:
         The poses of accepted steps, up to the first refused, and the correction of the last step; None if

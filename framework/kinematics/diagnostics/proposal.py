@@ -73,7 +73,7 @@ class _Motions(NamedTuple):
         """Return the rates (k, w) of k named joints in the working motions."""
         return self.working[velocity_columns(self.mechanism.model, names)]
 
-    def independent(self, motions: Array, names: Iterable[str]) -> list[str]:
+    def choose_independent(self, motions: Array, names: Iterable[str]) -> list[str]:
         """Choose the first joints by name with independent rates in motions (nv, k)."""
         chosen: list[str] = []
         for name in names:
@@ -108,15 +108,17 @@ def propose(options: Options, known: PartialRobot) -> PartialRobot:
     serial = _serial_joints(known)
     free = [name for name in serial if known.tree.joints[name].kind == "floating"]
     known = _hold_joints(known, free, "a free base, which no motor drives")
-    tails, heads = _split_serial_joints(known, options)
-    known = _hold_joints(known, tails, IN_NO_LOOP)
+    without_loops, before_loops = _split_serial_joints(known, options)
+    known = _hold_joints(known, without_loops, IN_NO_LOOP)
     if known.platform is not None and options.motors is not None:
         return known.with_platform(known.platform)
+
+    may_hold = bool(before_loops) and options.is_silent  # the serial joints that carry loops
     try:
-        return _complete_description(known, by_joints=not heads or not options.is_silent)
+        return _complete_description(known, by_joints=not may_hold)
     except RobotFileError as error:
-        if heads and options.is_silent:
-            known = _hold_joints(known, heads, IN_NO_LOOP)
+        if may_hold:
+            known = _hold_joints(known, before_loops, IN_NO_LOOP)
         elif not isinstance(error, _UndrivenMotions):
             raise
     return _complete_with_holding(known)
@@ -126,16 +128,19 @@ def _complete_with_holding(known: PartialRobot) -> PartialRobot:
     """Complete the description; hold springs and idle turns without a motor."""
     try:
         return _complete_description(known, by_joints=True)
-    except _UndrivenMotions as loose:
-        description = replace(known.description, reference=loose.reference)
-        known = known._replace(description=description, remarks=(*known.remarks, *loose.remarks))
-        return _complete_description(_hold_joints(known, loose.joints, loose.why), by_joints=True)
+    except _UndrivenMotions as undriven:
+        description = replace(known.description, reference=undriven.reference)
+        known = known._replace(description=description, remarks=(*known.remarks, *undriven.remarks))
+        return _complete_description(_hold_joints(known, undriven.joints, undriven.why), by_joints=True)
 
 
 def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
     """Complete the description as `propose` does, without holding more joints.
 
     If nothing can be proposed at the file's pose and this is beyond joint limits, a pose within is tried.
+
+    Args:
+        by_joints: whether positions of joints may become the platform's coordinates.
     """
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
@@ -332,7 +337,7 @@ def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
     """
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
     suggested = [name for name in tree.likely_motors if name in by_depth]
-    return motions.independent(motions.working, dict.fromkeys([*suggested, *by_depth]))
+    return motions.choose_independent(motions.working, dict.fromkeys([*suggested, *by_depth]))
 
 
 def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
@@ -369,7 +374,7 @@ def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRob
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
-    to_lock = motions.independent(unwanted, passive)
+    to_lock = motions.choose_independent(unwanted, passive)
     if len(to_lock) == unwanted.shape[1]:
         return to_lock
     serial = _serial_joints(known)
