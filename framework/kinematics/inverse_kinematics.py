@@ -21,12 +21,7 @@ import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.assembly import MAX_NEWTON_STEP
-from framework.kinematics.frames import (
-    difference,
-    difference_jacobian,
-    integrate,
-    integrate_columns,
-)
+from framework.kinematics.frames import difference, difference_jacobian, integrate, integrate_columns
 from framework.kinematics.idle_turns import turn_motions
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot

@@ -19,11 +19,7 @@ from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frame_variations import bracket, tree_columns
 from framework.kinematics.frames import FrameMotions, body_twists, frame_motions, frames_at, move_with_bodies
 from framework.kinematics.idle_turns import idle_turns
-from framework.kinematics.linearised_loops import (
-    ClosedStack,
-    LinearisedLoops,
-    linearised_at,
-)
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec

@@ -24,13 +24,7 @@ from framework.kinematics.continuation.predictor_corrector import (
     measure_steps,
 )
 from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
-from framework.kinematics.frames import (
-    difference,
-    full_motion,
-    integrate,
-    integrate_columns,
-    largest_motion,
-)
+from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
