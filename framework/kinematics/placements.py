@@ -102,7 +102,7 @@ def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
-    linear, angular = jacobian[:3, column], jacobian[3:, column]
+    linear, angular = jacobian[:, column].reshape(2, 3)
     axis = linear if robot.sliding[column] else angular
     return JointAxis(joint, np.zeros(3), axis / np.linalg.norm(axis))
 

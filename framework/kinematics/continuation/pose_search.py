@@ -295,7 +295,7 @@ class PoseSearch:
             value=float(0.5 * e @ e),
             basis=Z,
             gradient=A.T @ e,
-            hessian=_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
+            hessian=_make_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
             room=room,
             room_slopes=room_slopes,
             loops=linearised.select(0),
@@ -317,10 +317,11 @@ class PoseSearch:
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
         """Compute x (T, n) and the derivatives of x (T, n, f) and of the loops (T, m, f)."""
         robot = self.robot
-        derivatives = linearised.jacobian[..., robot.moving] * self._lengths
+        derivatives = linearised.jacobian[..., robot.moving] * self._lengths  # (T, n + m, f)
+        twists, loops = np.split(derivatives, [robot.n], axis=1)
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
-        dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, derivatives[:, : robot.n])
-        return x, dx, derivatives[:, robot.n :] / self._row_sizes[:, None]
+        dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
+        return x, dx, loops / self._row_sizes[:, None]
 
     def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
         """Compute determinants (T, 2) of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
@@ -328,8 +329,10 @@ class PoseSearch:
         Bases of these motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and
         keeps its sign where loops lose rank. The second is zero at Type 2, and 1 unless motors have to hold.
         """
-        bases = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][..., loops.shape[1] :]  # (T, f, n)
-        bases[..., 0] *= np.sign(np.linalg.det(Z.T @ bases))[:, None]
+        Q = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0]  # (T, f, f)
+        bases = Q[..., loops.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
+        orientations = np.sign(np.linalg.det(Z.T @ bases))  # (T,)
+        bases[..., 0] *= orientations[:, None]
         values = np.ones((len(X), 2))
         values[:, 0] = np.linalg.det(X @ bases)
         if self._motors_hold and self.robot.n_a == self.robot.n:
@@ -337,7 +340,7 @@ class PoseSearch:
         return values
 
 
-def _definite(matrix: Array) -> Array:
+def _make_definite(matrix: Array) -> Array:
     """Return a symmetric matrix (n, n) with absolute eigenvalues of at least LEAST_CURVATURE."""
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T
