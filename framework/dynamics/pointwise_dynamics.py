@@ -204,7 +204,7 @@ def dynamics_at(
     jerk = stack_rates("dddx", dddx, robot.n, count)
     r = tree_forces(robot, motion)
     forces = balanced_forces(robot, motion.linearised, r)
-    for k in map(int, find_near_type2(robot, motion.linearised, RANK_LOST)):
+    for k in map(int, find_near_type2(robot, motion.linearised)):
         if dddx is None:
             raise type2_pose(
                 robot,
@@ -274,7 +274,7 @@ def entry_of(q: ArrayLike) -> int | slice:
 
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
     """Raise SingularPose if the motors do not hold the robot at one of the platform's poses x (T, n)."""
-    singular = find_near_type2(robot, linearised, RANK_LOST)
+    singular = find_near_type2(robot, linearised)
     if len(singular):
         raise type2_pose(robot, x[int(singular[0])], "and its derivatives have a pole there")
 

@@ -1,4 +1,4 @@
-"""Close the loops of a mechanism near the reference of its file, without prescribed platform or motors."""
+"""Close the loops of a mechanism near the reference of its file, with platform and motors free."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyAr
 from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
-MAX_NEWTON_STEP = 0.5  # [rad or lengths of the robot] that one Newton step may move a joint
-NEARBY_DISTANCE = 0.05  # [rad, lengths] from the reference to where its rank is compared with
-MAX_NEARBY, NEARBY_DRAWS = 2, 8  # configurations in different directions, and draws for them
-MIN_NEARBY_RATIO = 0.1  # of that distance: a configuration that closes nearer is the reference again
-SAME_DIRECTION_COSINE = 0.99  # between two directions, either sign
+MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step
+NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to the poses with which its rank is compared
+MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of such poses, and of random directions tried
+MIN_NEARBY_RATIO = 0.1  # of NEARBY_DISTANCE: a pose that closes nearer counts as the reference itself
+SAME_DIRECTION_COSINE = 0.99  # two directions with a larger cosine, either sign, count as the same
 MAX_ITERATIONS = 100
-ROUNDING_GAP = 1e-15  # [rad, lengths] below which no Newton step improves the loops
-MIN_DAMPING = 1e-4  # share of a Newton step that is still tried
+ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
+MIN_DAMPING = 1e-4  # least share of a Newton step in the line search
 
 
 @dataclass(frozen=True, eq=False)
 class Configuration(ReadOnlyArrays):
-    """A configuration with closed loops, made by solvers alone.
+    """A configuration with closed loops, as returned by solvers.
 
-    `q` (nq,), platform `x` (n,), largest loop equation `residual` [m or rad], Newton `iterations`.
+    `q` (nq,), platform `x` (n,), largest loop `residual` [m or rad], Newton `iterations`.
     """
 
     q: Array
@@ -41,7 +41,7 @@ class Configuration(ReadOnlyArrays):
 
 
 def configuration(robot: Mechanism, pose: Any, *, stacks: bool = False) -> Array:
-    """Return the joints q (nq,) of an array or of a `Configuration`.
+    """Return q (nq,) of an array or of a `Configuration`, checked.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.
@@ -54,28 +54,28 @@ def configuration(robot: Mechanism, pose: Any, *, stacks: bool = False) -> Array
 
 
 class Closing(NamedTuple):
-    """The last iterate of Newton's method on the loops, and the gap that remains."""
+    """The last iterate of Newton's method on the loops, with the remaining residual."""
 
     q: Array  # (nq,)
     residual: float  # largest loop equation [m or rad]
-    gap: float  # largest loop equation, in lengths of the robot and radians
+    gap: float  # largest loop equation [robot lengths or rad]
     iterations: int
 
 
 def close_reference(mechanism: Mechanism) -> Closing:
-    """Return the assembled configuration at the robot file's `reference`, springs at rest.
+    """Close the loops near the robot file's `reference`, springs at rest.
 
-    The joints that the file states rest while the others close the loops; if that fails, all joints move,
-    as little as possible. The result decides the working and the assembly mode.
+    First the joints that the file states rest while the others close the loops. If that fails, all joints
+    move, as little as possible. The result decides the working mode and the assembly mode.
 
     Raises:
-        NotAssembled: the loops do not close from the reference, or only far from it, or turned over; carries
-            the last iterate and the residual.
+        NotAssembled: the loops do not close from the reference, or only far from it, or flipped; carries the
+            last iterate and the residual.
     """
     stated = velocity_columns(mechanism.model, mechanism.description.reference)
     others = np.setdiff1d(mechanism.joints, stated)
-    closing = _close(mechanism, mechanism.q_near, others) if len(stated) and len(others) else None
-    if closing is None or closing.gap > CLOSED_LOOP:
+    closing = _close(mechanism, mechanism.q_near, others if len(others) else mechanism.joints)
+    if closing.gap > CLOSED_LOOP and len(stated):
         closing = _close(mechanism, mechanism.q_near, mechanism.joints)
     if closing.gap > CLOSED_LOOP:
         raise _open_loops_error(mechanism, closing)
@@ -92,44 +92,47 @@ def close_reference(mechanism: Mechanism) -> Closing:
 
 
 def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
-    """Close all loops by damped least-norm Newton steps of the columns `free`, from `start` (nq,)."""
-    q, gap = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
+    """Close all loops from `start` (nq,) by Newton steps of least norm in the columns `free` (k,).
+
+    A line search halves each step until the norm of the loop equations decreases.
+    """
+    q, norm = start, float(np.linalg.norm(scaled_residual(mechanism, start)))
     iterations = 0
-    while iterations < MAX_ITERATIONS and gap > ROUNDING_GAP:
+    while iterations < MAX_ITERATIONS and norm > ROUNDING_GAP:
         iterations += 1
         step = _least_norm_step(mechanism, q, free)
-        damping, trial_gap = 2.0, np.inf  # halved before each trial
-        while trial_gap > gap and damping > MIN_DAMPING:
-            damping *= 0.5
-            trial = integrate_columns(mechanism, q, free, damping * step)
-            trial_gap = float(np.linalg.norm(scaled_residual(mechanism, trial)))
-        if trial_gap >= gap:
+        share, trial_norm = 2.0, np.inf  # the share is halved before each trial
+        while trial_norm > norm and share > MIN_DAMPING:
+            share *= 0.5
+            trial = integrate_columns(mechanism, q, free, share * step)
+            trial_norm = float(np.linalg.norm(scaled_residual(mechanism, trial)))
+        if trial_norm >= norm:
             break
-        q, gap = trial, trial_gap
+        q, norm = trial, trial_norm
     residual = np.abs(residual_at(mechanism, q))
     return Closing(q, float(residual.max()), largest_gap(mechanism, q), iterations)
 
 
 def residual_at(mechanism: Mechanism, q: Array) -> Array:
-    """Compute all loop equations (rows,) at one configuration q (nq,) [m or rad]."""
+    """Compute the residual (rows,) of all loop equations at q (nq,) [m or rad]."""
     return loop_equations(mechanism.rows, frames_at(mechanism, q[None])).residual[0]
 
 
 def scaled_residual(mechanism: Mechanism, q: Array) -> Array:
-    """Compute all loop equations (rows,) at q (nq,), in lengths of the robot and radians."""
+    """Compute the residual (rows,) of all loop equations at q (nq,) [robot lengths or rad]."""
     return row_weights(mechanism, mechanism.rows.rotation) * residual_at(mechanism, q)
 
 
 def largest_gap(mechanism: Mechanism, q: Array) -> float:
-    """Return the largest loop equation at q (nq,) [robot lengths or rad]."""
+    """Compute the largest residual of a loop equation at q (nq,) [robot lengths or rad]."""
     return float(np.abs(scaled_residual(mechanism, q)).max())
 
 
 def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
-    """Compute Newton's step (k,) [rad, m] of the columns `free` (k,) towards closed loops.
+    """Compute Newton's step (k,) of the columns `free` (k,) towards closed loops [rad, m].
 
-    Of all steps that close the linearised loops it is the smallest, in radians and lengths of the robot, and
-    it is cut to `MAX_NEWTON_STEP`.
+    Of all steps that close the linearised loops it is the smallest one in radians and lengths of the robot.
+    It is scaled down to `MAX_NEWTON_STEP`.
     """
     jacobian = all_loops_matrix(mechanism, q)[:, free]
     step = -np.linalg.lstsq(jacobian, scaled_residual(mechanism, q), rcond=RANK_ROUNDING)[0]
@@ -138,21 +141,22 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
 
 
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
-    """Return the error for loops that stay open."""
+    """Return the error for loops that stay open; name the equation that is farthest from closed."""
     rows = mechanism.rows
-    residual = np.abs(residual_at(mechanism, closing.q))
-    row = int(np.argmax(residual * np.where(rows.rotation, mechanism.length, 1.0)))
+    row = int(np.argmax(np.abs(scaled_residual(mechanism, closing.q))))
+    residual = abs(float(residual_at(mechanism, closing.q)[row]))
+    unit = "rad" if rows.rotation[row] else "m"
     return _not_assembled_error(
         mechanism,
-        f"the loops do not close near the reference: {rows.names[row]} stays {residual[row]:.3g} "
-        f"{'rad' if rows.rotation[row] else 'm'} apart after {closing.iterations} iterations; check the link "
-        f"lengths and give a reference nearer to an assembled configuration",
-        closing._replace(residual=float(residual[row])),
+        f"the loops do not close near the reference: {rows.names[row]} stays {residual:.3g} {unit} apart "
+        f"after {closing.iterations} iterations; check the link lengths and give a reference nearer to an "
+        f"assembled configuration",
+        closing._replace(residual=residual),
     )
 
 
 def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) -> None:
-    """Refuse a closed pose with a stated joint far from its value in the file."""
+    """Raise NotAssembled if a stated joint of a closed pose is far from its value in the file."""
     offset = difference(mechanism, mechanism.q_near, closing.q)
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
@@ -169,7 +173,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
 
 
 def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) -> NotAssembled:
-    """Return the error with the last iterate, and a remark on angles that look like degrees."""
+    """Return the error with the last iterate and a remark on angles that look like degrees."""
     turns = remark_on_turns(mechanism, mechanism.description.reference)
     return NotAssembled(f"{mechanism.name}: {reason}{turns}", q=closing.q, residual=closing.residual)
 
@@ -177,17 +181,18 @@ def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) ->
 def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:
     """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
 
-    From the reference a motion that the loops allow is drawn with a fixed seed, and the loops are closed
-    again. Configurations lie in different directions. A structure, which cannot move, has none.
+    Random motions that the loops allow, drawn with a fixed seed, lead away from the reference; then the loops
+    are closed again. The configurations lie in different directions. A rigid structure has none.
     """
     joints = mechanism.joints
     allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]  # (f, joints)
-    draw = Random(0)  # numpy's takes time to import
+    random = Random(0)  # of the standard library: importing numpy's takes longer
     configurations: list[Array] = []
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
-        # a random motion projected on the allowed ones, so that it does not depend on their basis
-        motion = (allowed @ np.array([draw.gauss() for _ in joints])) @ allowed  # (joints,)
+        # projecting a random motion on the allowed ones makes it independent of their basis
+        drawn = np.array([random.gauss() for _ in joints])
+        motion = (allowed @ drawn) @ allowed  # (joints,)
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
         offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
@@ -204,7 +209,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
 
 
 def joint_loops_matrix(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), springs left out."""
+    """Compute the dimensionless Jacobian (rows, joints) of all loops at q (nq,), without springs."""
     return all_loops_matrix(mechanism, q)[:, mechanism.joints]
 
 

@@ -1,25 +1,25 @@
 """The attitude of a platform in one, two or three coordinates: charts of SO(3).
 
-A chart turns the attitude R of the platform's frame into coordinates. To first order their rates are the
-powers of k couples on the angular velocity w of the frame,
+A chart maps the attitude R of the platform's frame to coordinates x. Their velocity v is the power of k
+couples on the angular velocity w of the frame,
 
     v = couples(R) w = E(x) dx.
 
 A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart. The couples,
-their rates and E(x) are analytic: complex steps differentiate them.
+their rates and E(x) are analytic functions, so complex steps differentiate them.
 
-    one axis      the twist angle about that base axis [rad], counted on through full turns: v = dx; the
-                  couple is along the axis where the platform turns about it alone
+    one axis      the twist angle about that base axis [rad], counted through full turns: v = dx. If the
+                  platform turns about this axis alone, the couple is along it
     two axes      R = R_1(x_1) R_2(x_2) R_3(free): two hinges in series, the axis named first next to the
-                  base, and whatever turn about the platform's third axis follows: v = dx. Which way the
-                  third axis points depends on x alone. Singular where the second angle is a right one.
+                  base, followed by any turn about the platform's third axis: v = dx. The direction of the
+                  third axis depends on x alone. Singular where x_2 is a right angle
     three axes    the rotation vector: smooth, without an order of angles, singular only at a whole turn.
                   v = w = E(x) dx with E the left Jacobian of SO(3)
 
-The attitude of a humanoid's ankle is R = Ry(pitch) Rx(roll): axes [ry, rx]. The parasitic turn of a
-3-PRS is the free one: with R = Ry(t) Rx(p) Rz it is atan(sin p sin t / (cos p + cos t)), J. A. Carretero et
-al., Kinematic analysis and optimization of a new three degree-of-freedom spatial parallel manipulator,
-Journal of Mechanical Design 122, 2000.
+The attitude of a humanoid's ankle is R = Ry(pitch) Rx(roll): axes [ry, rx]. The parasitic turn of a 3-PRS is
+the free turn: with R = Ry(t) Rx(p) Rz it is atan(sin p sin t / (cos p + cos t)), J. A. Carretero et al.,
+Kinematic analysis and optimization of a new three degree-of-freedom spatial parallel manipulator, Journal of
+Mechanical Design 122, 2000.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ from framework.tolerances import FILE_ROUNDING
 
 @dataclass(frozen=True, eq=False)
 class Attitude(ReadOnlyArrays):
-    """A chart of k coordinates of attitudes R (T, 3, 3), columns the frame's axes.
+    """A chart of k coordinates of attitudes R (T, 3, 3), whose columns are the frame's axes.
 
-    Unless a subclass says otherwise the couples are base axes and v = dx; without axes nothing turns.
+    The defaults here are for couples along base axes and v = dx. Without axes (k = 0) the class itself is the
+    chart of a platform that does not turn.
     """
 
     axes: IntArray  # (k,) base axes 0..2 in the stated order
@@ -58,14 +59,14 @@ class Attitude(ReadOnlyArrays):
         return np.empty((len(rotation), 0))
 
     def residual(self, rotation: Array, x: Array) -> Array:
-        """Compute the offset (T, k) [rad] of R from the attitude of x.
+        """Compute the offset (T, k) [rad] of R from the attitude of x, the short way round.
 
-        Turns count the short way. Its rate is v.
+        The rate of the offset is v.
         """
         return wrap_angles(self.coordinates(rotation) - x)
 
     def couples(self, rotation: Array) -> Array:
-        """Compute the couples (T, k, 3), or (k, 3) if constant, in base axes: v = couples w."""
+        """Compute the couples (T, k, 3), or (k, 3) if constant, on base axes: v = couples w."""
         return np.eye(3)[self.axes]
 
     def couple_rates(self, rotation: Array, w: Array) -> Array:
@@ -73,29 +74,26 @@ class Attitude(ReadOnlyArrays):
         return np.zeros((len(w), len(self.axes), 3))
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute the angular velocity w (T, 3) with couples w = v (T, k).
-
-        It has no turn beside those that v measures.
-        """
+        """Compute the angular velocity w (T, 3) with couples w = v (T, k), without free turns."""
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute E(x) u and its time derivative, (T, k), at rates dx and du of x and u."""
+        """Compute E(x) u and its time derivative, (T, k) each, for rates dx and du of x and u."""
         return u, du
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute coordinates (T, k) of the same attitudes next to `near` (k,) or (T, k)."""
+        """Compute the coordinates (T, k) of the same attitudes nearest to `near` (k,) or (T, k)."""
         return x + whole_turns(near - x)
 
 
 def attitude_about(axes: IntArray) -> Attitude:
-    """Return the chart of none to three different axes 0..2 in the stated order."""
+    """Return the chart for zero to three different axes 0..2 in the stated order."""
     return (Attitude, TwistAngle, TwoAngles, RotationVector)[len(axes)](axes)
 
 
 @dataclass(frozen=True, eq=False)
 class TwistAngle(Attitude):
-    """The turn about one axis by the swing-twist decomposition, which leaves the least other turn."""
+    """The turn about one axis by the swing-twist decomposition: the remaining turn is least."""
 
     def coordinates(self, rotation: Array) -> Array:
         """Compute the angle (T, 1) [rad] about axis i: arctan2(R_kj - R_jk, R_jj + R_kk), ijk cyclic."""
@@ -131,9 +129,9 @@ class DirectionChart(Attitude):
 
 @dataclass(frozen=True, eq=False)
 class SwingTwistAngle(DirectionChart, TwistAngle):
-    """The angle of `TwistAngle`, of a frame that turns about other axes too.
+    """The angle of `TwistAngle` for a frame that also turns about other axes.
 
-    With e the axis and u = R e, dx = (e + u) . w / (1 + e . u): along e alone where w is, else not.
+    With e the axis and u = R e, dx = (e + u) . w / (1 + e . u). If w is along e, dx is its size.
     """
 
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
@@ -146,17 +144,15 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
-    """Return the chart of one angle that attitudes (T, 3, 3) need.
-
-    It is `angle` itself if the frame turns about its axis alone.
+    """Return `angle`, or its chart for other turns if attitudes (T, 3, 3) have such turns.
 
     Raises:
-        InvalidInput: the frame turns about other axes too, from an attitude that has no angle.
+        InvalidInput: the frame also turns about other axes, and its first attitude has no twist angle.
     """
-    axes = rotations[:, int(angle.axes[0])]  # the base's axis in the frame
+    i = int(angle.axes[0])
+    axes = rotations[:, i]  # (T, 3) the base's axis on axes of the frame
     if np.abs(axes - axes[0]).max() <= FILE_ROUNDING:
         return angle
-    i = int(angle.axes[0])
     if 1.0 + rotations[0, i, i] <= FILE_ROUNDING:
         raise InvalidInput(
             f"platform: r{'xyz'[i]} of its frame is against that of the base, where the turn about it is not "
@@ -169,9 +165,9 @@ def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
 class TwoAngles(DirectionChart):
     """Two axes a, b of the base: R = R_a(x_1) R_b(x_2) R_c(free), x_2 within a right angle.
 
-    The angular velocity is w = dx_1 a + dx_2 R_a b + (free rate) R c; the couples are the two that
-    yield dx_1 and dx_2 on it and nothing on the free turn. With u = R c and q its part across a they are
-    a - (a . u) q / q^2 and, with h = +-1 and a x b = h c, R_a b = h u x a / |q|.
+    The angular velocity is w = dx_1 a + dx_2 R_a b + (free rate) R c. The powers of the two couples on w are
+    dx_1 and dx_2, whatever the free rate is. With u = R c and q the part of u across a, the couples are a -
+    (a . u) q / q^2 and, with h = +-1 and a x b = h c, R_a b = h u x a / |q|.
     """
 
     @property
@@ -195,8 +191,8 @@ class TwoAngles(DirectionChart):
     def direction_couples(self, u: Array, du: Array) -> tuple[Array, Array]:
         """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
-        The couples are a - (a.u) p and b = h u x a/|q|, h the `handedness`, where q = u - (a.u) a is the
-        part of u across a, and p = q/q^2. With g = p . q' the rate of log |q|,
+        The couples are a - (a.u) p and b = h u x a/|q|, with the `handedness` h, q = u - (a.u) a and p =
+        q/q^2. With g = p . q', the rate of log |q|,
 
             p' = q'/q^2 - 2 g p,   b' = h u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
         """
@@ -207,14 +203,15 @@ class TwoAngles(DirectionChart):
         p = q / square
         g = dot(p, dq)[:, None]
         dp = dq / square - 2.0 * g * p
-        b = self.handedness / np.sqrt(square) * cross(u, a)
-        db = self.handedness / np.sqrt(square) * cross(du, a) - g * b
+        factor = self.handedness / np.sqrt(square)
+        b = factor * cross(u, a)
+        db = factor * cross(du, a) - g * b
         couples = np.stack([a - au * p, b], axis=1)
         rates = np.stack([-dau * p - au * dp, db], axis=1)
         return couples, rates
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute w (T, 3) = dx_1 a + dx_2 R_a b, without a turn about R c."""
+        """Compute w (T, 3) = dx_1 a + dx_2 R_a b, without the free turn about R c."""
         return v[:, :1] * np.eye(3)[self.axes[0]] + v[:, 1:] * self.couples(rotation)[:, 1]
 
 
@@ -232,10 +229,10 @@ class RotationVector(Attitude):
         return rotation_vector(rotation @ target.transpose(0, 2, 1))[:, self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
-        """Compute w = E(r) u and dw/dt, each (T, 3), at rotation vectors r that change by dr.
+        """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r with rates dr.
 
-        w = u + a f + b s with f = r x u and s = r x f, of rates dr x u + r x u' and dr x f + r x f'; a and b
-        are functions of |r|^2, whose rate is 2 r.dr. With u = dr w is the angular velocity.
+        w = u + a f + b s with f = r x u and s = r x f. The rates of f and s are dr x u + r x u' and dr x f +
+        r x f'. a and b are functions of |r|^2, whose rate is 2 r.dr. For u = dr, w is the angular velocity.
         """
         r, dr, u, du = map(self._vector, (x, dx, u, du))
         f = cross(r, u)
@@ -244,10 +241,9 @@ class RotationVector(Attitude):
         ds = cross(dr, f) + cross(r, df)
         (a, a_slope), (b, b_slope) = left_jacobian_coefficients(dot(r, r))[..., None]  # along |r|^2
         square_rate = 2.0 * dot(r, dr)[:, None]
-        w = u + a * f + b * s
-        dw = du + (a_slope * square_rate * f + a * df)
-        dw = dw + (b_slope * square_rate * s + b * ds)
-        return w[:, self.axes], dw[:, self.axes]
+        by_f = a_slope * square_rate * f + a * df  # the rate of a f
+        by_s = b_slope * square_rate * s + b * ds  # the rate of b s
+        return (u + a * f + b * s)[:, self.axes], (du + by_f + by_s)[:, self.axes]
 
     def unwrap(self, x: Array, near: Array) -> Array:
         """Add whole turns along each rotation vector (T, 3) [rad] until nearest to `near`."""
@@ -257,7 +253,7 @@ class RotationVector(Attitude):
         return x + whole_turns(difference) * axis
 
     def _vector(self, x: Array) -> Array:
-        """Return vectors (T, 3) on the base's axes of components (T, 3) in the stated order."""
+        """Return vectors (T, 3) on base axes for components (T, 3) in the stated order."""
         vector = np.empty_like(x)
         vector[:, self.axes] = x
         return vector

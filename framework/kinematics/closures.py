@@ -1,19 +1,19 @@
-"""The loop equations closures(q) = 0 with Jacobian and drift, stacked.
+"""The loop equations closures(q) = 0 with Jacobian and drift, for stacks of configurations.
 
-Each equation is written as a wrench between its two bodies. The power of the wrench on the screw of a joint
-that carries one of them is the derivative along that joint (Ball's reciprocal product). So one table of rows
-(`Mechanism.rows`) serves every kind of joint: a kind is data, not code. A joint that carries both bodies or
-neither has no entry.
+Each equation has a wrench between its two bodies. The derivative of the equation along a joint is the power
+of this wrench on the joint's screw (Ball's reciprocal product) if the joint carries one of the bodies, and
+zero if it carries both or neither. So one table of rows (`Mechanism.rows`) serves every kind of joint: a kind
+is data, not code.
 
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
-Residual, Jacobian and exact derivatives (`wrench_changes`, `frame_variations`) follow from these.
+Residual, Jacobian and exact derivatives (`wrench_changes`, `frame_variations`) follow from these vectors.
 
-This module also has the directions that closures keep alike. They tell a closed loop from a flipped one.
-
-A rotation is locked by keeping axes of the two frames perpendicular (see `LoopRows`). That is exact near the
-right pose. It also holds with a hinge's axis turned round, or two welded frames turned by 120 degrees about
-(1, 1, 1) or by 180 degrees about an axis: the equations are closed in these poses, but no motion leads to
-them. The vector between an axis on the one frame and the same on the other vanishes in the right pose alone.
+The module also compares directions of the two frames of a closure, to tell a closed loop from a flipped one.
+A rotation is locked by equations that keep axes of the two frames perpendicular (see `LoopRows`). They
+describe the closure exactly near the right pose. But they also hold with the axis of a hinge reversed, or
+with two welded frames turned by 120 degrees about (1, 1, 1) or by 180 degrees about an axis. The equations
+are closed in such flipped poses, yet no motion leads there. In the right pose alone the same axis of both
+frames has the same direction.
 """
 
 from __future__ import annotations
@@ -21,15 +21,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.kinematics.frames import FrameMotions, FrameStack, move_frames, move_wrench
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import cross, dot, matmul
 
-TURNED_OVER_DISTANCE = 1.0  # between the ends of unit axes: 0 where loops are closed, else sqrt(2) or more
+FLIPPED_DISTANCE = 1.0  # between the tips of two unit axes: 0 in the right pose, sqrt(2) or more if flipped
 
 
 class LoopEquations(NamedTuple):
@@ -40,10 +39,10 @@ class LoopEquations(NamedTuple):
 
 
 class LoopWrenches(NamedTuple):
-    """Values of m loop equations at T configurations, and each as a wrench on its second body.
+    """Values of m loop equations at T configurations, each with its wrench on its second body.
 
-    The derivative of the equation is the power of the wrench on the twist of the second body relative to the
-    first.
+    The time derivative of an equation is the power of its wrench on the twist of the second body relative to
+    the first.
     """
 
     residual: Array  # (T, m)
@@ -56,7 +55,7 @@ def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
     An entry of the Jacobian is the power of the row's wrench on the joint's screw.
     """
     residual, wrench = loop_wrenches(rows, frames)
-    at_base = move_wrench(wrench, frames.position[:, rows.second])  # (T, m, 6)
+    at_base = move_wrench(wrench, frames.position[:, rows.second])  # (T, m, 6) about the base's origin
     powers = matmul(at_base, frames.screws.swapaxes(1, 2))  # (T, m, nv)
     jacobian = powers * rows.joint_signs(frames.carried)
     if rows.has_couplings:
@@ -70,10 +69,11 @@ def base_wrenches(rows: LoopRows, frames: FrameStack) -> Array:
 
 
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
-    """Compute residuals (T, m) and wrenches (T, m, 6) of m rows; couplings have no wrench.
+    """Compute residuals (T, m) and wrenches (T, m, 6) of m rows; couplings have zero wrenches.
 
-    An axis u turns with the first frame, an axis w with the second, and d leads from origin to origin. Of the
-    three kinds of products the rates, with velocities v and angular velocities w_1, w_2 of the frames, are
+    An axis u turns with the first frame, an axis w with the second, and d leads from the first origin to the
+    second. With velocities v and angular velocities w_1, w_2 of the frames the three kinds of products have
+    the rates
 
         (u . d)' = u . (v_2 - v_1 - w_1 x d)      power of the force u
         (d . d)' = 2 d . (v_2 - v_1)              power of the force 2 d
@@ -91,15 +91,17 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 
 
 def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
-    """Compute the changes (..., m, 6) of the wrenches of `loop_wrenches` about the base's origin.
+    """Compute changes (..., m, 6) of the rows' wrenches about the base's origin, to first order.
 
-    Axes and origins of frames (..., F, 4, 3) change by `changes` of the same shape, to first order. With the
-    force f and the couple b x a at p they are (f', b' x a + b x a' + p' x f + p x f').
+    Axes and origins of frames (..., F, 4, 3) change by `changes` of the same shape. The wrench with the force
+    f and the couple b x a at the point p changes by (f', b' x a + b x a' + p' x f + p x f').
     """
-    (a, b), (da, db) = row_factors(rows, placements), row_factors(rows, changes)
-    p, dp = placements[..., rows.second, 3, :], changes[..., rows.second, 3, :]
-    force, force_change = rows.force_weight[:, None] * a, rows.force_weight[:, None] * da
-    couple = cross(dp, force) + cross(p, force_change)
+    a, b = row_factors(rows, placements)
+    da, db = row_factors(rows, changes)
+    p, dp = (origins[..., rows.second, 3, :] for origins in (placements, changes))
+    weight = rows.force_weight[:, None]
+    force_change = weight * da
+    couple = cross(dp, weight * a) + cross(p, force_change)
     if not rows.only_translations:
         couple += rows.couple_weight[:, None] * (cross(db, a) + cross(b, da))
     return np.concatenate(np.broadcast_arrays(force_change, couple), axis=-1)
@@ -108,44 +110,46 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
     """Compute the second time derivative (..., m) of the loop equations for motions of the frames.
 
-    (a . b)" = a" . b + 2 a' . b' + a . b". For motions without joint accelerations it is the drift dJ/dt v.
+    It is (a . b)" = a" . b + 2 a' . b' + a . b". Without joint accelerations it is the drift dJ/dt v.
     """
-    a, b = row_factors(rows, motions.rates)  # (3, ..., m, 3) each: values and two derivatives
-    terms = a[2] * b[0] + 2.0 * a[1] * b[1] + a[0] * b[2]  # (..., m, 3)
+    (a, da, dda), (b, db, ddb) = row_factors(rows, motions.rates)  # (..., m, 3) each
+    terms = dda * b + 2.0 * da * db + a * ddb
     return rows.weight * (terms[..., 0] + terms[..., 1] + terms[..., 2])
 
 
-def row_factors(rows: LoopRows, placed: Array) -> tuple[Array, Array]:
+def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
     """Select the two vectors (..., m, 3) whose product is each row.
 
-    `placed` (..., F, 4, 3) are axes and origins of the frames, or their rates, since both vectors are linear
-    in these. The first is u, or d of a square; the second is d, or w of a rotation (`LoopRows`).
+    The first is u, or d of a square; the second is d, or w of a rotation (`LoopRows`). `placements` (..., F,
+    4, 3) are axes and origins of the frames. Both vectors are linear in these, so rates of `placements` give
+    rates of the vectors.
     """
-    *stack, count, four, width = placed.shape
-    selected = placed.reshape(*stack, count * four, width).take(rows.vectors, axis=-2)  # (..., 4, m, 3)
-    u, w = selected[..., 0, :, :], selected[..., 1, :, :]
-    d = selected[..., 3, :, :] - selected[..., 2, :, :]
+    *stack, frames, vectors, _ = placements.shape
+    flat = placements.reshape(*stack, frames * vectors, 3)
+    selected = flat.take(rows.vectors, axis=-2)  # (..., 4, m, 3): u, w and both origins of each row
+    u, w, start, end = (selected[..., k, :, :] for k in range(4))
+    d = end - start
     if rows.only_translations:
         return u, d
     return np.where(rows.square[:, None], d, u), np.where(rows.rotation[:, None], w, d)
 
 
-def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: NDArray[np.bool_]) -> Array:
-    """Return a matrix (..., m, nv) without dimension: metres in lengths of the mechanism.
+def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> Array:
+    """Return a matrix (..., m, nv) made dimensionless: metres become lengths of the mechanism.
 
-    `turning` (m,) marks the rows that are angles. Conditioning and singularity are judged on the result, so a
-    robot drawn in millimetres is judged alike.
+    `turning` (m,) marks the rows that are angles. Rank and conditioning are judged on the result, so they do
+    not depend on whether a robot is drawn in metres or in millimetres.
     """
     return matrix * row_weights(mechanism, turning)[:, None] * mechanism.column_scale
 
 
-def row_weights(mechanism: Mechanism, turning: NDArray[np.bool_]) -> Array:
+def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
     """Return factors (m,) that make equations dimensionless: 1 for angles, else 1 / length."""
     return np.where(turning, 1.0, 1.0 / mechanism.length)
 
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
-    """Compute the vectors (T, d, 3) from each axis on the first frame to the same on the second."""
+    """Compute vectors (T, d, 3) between axes of both frames that should point alike."""
     first, second, axis, _ = directions
     return frames.placements[:, second, axis] - frames.placements[:, first, axis]
 
@@ -154,17 +158,15 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
     """Compute the derivatives (T, d, 3, nv) of `direction_gaps` along the joints."""
     first, second, axis, _ = directions
     twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
-    slopes = move_frames(twists, frames.placements[:, None])
-    return (slopes[:, :, second, axis] - slopes[:, :, first, axis]).transpose(0, 2, 3, 1)
+    slopes = move_frames(twists, frames.placements[:, None])  # (T, nv, F, 4, 3)
+    gap_slopes = slopes[:, :, second, axis] - slopes[:, :, first, axis]  # (T, nv, d, 3)
+    return np.moveaxis(gap_slopes, 1, 3)
 
 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of the closure that is most flipped; None without any.
-
-    The frames of a flipped closure point apart. T is 1.
-    """
+    """Return the name of the most flipped closure (T = 1), None without any."""
     directions = mechanism.directions
-    lengths = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
-    if not np.any(lengths > TURNED_OVER_DISTANCE):
+    distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
+    if not np.any(distances > FLIPPED_DISTANCE):
         return None
-    return directions.closures[int(np.argmax(lengths))]
+    return directions.closures[int(np.argmax(distances))]

@@ -1,11 +1,12 @@
-"""Wrenches of the world on bodies of a robot, constant or along its path, and the joint forces they make.
+"""Wrenches of the world on bodies of a robot, constant or along its path, and their joint forces.
 
-A wrench (force, moment) acts ON the body of a frame, at the frame's origin, on axes of the base, or on those
-of the frame, with which it then turns. It is one part of the forces of the open tree (`dynamics.forces`),
+A wrench (force, moment) acts ON the body of a frame, at the frame's origin. Its components are on axes of the
+base, or on axes of the frame, and then it turns with the frame. It is part of the forces of the open tree
+(`dynamics.forces`),
 
     r = RNEA(q, v, a) - sum over wrenches of J(q)' w(s),        J (6, nv) the Jacobian of the frame,
 
-so everything computed from r counts it: condition (8), torques, deflections, geometric stiffness, laws.
+so it affects all that follows from r: condition (8), torques, deflections, geometric stiffness, laws.
 Wrenches that depend on velocity (a cutting force, drag) are not supported.
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput, choose_from, finite_numbers, short
-from framework.kinematics.frame_variations import tree_columns, turned_wrenches
+from framework.kinematics.frame_variations import bracket_wrenches, tree_columns
 from framework.kinematics.frames import FrameStack, move_wrench, rotation_matrices
 from framework.kinematics.mechanism import Mechanism, frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -32,18 +33,18 @@ from framework.numerics.ordered_sums import cross, matvec
 
 
 class AppliedWrench(NamedTuple):
-    """A wrench of the world on the body of a frame, which a joint carries, at T configurations."""
+    """A wrench of the world on the body of a frame at T configurations."""
 
     frame: str
-    joint: int
+    joint: int  # that moves the body
     wrench: Array  # (T, 6) about the base's origin, base axes
     generalised: Array  # (T, nv) the joint forces J' w
-    origin: Array  # (T, 3) where it acts, which moves with the body
-    turns: bool  # with the body, on axes of its frame
+    origin: Array  # (T, 3) of the frame, where the wrench acts
+    turns: bool  # whether the wrench turns with the frame
 
     @property
     def at_origin(self) -> Array:
-        """The wrench (T, 6) at its frame's origin, base axes."""
+        """The wrench (T, 6) at the frame's origin, base axes."""
         return move_wrench(self.wrench, -self.origin)
 
 
@@ -55,18 +56,17 @@ class ExternalWrenches:
 
     @staticmethod
     def of(wrenches: Mapping[str, Any] | None) -> ExternalWrenches:
-        """Return the wrenches in {frame: wrench}, see `FrameWrench.of`; none for None.
+        """Return the wrenches in {frame: wrench}, see `FrameWrench.of`; no wrenches for None.
 
         Raises:
-            InvalidInput: numbers that are no wrench.
+            InvalidInput: a value is no wrench.
         """
         expect_wrenches(wrenches)
-        return ExternalWrenches(
-            tuple(FrameWrench.of(str(frame), wrench) for frame, wrench in (wrenches or {}).items())
-        )
+        named = (wrenches or {}).items()
+        return ExternalWrenches(tuple(FrameWrench.of(str(frame), wrench) for frame, wrench in named))
 
     def check_frames(self, mechanism: Mechanism) -> None:
-        """Raise InvalidInput unless the robot has all frames."""
+        """Raise InvalidInput unless the robot has the frames of all wrenches."""
         for entry in self.entries:
             check_frame(mechanism, entry.frame)
 
@@ -77,11 +77,11 @@ class ExternalWrenches:
     @property
     def push(self) -> bool:
         """Whether any wrench is not zero."""
-        return any(bool(np.any(entry.rows[..., -6:])) for entry in self.entries)
+        return any(np.any(entry.rows[..., -6:]) for entry in self.entries)
 
     @property
     def knots(self) -> Array:
-        """The path coordinates between 0 and 1 between which the wrenches are analytic."""
+        """The path coordinates (k,) inside (0, 1) between which the wrenches are analytic."""
         return np.unique(np.concatenate([NO_KNOTS, *(entry.knots for entry in self.entries)]))
 
     @property
@@ -98,16 +98,14 @@ class ExternalWrenches:
         )
 
     def evaluate_on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
-        """Compute the wrenches (T, 6) at path coordinates s (T,), by frame.
-
-        They act at the frame's origin, on base axes.
-        """
+        """Compute the wrenches (T, 6) at path coordinates s (T,) and frames' origins, base axes, by frame."""
         wrenches = {}
         for entry in self.entries:
             wrench = entry(s)
             if entry.turns:
-                rotation = _frame_placement(mechanism, frames, frame_index(mechanism.model, entry.frame))[1]
-                wrench = matvec(rotation[:, None], wrench.reshape(-1, 2, 3)).reshape(-1, 6)
+                _, rotation = _frame_placement(mechanism, frames, frame_index(mechanism.model, entry.frame))
+                parts = wrench.reshape(-1, 2, 3)  # force and moment, on axes of the frame
+                wrench = matvec(rotation[:, None], parts).reshape(-1, 6)
             wrenches[entry.frame] = wrench
         return wrenches
 
@@ -119,7 +117,8 @@ def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[f
     """Return the platform's frame and its wrench (6,) for components W (n,) on the platform's axes.
 
     Raises:
-        InvalidInput: not n finite numbers; or axes that turn with the platform, or joints for axes.
+        InvalidInput: W is not n finite numbers; or it has components on joints, or on axes that turn with the
+            platform.
     """
     components = finite_numbers(f"wrench ({', '.join(robot.axis_names)})", W, robot.n)
     platform = robot.platform
@@ -132,13 +131,13 @@ def wrench_on_platform(robot: ParallelRobot, W: ArrayLike) -> tuple[str, tuple[f
 
 
 def expect_wrenches(wrenches: Any) -> None:
-    """Raise InvalidInput unless this is a mapping by frame, or None."""
+    """Raise InvalidInput unless `wrenches` is a mapping by frame, or None."""
     if not isinstance(wrenches, Mapping | None):
         raise InvalidInput(f"wrenches: needs a wrench by frame, {{name: (6,)}}, got {short(wrenches)}")
 
 
 def check_frame(mechanism: Mechanism, frame: object) -> None:
-    """Raise InvalidInput unless this is a link or a joint of the robot."""
+    """Raise InvalidInput unless `frame` is a link or a joint of the robot."""
     model = mechanism.model
     if not model.existFrame(str(frame)) or frame == model.frames[0].name:  # the universe carries nothing
         names = [model_frame.name for model_frame in model.frames[1:]]
@@ -151,15 +150,15 @@ def applied_wrench(
     """Compute the joint forces of a wrench, (6,) or (T, 6), at T configurations.
 
     Args:
-        frames: of the robot, at these configurations.
-        wrench: at the frame's origin on base axes.
+        frames: of the robot at these configurations.
+        wrench: at the origin of `frame`, base axes.
         turns: whether the wrench turns with its frame.
     """
     index = frame_index(mechanism.model, frame)
     origin, _ = _frame_placement(mechanism, frames, index)
     at_origin = np.broadcast_to(np.asarray(wrench, dtype=float), (len(origin), 6))
     at_base = move_wrench(at_origin, origin)
-    joint = int(mechanism.model.frames[index].parentJoint)
+    joint = mechanism.model.frames[index].parentJoint
     carried = tree_columns(mechanism).carried[joint]  # (nv,)
     return AppliedWrench(
         frame=frame,
@@ -174,16 +173,16 @@ def applied_wrench(
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
     """Compute the derivative (T, nv, nv) of a wrench's joint forces.
 
-    Row j, column i is the derivative of S_j . w along joint i. With w = (f, m + p x f) about the base's
-    origin it is a sum of two terms for i, j that move the frame:
+    Row j, column i is the derivative of S_j . w along joint i, with w = (f, m + p x f) about the base's
+    origin. For joints i, j that move the frame it is the sum of two terms:
 
-        [S_i, S_j] . w       as S_j changes with the joints i that precede j
-        S_j . dw             on base axes p alone moves, by d_i: dw = (0, d_i x f);
-                             on axes of the frame w moves as a whole: S_j . dw = -[S_i, S_j] . w
+        [S_i, S_j] . w       if joint i precedes j and so changes S_j
+        S_j . dw             a wrench on base axes changes only because p moves, by d_i: dw = (0, d_i x f);
+                             a wrench on axes of the frame moves as a whole: S_j . dw = -[S_i, S_j] . w
     """
     columns = tree_columns(mechanism)
     screws = screws * columns.carried[applied.joint][:, None]
-    by_screw = turned_wrenches(screws, applied.wrench[:, None]) @ screws.swapaxes(1, 2)  # (T, j, i)
+    by_screw = bracket_wrenches(screws, applied.wrench[:, None]) @ screws.swapaxes(1, 2)  # (T, j, i)
     if applied.turns:
         by_wrench = -by_screw
     else:
@@ -194,7 +193,7 @@ def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) ->
 
 
 def _frame_placement(mechanism: Mechanism, frames: FrameStack, index: int) -> tuple[Array, Array]:
-    """Compute the origin (T, 3) and the rotation (T, 3, 3) of one of pinocchio's frames."""
+    """Compute origin (T, 3) and rotation (T, 3, 3) of one of pinocchio's frames."""
     if index in mechanism.frames:
         k = mechanism.frames.index(index)
         return frames.position[:, k], frames.rotation[:, k]

@@ -1,9 +1,9 @@
-"""How screws, frames and the forces of the loops change with the configuration of a robot.
+"""Changes of screws, frames and loop forces with the configuration of a robot.
 
-With the screws S_i of the joints about the base's origin a small motion eta displaces the body behind joint i
-by Phi_i = sum eta_j S_j over the joints that carry it, and S_i by the bracket [Phi_i, S_i] of screws. Source
-of these rules: J. Carpentier and N. Mansard, Analytical Derivatives of Rigid Body Dynamics Algorithms,
-Robotics: Science and Systems 2018.
+Let S_i be the screws of the joints about the base's origin. A small motion eta displaces the body of joint i
+by Phi_i = sum eta_j S_j, over the joints j that move this body, and changes S_i by the bracket [Phi_i, S_i]
+of screws. Source of these rules: J. Carpentier and N. Mansard, Analytical Derivatives of Rigid Body Dynamics
+Algorithms, Robotics: Science and Systems 2018.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from framework.numerics.ordered_sums import cross, dot
 
 
 class TreeColumns(NamedTuple):
-    """How the columns of pinocchio's velocity vector belong to the bodies of the tree."""
+    """Relation of the columns of pinocchio's velocity vector to the bodies of the tree."""
 
-    owner: IntArray  # (nv,) the joint of each column, which is the body that it moves
-    carried: Array  # (bodies, nv) 1 where the column moves the body
-    precedes: BoolArray  # (nv, nv) True where column i moves the axis that column j turns or slides along
+    owner: IntArray  # (nv,) joint of each column; also the index of this joint's body
+    carried: Array  # (bodies, nv) 1 where the column moves the body, else 0
+    precedes: BoolArray  # (nv, nv) whether column i moves the body of column j, and so its screw
 
 
 @lru_cache(maxsize=64)
 def tree_columns(mechanism: Mechanism) -> TreeColumns:
-    """Return the table of which velocity columns move which bodies and axes."""
+    """Return the table of bodies and screws that each column moves."""
     model = mechanism.model
     owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
     carried = carrying_joints(model, np.arange(model.njoints))
@@ -40,17 +40,20 @@ def tree_columns(mechanism: Mechanism) -> TreeColumns:
 
 
 def bracket(a: Array, b: Array) -> Array:
-    """Compute the bracket of screws (..., 6): the rate of a screw b that moves with twist a."""
+    """Compute the bracket of screws (..., 6): the rate of a screw b on a body with twist a.
+
+    With a = (v, w) and b = (c, u) it is (w x c + v x u, w x u).
+    """
     parts = b.reshape(*b.shape[:-1], 2, 3)
-    turned = cross(a[..., None, 3:], parts)
-    turned[..., 0, :] += cross(a[..., :3], parts[..., 1, :])
-    return turned.reshape(*turned.shape[:-2], 6)
+    rates = cross(a[..., None, 3:], parts)
+    rates[..., 0, :] += cross(a[..., :3], parts[..., 1, :])
+    return rates.reshape(*rates.shape[:-2], 6)
 
 
 def loop_curvature(mechanism: Mechanism, rows: LoopRows, frames: FrameStack, multipliers: Array) -> Array:
     """Compute the derivative d(J' lambda)/dq (T, nv, nv) of loop forces at fixed multipliers (T, m).
 
-    Row i, column j is the change of the force on joint i when joint j moves.
+    Row i, column j is the change of the force on joint i by a unit motion of joint j.
     """
     units = np.eye(mechanism.nv)[None]
     wrenches = base_wrenches(rows, frames)
@@ -68,19 +71,21 @@ def loop_force_changes(
     """Compute changes (T, k, nv) of the loop forces J' lambda by motions (T, k, nv).
 
     The multipliers lambda (T, m) are constant. The force on joint i is S_i . W_i, with W_i the sum of the
-    loops' `wrenches` (T, m, 6) that it carries. S_i changes with the joints that precede i, W_i with the
-    frames.
+    loops' `wrenches` (T, m, 6) on the bodies that joint i carries. S_i changes with the joints that precede
+    i, and W_i with the frames.
     """
     screws, placements = frames.screws, frames.placements[:, None]
     carried = (multipliers[..., None] * rows.joint_signs(frames.carried)).swapaxes(1, 2)  # (T, nv, m)
-    steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) the twist of each joint's own motion
-    changes = wrench_changes(rows, placements, move_frames(frames.carried @ steps, placements))
-    displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps
+    steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) twists by the motion of each joint alone
+    frame_changes = move_frames(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
+    changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
     by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
-    return by_wrenches + dot(displacements, turned_wrenches(screws, carried @ wrenches)[:, None])
+    displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # Phi (T, k, nv, 6)
+    by_screws = dot(displacements, bracket_wrenches(screws, carried @ wrenches)[:, None])
+    return by_wrenches + by_screws
 
 
-def turned_wrenches(screws: Array, wrenches: Array) -> Array:
+def bracket_wrenches(screws: Array, wrenches: Array) -> Array:
     """Compute the wrenches (T, nv, 6) whose power on a twist V is [V, S] . W.
 
     For screws S = (v, w) and wrenches W = (f, m), (T, nv, 6), they are (w x f, v x f + w x m).

@@ -1,8 +1,8 @@
 """Poses, joint screws and motions of a robot's frames for a stack of configurations.
 
-This module and those of forces loop over configurations in Python, to call pinocchio; all else is stacked
-numpy. Twists are (linear, angular) on the axes of the base frame. Twists of frames are taken at the
-frame's origin (pinocchio's LOCAL_WORLD_ALIGNED), screws of joints at the origin of the base (WORLD).
+This module and those of forces call pinocchio in a Python loop over configurations; everything else works on
+stacks in numpy. Twists are (linear, angular) on the axes of the base. Twists of frames refer to the frame's
+origin (pinocchio's LOCAL_WORLD_ALIGNED), screws of joints to the origin of the base (WORLD).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class FrameStack(NamedTuple):
     """Frames (F, `Mechanism.frames`) of the robot and screws of its joints at T configurations."""
 
     placements: Array  # (T, F, 4, 3) the three axes of each frame, then its origin [m]
-    screws: Array  # (T, nv, 6) twists at the base's origin of the bodies that a joint carries, for unit rates
+    screws: Array  # (T, nv, 6) twists, at the base's origin, that unit rates give to the carried bodies
     carried: Array  # (F, nv) 1 where the joint carries the frame, else 0
     q: Array  # (T, nq)
 
@@ -42,17 +42,17 @@ class FrameStack(NamedTuple):
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
     def frame_jacobian(self, frame: int) -> Array:
-        """Compute the Jacobian (T, 6, nv) of one of the frames at its origin, base axes."""
-        linear, angular = self.screws[..., :3], self.screws[..., 3:]  # (T, nv, 3)
-        at_origin = linear + cross(angular, self.position[:, frame, None])
-        twists = np.concatenate([at_origin, angular], axis=2) * self.carried[frame][:, None]
+        """Compute the Jacobian (T, 6, nv) of one frame at its origin, base axes."""
+        twists = self.screws.copy()  # (T, nv, 6)
+        twists[..., :3] += cross(self.screws[..., 3:], self.position[:, frame, None])
+        twists *= self.carried[frame][:, None]
         return twists.swapaxes(1, 2)
 
 
 class FrameMotions(NamedTuple):
-    """Twists of F frames at T instants, and velocities and accelerations of their axes and origins.
+    """Twists of F frames at T instants, with velocities and accelerations of axes and origins.
 
-    A twist (v, w) is that at the base's origin: of the point of the frame's body that is there.
+    A twist (v, w) refers to the base's origin: v is the velocity of the body's point that is there.
     """
 
     twist: Array  # (T, F, 6)
@@ -61,9 +61,9 @@ class FrameMotions(NamedTuple):
 
     @staticmethod
     def of(placements: Array, twist: Array, twist_rate: Array) -> FrameMotions:
-        """Return the motions of frames placed at c (..., F, 4, 3) with twists (..., F, 6).
+        """Compute the motions of frames placed at c (..., F, 4, 3) with twists (..., F, 6).
 
-        Axes have c' = w x c, origins c' = v + w x c. So accelerations are c" = dw/dt x c (+ dv/dt) + w x c'.
+        Axes move by c' = w x c, origins by c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt of origins.
         """
         velocity = move_frames(twist, placements)
         acceleration = move_frames(twist_rate, placements) + turn_vectors(twist, velocity)
@@ -82,10 +82,10 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
 
 
 def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Model]) -> FrameStack:
-    """Collect poses of frames and screws of joints that pinocchio computes one after the other.
+    """Collect poses of frames and screws of joints while pinocchio computes one q[k] after the other.
 
     Args:
-        compute: computes joints and their screws at q[k] in the memory of `scratch`; returns the model.
+        compute: computes joints and their screws at q[k] in the memory of `scratch`; returns the model used.
     """
     placements = np.empty((len(q), *scratch.placements.shape))  # (T, frames of the model, 12)
     screws = np.empty((len(q), *scratch.columns.shape))
@@ -108,16 +108,16 @@ def turn_vectors(twist: Array, vectors: Array) -> Array:
 
 
 def move_frames(twist: Array, placements: Array) -> Array:
-    """Compute velocities (..., F, 4, 3) of axes and origins for twists (..., F, 6) at the base's origin."""
+    """Compute velocities (..., F, 4, 3) of axes and origins for twists (..., F, 6)."""
     velocities = turn_vectors(twist, placements)
     velocities[..., 3, :] += twist[..., :3]
     return velocities
 
 
 def move_wrench(wrench: Array, arm: Array) -> Array:
-    """Refer wrenches (..., 6) to another point, from which arms (..., 3) lead to their own point.
+    """Refer wrenches (..., 6) to another point, from which arms (..., 3) lead to the old one.
 
-    The moment becomes m + arm x f; the force f stays.
+    The moment becomes m + arm x f; the force f does not change.
     """
     moved = wrench.copy()
     moved[..., 3:] += cross(arm, wrench[..., :3])
@@ -125,17 +125,17 @@ def move_wrench(wrench: Array, arm: Array) -> Array:
 
 
 def frame_motions(mechanism: Mechanism, frames: FrameStack, v: Array) -> FrameMotions:
-    """Compute the motions of `frames` with joint rates v (T, nv) and no joint acceleration."""
+    """Compute the motions of `frames` at joint rates v (T, nv) without joint accelerations."""
     return move_with_bodies(mechanism, frames, body_twists(mechanism, frames.q, v, np.zeros_like(v)))
 
 
 def move_with_bodies(mechanism: Mechanism, frames: FrameStack, twists: Array) -> FrameMotions:
-    """Return the motions of `frames` on bodies with twists and rates (2, T, bodies, 6), see `body_twists`."""
+    """Compute the motions of `frames` on bodies with twists (2, T, bodies, 6) of `body_twists`."""
     return FrameMotions.of(frames.placements, *twists.take(scratch_of(mechanism).bodies, axis=2))
 
 
 def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
-    """Compute twists and their rates (2, T, bodies, 6) of all bodies, for joint rates v and a (T, nv)."""
+    """Compute twists and twist rates (2, T, bodies, 6) of all bodies for joint motions v, a (T, nv)."""
     scratch = scratch_of(mechanism)
     twists = np.empty((2, len(q), *scratch.velocities.shape))
     for k in range(len(q)):
@@ -147,29 +147,34 @@ def body_twists(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Array:
 
 def integrate(mechanism: Mechanism, q: Array, step: Array) -> Array:
     """Move configurations q (..., nq) by tangent vectors (..., nv), as pinocchio's `integrate`."""
-    if not mechanism.has_balls:  # integrating is adding
+    if not mechanism.has_balls:
         return q + step
-    model = mechanism.model
-    starts = np.broadcast_to(q, (*step.shape[:-1], model.nq)).reshape(-1, model.nq)
-    pairs = zip(starts, step.reshape(-1, model.nv), strict=True)
-    ends = [pin.integrate(model, *map(np.ascontiguousarray, pair)) for pair in pairs]
-    return np.array(ends).reshape(*step.shape[:-1], model.nq)
+    starts = np.broadcast_to(q, (*step.shape[:-1], mechanism.model.nq))
+    return _apply_to_pairs(pin.integrate, mechanism, starts, step).reshape(starts.shape)
+
+
+def _apply_to_pairs(
+    function: Callable[..., Array], mechanism: Mechanism, first: Array, second: Array
+) -> Array:
+    """Apply a function of pinocchio to pairs of vectors (..., k) and (..., l), one after the other."""
+    rows = (np.ascontiguousarray(stack).reshape(-1, stack.shape[-1]) for stack in (first, second))
+    return np.array([function(mechanism.model, *pair) for pair in zip(*rows, strict=True)])
 
 
 def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array:
-    """Return tangent vectors (..., nv) with motions (..., k) in some columns and zero elsewhere."""
+    """Return tangent vectors (..., nv) with motions (..., k) of some columns, zero elsewhere."""
     full = np.zeros((*motion.shape[:-1], mechanism.nv))
     full[..., columns] = motion
     return full
 
 
 def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, step: Array) -> Array:
-    """Move configurations q (..., nq) by steps (..., k) of some columns, the others at rest."""
+    """Move configurations q (..., nq) by steps (..., k) of some columns; the others rest."""
     return integrate(mechanism, q, full_motion(mechanism, columns, step))
 
 
 def largest_motion(mechanism: Mechanism, motion: Array) -> Array:
-    """Return the largest entry (T,) of tangent vectors (T, nv) [rad, robot lengths]."""
+    """Return the largest entries (T,) of tangent vectors (T, nv) [rad, robot lengths]."""
     return np.abs(motion / mechanism.column_scale).max(axis=1, initial=0.0)
 
 
@@ -177,43 +182,42 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
     """Compute tangent vectors (..., nv) from start (..., nq) to q (..., nq), as pinocchio's `difference`."""
     if not mechanism.has_balls:
         return q - start
-    model = mechanism.model
-    pairs = np.broadcast_arrays(start, q)
-    starts, ends = (np.ascontiguousarray(part).reshape(-1, model.nq) for part in pairs)
-    differences = [pin.difference(model, *pair) for pair in zip(starts, ends, strict=True)]
-    return np.array(differences).reshape(*pairs[0].shape[:-1], model.nv)
+    starts, ends = np.broadcast_arrays(start, q)
+    differences = _apply_to_pairs(pin.difference, mechanism, starts, ends)
+    return differences.reshape(*starts.shape[:-1], mechanism.nv)
 
 
-def _difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute d difference(start, q)/dq (T, nv, nv) along joint rates, start (nq,) to q (T, nq)."""
+def difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:
+    """Compute the derivative (T, nv, nv) of `difference` from start (nq,) to q (T, nq) along q."""
     by_end = pin.ArgumentPosition.ARG1
     rows = map(np.ascontiguousarray, q)
     return np.array([pin.dDifference(mechanism.model, start, row, by_end) for row in rows])
 
 
 def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
-    """Compute the generalised forces (T, nv) of forces (T, nv) that act along `difference` from `start`.
+    """Compute the generalised forces (T, nv) of forces (T, nv) along `difference` from `start`.
 
-    With D the derivative of the difference at q (T, nq) they are D' force. Only on balls D is not 1: a
-    rotation vector is no coordinate of the angular velocity.
+    They are D' force, with D the derivative of the difference at q (T, nq). D is the identity except on
+    balls, whose angular velocity is not the rate of the rotation vector.
     """
     if not (mechanism.has_balls and force.any()):
         return force
-    return matvec(_difference_jacobian(mechanism, start, q).swapaxes(1, 2), force)
+    return matvec(difference_jacobian(mechanism, start, q).swapaxes(1, 2), force)
 
 
 def forces_on_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
-    """Compute the derivative (T, nv, nv) of the `forces_on_joints` of springs of a stiffness (nv,).
+    """Compute the derivative (T, nv, nv) of the `forces_on_joints` of springs with stiffness (nv,).
 
-    A ball has the same stiffness about all axes, so its torque is this stiffness times its rotation vector.
+    D' does not appear: a ball has equal stiffness about all axes, so its torque is along its rotation vector,
+    which D' does not change.
     """
     if not mechanism.has_balls:
         return np.broadcast_to(np.diag(stiffness), (len(q), mechanism.nv, mechanism.nv))
-    return stiffness[:, None] * _difference_jacobian(mechanism, start, q)
+    return stiffness[:, None] * difference_jacobian(mechanism, start, q)
 
 
 def difference_rates(mechanism: Mechanism, start: Array, q: Array, v: Array) -> Array:
     """Compute the rates (T, nv) of `difference` from start (nq,) to q (T, nq) at joint rates v (T, nv)."""
     if not mechanism.has_balls:
         return v
-    return matvec(_difference_jacobian(mechanism, start, q), v)
+    return matvec(difference_jacobian(mechanism, start, q), v)

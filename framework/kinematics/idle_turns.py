@@ -1,15 +1,16 @@
 """The motion of idle turns, which neither the platform nor the loops determine.
 
-A rod between two balls may turn about its own line without moving a centre of mass. Such a turn rests if
-nothing acts on it. Balls with damping drive it; so do balls with armature where none has damping. With G the
-values of damping or armature on the diagonal and Z(q) the motion of the turn alone,
+A rod between two balls may turn about its own line without moving a centre of mass. The turn rests if nothing
+acts on it. Damping in the balls drives it; without damping, armature in the balls does. With G the diagonal
+matrix of damping or armature and Z(q) the motion of the turn alone,
 
-    Z' G v = 0        no torque of the damping along the turn; no angular momentum of the armature
+    Z' G v = 0        no damping torque along the turn, or no angular momentum of the armature
     Z' G a = -dZ/dt' G v
 
-So the rates remain a function of the pose, linear in those of the platform, as the laws need it. Only balls
-count whose three values are alike, since their effect does not depend on the angle of the turn. The torque
-that the other of the two and the rod's own inertia leave is measured by `dynamics.residuals`.
+So the rates of the turn remain a function of the pose, linear in the rates of the platform, as motion laws
+need it. Only balls with equal values about all three axes count, because their effect does not depend on the
+angle of the turn. `dynamics.residuals` measures the torque that remains: of armature beside damping, and of
+the rod's own inertia.
 """
 
 from __future__ import annotations
@@ -30,19 +31,19 @@ class IdleTurns:
     """The k idle turns at T instants."""
 
     motions: Array  # Z (T, nv, k): the motion of each turn alone
-    rows: Array  # Z' G (T, k, nv), of a resting turn the unit row of its joint
-    weights: Array  # G (k, nv) of each turn; zero where it rests
+    rows: Array  # Z' G (T, k, nv); for a resting turn the unit row of its joint
+    weights: Array  # G (k, nv) of each turn; zero for a resting turn
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to rates (..., T, nv), with Z' G (rates + Z y) = right (T, k)."""
+        """Add turns Z y to rates (..., T, nv) by Z' G (rates + Z y) = right (T, k)."""
         missing = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
-        """Compute the time derivative (T, k, nv) of `rows`, given that of dF/dq (T, n + m, nv)."""
+        """Compute the time derivative (T, k, nv) of `rows` from that of dF/dq (T, n + m, nv)."""
         rates = _closing_motions(robot, linearised, jacobian_rate @ self.motions)
-        return rates.transpose(0, 2, 1) * self.weights
+        return rates.swapaxes(1, 2) * self.weights
 
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
@@ -51,26 +52,20 @@ def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns |
     if not weights.any():
         return None
     motions = turn_motions(robot, linearised)
-    rows = motions.transpose(0, 2, 1) * weights
+    rows = motions.swapaxes(1, 2) * weights
     for k in np.flatnonzero(~weights.any(axis=1)):
-        rows[:, k, robot.structure.idle[k]] = 1.0
+        rows[:, k, robot.structure.idle[k]] = 1.0  # the turn rests
     return IdleTurns(motions, rows, weights)
 
 
 def driven_turns(robot: ParallelRobot) -> IntArray:
-    """Return the idle columns whose turns the balls drive.
-
-    Damping or armature of balls drives a turn; the other idle columns rest.
-    """
+    """Return the idle columns whose turns are driven by damping or armature of balls."""
     return robot.structure.idle[_driving_weights(robot).any(axis=1)]
 
 
 @lru_cache(maxsize=16)
 def _driving_weights(robot: ParallelRobot) -> Array:
-    """Return G (k, nv): the damping of the balls that each idle turn moves.
-
-    Without damping it is their armature.
-    """
+    """Return G (k, nv): damping, else armature, of the balls that each idle turn moves."""
     weights = np.zeros((len(robot.structure.idle), robot.nv))
     damping = _isotropic_ball_values(robot, robot.joint_damping)
     armature = _isotropic_ball_values(robot, robot.model.armature)
@@ -94,7 +89,7 @@ def _isotropic_ball_values(robot: ParallelRobot, values: Array) -> Array:
 
 
 def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute Z (T, nv, k): the joint motions of each idle joint's turn, all others at rest."""
+    """Compute Z (T, nv, k): all joint rates at unit rate of one idle joint, the others at rest."""
     idle = robot.structure.idle
     motions = _closing_motions(robot, linearised, linearised.jacobian[:, :, idle])
     motions[:, idle] = np.eye(len(idle))
@@ -103,7 +98,7 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
     """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
-    closing = -linearised.factors.solve(gaps.transpose(2, 0, 1))  # (k, T, moving)
-    motions = np.zeros((len(gaps), robot.nv, gaps.shape[2]))
-    motions[:, robot.moving] = closing.transpose(1, 2, 0)
+    closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
+    motions = np.zeros((len(gaps), robot.nv, len(closing)))
+    motions[:, robot.moving] = np.moveaxis(closing, 0, 2)
     return motions

@@ -1,16 +1,16 @@
 """Inverse kinematics: Newton's method on the loops at prescribed platform coordinates.
 
-With x and the deflections q_e given, F(q) = [platform(q) - x ; closures(q)] = 0 fixes all other
-coordinates. Its Jacobian along them is square and regular everywhere but in Type 1 singularities; in
-particular Type 2 singularities do not trouble it. With the motors prescribed instead (`close_each` without
-x), closures(q) = 0 fixes the passive joints, but at Type 2. The reference of a robot, where neither is
-prescribed, is closed by `assembly`; the start of a simulation, its witness, by its own code.
+At given x and deflections q_e, F(q) = [platform(q) - x ; closures(q)] = 0 determines all other coordinates.
+The Jacobian along these is square, and regular except at Type 1 singularities; Type 2 singularities do not
+matter. If the motors are prescribed instead (`close_each` without x), closures(q) = 0 determines the passive
+joints, except at Type 2. `assembly` closes the reference, where neither is prescribed. The simulation, an
+independent check, closes its start with its own code.
 
-None of these equations fixes the spin of a rod between two balls. Planning holds the rate of such a spin at
-zero about axes that move with the rod. The resulting angle depends on all earlier poses, steps of Newton's
-method included, so it is no smooth function of time to the last digits. Where configurations are
-interpolated, `remove_idle_spin` turns the ball until its rotation vector from the start of the branch has no
-component along the axis. No force depends on the difference, as no centre of mass moves.
+None of these equations determines the spin of a rod between two balls. Planning holds the rate of this spin
+at zero about axes that move with the rod. The resulting angle depends on all earlier poses, Newton iterates
+included, so its last digits are not a smooth function of time. Before configurations are interpolated,
+`remove_idle_spin` turns the ball until its rotation vector from the start of the branch has no component
+along the axis. No force depends on this turn, because it moves no centre of mass.
 """
 
 from __future__ import annotations
@@ -21,33 +21,28 @@ import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled
 from framework.kinematics.assembly import MAX_NEWTON_STEP
-from framework.kinematics.frames import (
-    difference,
-    difference_rates,
-    integrate,
-    integrate_columns,
-)
+from framework.kinematics.frames import difference, difference_jacobian, integrate, integrate_columns
 from framework.kinematics.idle_turns import turn_motions
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import ball_columns
-from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.arrays import Array, BoolArray
 from framework.tolerances import NEWTON_STEP
 
-ROUNDING_STEP = 2e-15  # a step of rounding (angles near 2 pi are 1e-15 apart): the loops are closed before it
+ROUNDING_STEP = 2e-15  # a step this small is rounding and not taken: angles near 2 pi are 1e-15 apart
 MAX_ITERATIONS = 25
-SPIN_ROUNDING = 1e-15  # [rad] of the component
-MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # Newton steps towards it, [rad] that one may turn
+SPIN_ROUNDING = 1e-15  # [rad] spin that counts as zero
+MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # number of Newton steps; [rad] largest turn in one step
 
 
 def require_square(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless x and the loops determine all joints, with enough motors."""
+    """Raise InvalidInput unless x and the loops determine all joints and the motors suffice."""
     require_joints_close(robot)
     require_mobility(robot)
 
 
 def require_joints_close(robot: ParallelRobot) -> None:
-    """Raise InvalidInput where springs alone can close a loop."""
+    """Raise InvalidInput if only springs can close a loop."""
     springs_alone = robot.structure.springs_alone
     if springs_alone:
         raise InvalidInput(
@@ -58,10 +53,7 @@ def require_joints_close(robot: ParallelRobot) -> None:
 
 
 def require_mobility(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless platform axes are as many as freedoms.
-
-    Motors must not be fewer.
-    """
+    """Raise InvalidInput unless n equals the mobility and n_a is no smaller."""
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops
@@ -74,18 +66,18 @@ def require_mobility(robot: ParallelRobot) -> None:
 
 
 def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
-    """Close all loops at platform coordinates x (T, n), from guess (T, nq) near the solution.
+    """Close all loops at platform coordinates x (T, n), from guesses (T, nq) near the solution.
 
-    The elastic coordinates keep the values of the guess.
+    The elastic coordinates keep the values of the guesses.
 
     Raises:
-        NotAssembled: some instant does not close; carries its last iterate and residual.
+        NotAssembled: an instant does not close; carries its last iterate and residual.
     """
     q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
         return ClosedStack(q, x, linearised)
     gaps = np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1)
-    worst = int(np.argmax(np.where(closed, 0.0, gaps)))
+    worst = np.argmax(np.where(closed, 0.0, gaps))
     residual = float(np.abs(linearised.residual[worst]).max())
     raise NotAssembled(
         f"{robot.name}: the loops do not close at {robot.place(x[worst])}: "
@@ -99,8 +91,8 @@ class NewtonResult(NamedTuple):
     """The result of Newton's method at T instants."""
 
     q: Array  # (T, nq)
-    linearised: LinearisedLoops  # the equations there
-    closed: BoolArray  # (T,) whether the last step was rounding
+    linearised: LinearisedLoops  # at q
+    closed: BoolArray  # (T,) whether the last step was small enough
 
 
 def close_each(
@@ -112,27 +104,27 @@ def close_each(
     farthest: float = np.inf,
     last_step: float = NEWTON_STEP,
 ) -> NewtonResult:
-    """Close the loops near guesses (T, nq) by Newton's method, each instant for itself.
+    """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
 
-    At platform coordinates x (T, n) all joints move, without x the passive ones. Springs keep the deflections
-    of the guess. Steps are cut to `MAX_NEWTON_STEP`. Instants where the equations are singular, or a step is
-    too large, are left out: they are not `closed`, and the others go on.
+    At platform coordinates x (T, n) all joints move; without x only the passive joints do. Springs keep the
+    deflections of the guess. Steps are scaled down to `MAX_NEWTON_STEP`. An instant where the equations are
+    singular, or where a step is too large, is given up: it is not `closed`, and the others go on.
 
     Args:
-        farthest: largest step that is taken [rad, lengths of the robot].
-        last_step: an instant is closed after a step as small as this, to about its square.
+        farthest: largest step that is accepted [rad, lengths of the robot].
+        last_step: a step as small as this closes an instant, with an error of about its square.
     """
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
     q = guess.copy()
-    live = np.arange(len(q))  # instants not left out
-    size = np.full(len(q), np.inf)  # of their last steps [rad, lengths]
+    live = np.arange(len(q))  # instants that are not given up
+    size = np.full(len(q), np.inf)  # of the last steps of live instants [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
         if iteration == iterations or size.max(initial=0.0) < last_step:
             break
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
-        if not regular.all():  # spoils all that are factored with it: once more without it
+        if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
             live, size = live[regular], np.full(np.count_nonzero(regular), np.inf)
             continue
         steps = steps / lengths
@@ -153,9 +145,9 @@ def close_each(
 def _newton_steps(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
 ) -> tuple[Array, BoolArray]:
-    """Compute Newton's steps (T, k) of the joints that move, and whether each instant is regular (T,).
+    """Compute Newton's steps (T, k) of the moving joints, and whether each instant is regular (T,).
 
-    Steps mean nothing unless all instants are regular.
+    The steps are valid only if all instants are regular.
     """
     if at_motors:
         residual, factors = linearised.residual[:, robot.n :], linearised.passive_factors
@@ -166,35 +158,30 @@ def _newton_steps(
     except np.linalg.LinAlgError:
         return residual, factors.slogdet[0] != 0
     has_residual = np.asarray(np.isfinite(residual).all(axis=1))
-    if not has_residual.all():  # they spoil the steps of all others
+    if not has_residual.all():  # a residual that is not finite spoils the steps of all others
         return steps, has_residual
     return steps, np.asarray(np.isfinite(steps).all(axis=1))
-
-
-def idle_ball_columns(robot: ParallelRobot) -> IntArray:
-    """Return the idle entries of the velocity vector that belong to balls."""
-    idle = robot.structure.idle
-    return idle[np.isin(idle, ball_columns(robot.model))]
 
 
 def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) -> Array:
     """Turn the k idle balls of q (T, nq) at x (T, n) to zero spin from `origin` (nq,).
 
     The spin is the idle component of the rotation vector from the origin. Newton's method for the angles of
-    the turns makes it zero; the loops are closed again after each step.
+    the turns makes the spin zero; the loops are closed again after each step.
 
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.
     """
-    idle = idle_ball_columns(robot)
-    is_ball = np.isin(robot.structure.idle, idle)  # of all idle joints
-    for _ in range(MAX_SPIN_STEPS if len(idle) and len(q) else 0):
+    is_ball = np.isin(robot.structure.idle, ball_columns(robot.model))  # of each idle joint
+    if not (len(q) and is_ball.any()):
+        return q
+    idle = robot.structure.idle[is_ball]  # (k,)
+    for _ in range(MAX_SPIN_STEPS):
         spin = difference(robot, origin, q)[:, idle]  # (T, k)
         if np.abs(spin).max() <= SPIN_ROUNDING:
             break
         turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, is_ball]  # (T, nv, k)
-        rates = [difference_rates(robot, origin, q, turns[:, :, k])[:, idle] for k in range(len(idle))]
-        slope = np.stack(rates, axis=2)  # (T, k, k) derivative of the spin by the turns
+        slope = difference_jacobian(robot, origin, q)[:, idle] @ turns  # (T, k, k) of the spin
         angles = np.linalg.solve(slope, -spin[:, :, None])  # (T, k, 1)
         angles /= np.maximum(np.abs(angles).max(axis=1, keepdims=True) / MAX_SPIN_STEP, 1.0)
         turned = integrate(robot, q, (turns @ angles)[:, :, 0])

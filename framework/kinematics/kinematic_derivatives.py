@@ -1,12 +1,13 @@
 """Exact derivatives of the pose and of A, B, C along the motors and along the springs, loops closed.
 
-F = [platform - x ; closures]. With the motors at rest the passive joints close the gap of a deflection,
-P dq_p = -dc, and move the platform. With the platform at rest all joints follow. A, B and C change with the
-wrenches and screws in dF/dq (`jacobian_rates`), in the basis of `matrices_and_rates`.
+F = [platform - x ; closures]. When a deflection opens the loops while the motors rest, the passive joints
+close them, P dq_p = -dc, and the platform moves. When the platform rests, all joints follow the deflection.
+A, B and C change with the wrenches and screws in dF/dq (`jacobian_rates`), in the basis of
+`matrices_and_rates`.
 
-Springs are any joints added to those of the robot: the geometric parameters of a robot are the springs of
-`framework.identification.geometry.parametrise_geometry(robot).model`, and these are the derivatives along
-them.
+Springs may be any joints added to those of a robot. The geometric parameters of a robot are the springs of
+`framework.identification.geometry.parametrise_geometry(robot).model`, so this module also computes
+derivatives along geometric parameters.
 """
 
 from __future__ import annotations
@@ -25,14 +26,13 @@ from framework.kinematics.motion_rates import jacobian_rates, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.velocity_matrices import matrices_and_changes
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
-from framework.tolerances import RANK_LOST
 
 
 @dataclass(frozen=True, eq=False)
 class PoseSlopes(ReadOnlyArrays):
-    """Derivatives of a pose along k joints: of joints q, platform x, and A, B, C of `velocity_matrices`."""
+    """Derivatives of joints q, platform x and `velocity_matrices` A, B, C of a pose along k joints."""
 
-    q: Array  # (nv, k) along pinocchio's velocity vector
+    q: Array  # (nv, k) as tangent vectors
     x: Array  # (n, k) of the platform's coordinates [m, rad]
     A: Array  # (k, m, n)
     B: Array  # (k, m, n_a)
@@ -45,8 +45,8 @@ class KinematicDerivatives(ReadOnlyArrays):
 
     Attributes:
         motors: along the motors' joints, joint side of the gears, at constant deflections.
-        springs: along the deflections q_e, with the motors at rest.
-        q_a: (n_a, n_e) of the motors' joints along the deflections, with the platform at rest.
+        springs: along the deflections q_e, motors at rest.
+        q_a: (n_a, n_e) of the motors' joints along the deflections, platform at rest.
     """
 
     motors: PoseSlopes
@@ -57,11 +57,12 @@ class KinematicDerivatives(ReadOnlyArrays):
 def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) -> KinematicDerivatives:
     """Compute the derivatives of a pose q (nq,) along motors and springs.
 
-    Loop equations that springs alone can close stay open, such as those of planar robots across their plane.
+    Loop equations that only springs can close stay open, for instance those of planar robots out of their
+    plane.
 
     Raises:
-        InvalidInput: q is not assembled; motors that depend on one another, or a platform that does not
-            determine the joints.
+        InvalidInput: q is not assembled; motors depend on one another; or the platform does not determine the
+            joints.
         SingularPose: the motors do not determine the pose (Type 2).
         NotAssembled: the platform does not determine the joints (Type 1).
     """
@@ -69,14 +70,14 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
     require_mobility(robot)
     check_motors_are_free(robot)
     linearised = closed.linearised
-    if len(find_near_type2(robot, linearised, RANK_LOST)):
+    if len(find_near_type2(robot, linearised)):
         raise SingularPose(
             f"{robot.name}: at {robot.place(closed.x[0])} the motors do not hold "
             f"the robot (Type 2), and the pose has no derivative along them",
             platform=closed.x[0],
         )
-    gaps = linearised.jacobian[:, :, robot.elastic].transpose(2, 0, 1)  # that the moving joints close
-    joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), the motors first
+    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)  # (n_e, 1, n + m)
+    joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), motors first
     return KinematicDerivatives(
         motors=_pose_derivatives(robot, closed, robot.actuated),
         springs=_pose_derivatives(robot, closed, robot.elastic),
@@ -85,14 +86,15 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
 
 
 def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
-    """Compute the derivatives of pose and matrices along k joints, loops closed by the passive ones."""
+    """Compute the derivatives of pose and matrices along k joints; passive joints close the loops."""
+    linearised = closed.linearised
     steps = np.eye(robot.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):
-        gaps = closed.linearised.closures[0][:, columns].T  # (k, m) that open when the passive joints rest
-        steps[:, robot.following] = -closed.linearised.passive_factors.solve(gaps[:, None])[:, 0]
-    copies = closed.linearised.select(np.zeros(len(columns), dtype=np.intp))  # the pose once for each joint
+        gaps = linearised.closures[0][:, columns].T  # (k, m) that these rates open
+        steps[:, robot.following] = -linearised.passive_factors.solve(gaps[:, None])[:, 0]
+    copies = linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
     jacobian_changes, _ = jacobian_rates(robot, copies, steps)
     _, changes = matrices_and_changes(robot, copies, jacobian_changes)
-    twist = closed.linearised.platform[0] @ steps.T  # (n, k)
-    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twist)  # v = E dx
-    return PoseSlopes(q=steps.T, x=dx, A=changes.A, B=changes.B, C=changes.C)
+    twists = linearised.platform[0] @ steps.T  # (n, k)
+    dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # v = E dx
+    return PoseSlopes(steps.T, dx, *changes)

@@ -1,7 +1,8 @@
-"""The platform and the loops of a robot as one system F(q) = 0, with its derivatives at given configurations.
+"""Platform and loops of a robot as one system F(q) = 0, with dF/dq at given configurations.
 
-F(q) = [platform(q) - x ; closures(q)]: n equations of the platform, m independent ones of the loops. Every
-matrix of the robot (A, B, C, the P of Type 2, the matrix of Type 1) is made of the rows and columns of dF/dq.
+F(q) = [platform(q) - x ; closures(q)] has n equations of the platform and m independent ones of the loops.
+Every matrix of the robot (A, B, C, the P of Type 2, the matrix of Type 1) consists of rows and columns of
+dF/dq.
 """
 
 from __future__ import annotations
@@ -27,20 +28,17 @@ class LinearisedLoops:
 
     equations: Equations
     frames: FrameStack
-    loops: LoopWrenches  # all loop equations of the robot, those dropped as redundant too
+    loops: LoopWrenches  # all loop equations of the robot, redundant ones included
     residual: Array  # (T, n + m)
-    wrenches: Array  # (T, n + m, 6) of platform and independent loops about the base's origin
+    wrenches: Array  # (T, n + m, 6) of platform and independent loops, about the base's origin
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at one of the configurations (T = 1), or at several.
-
-        If these are all, they are the equations themselves, with their factors.
-        """
+        """Return the equations at one configuration (T = 1) or at several."""
         every = np.arange(len(self.residual))
         which = np.atleast_1d(every[k])
         if np.array_equal(which, every):
-            return self
+            return self  # with the LU factors computed so far
         return LinearisedLoops(
             equations=self.equations,
             frames=self.frames.select(which),
@@ -52,17 +50,17 @@ class LinearisedLoops:
 
     @property
     def gap(self) -> Array:
-        """Largest of all loop equations (T,) [m or rad], redundant ones too."""
+        """Largest residual (T,) of all loop equations, redundant ones included [m or rad]."""
         return np.abs(self.loops.residual).max(axis=1, initial=0.0)
 
     @property
     def platform(self) -> Array:
-        """The platform's rows of dF/dq, (T, n, nv)."""
+        """Rows of dF/dq of the platform, (T, n, nv)."""
         return self.jacobian[:, : self.equations.n]
 
     @property
     def closures(self) -> Array:
-        """The loop equations' rows of dF/dq, (T, m, nv)."""
+        """Rows of dF/dq of the independent loops, (T, m, nv)."""
         return self.jacobian[:, self.equations.n :]
 
     @cached_property
@@ -76,23 +74,23 @@ class LinearisedLoops:
 
     @cached_property
     def passive_factors(self) -> Factors:
-        """LU factors of P (T, m, m): the loop equations along the passive joints.
+        """LU factors of P (T, m, m), the derivatives of the loops along the passive joints.
 
         Raises:
             numpy.linalg.LinAlgError: there are not as many loop equations as columns.
         """
         return self._factor(self.equations.passive_part, "the loops along passive joints")
 
-    def _factor(self, part: SquarePart | None, what: str) -> Factors:
-        """Factor a part (T, k, k) of dF/dq; refuse one that is not square."""
+    def _factor(self, part: SquarePart | None, subject: str) -> Factors:
+        """Factor a part (T, k, k) of dF/dq; raise LinAlgError about `subject` if the part is None."""
         if part is None:
-            raise np.linalg.LinAlgError(f"{what} do not make a square system")
+            raise np.linalg.LinAlgError(f"{subject} do not make a square system")
         return part.factor(self.jacobian)
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedStack:
-    """Configurations `q` (T, nq) on the prescribed `x` (T, n), with their `linearised` equations."""
+    """Configurations `q` (T, nq) at platform coordinates `x` (T, n), with their `linearised` equations."""
 
     q: Array
     x: Array
@@ -100,20 +98,20 @@ class ClosedStack:
 
 
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
-    """Compute F and dF/dq at q (T, nq) and platform x (T, n).
+    """Compute F and dF/dq at q (T, nq) and platform coordinates x (T, n).
 
-    Without x the platform's own coordinates at q are taken.
+    If x is None, the platform is taken where q puts it, and its residual is zero.
     """
-    equations, n = robot.equations, robot.n
+    equations, independent, n = robot.equations, robot.structure.independent, robot.n
     frames = frames_at(robot, q)
     loops = loop_wrenches(robot.rows, frames)
     residual = np.zeros((len(q), len(equations.bodies)))
     if x is not None:
         residual[:, :n] = robot.platform.residual(frames, x)
-    residual[:, n:] = loops.residual.take(robot.structure.independent, axis=1)
-    wrenches = np.empty((len(q), len(equations.bodies), 6))
+    residual[:, n:] = loops.residual.take(independent, axis=1)
+    wrenches = np.empty((*residual.shape, 6))
     wrenches[:, :n] = robot.platform.wrenches(frames)
-    wrenches[:, n:] = loops.wrench.take(robot.structure.independent, axis=1)
+    wrenches[:, n:] = loops.wrench.take(independent, axis=1)
     wrenches = move_wrench(wrenches, frames.position.take(equations.bodies, axis=1))
     jacobian = equations.jacobian(wrenches, frames.screws)
     freeze(jacobian)
@@ -127,7 +125,7 @@ def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
-    """Return an assembled configuration q (nq,) with its linearised equations.
+    """Return an assembled configuration q (nq,) with its linearised equations, after a check.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.
@@ -136,7 +134,7 @@ def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: 
         InvalidInput: q has the wrong shape, is not finite, or leaves a loop open.
     """
     expect_robot(robot)
-    q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller's array may change
+    q = np.array(configuration(robot, q, stacks=stacks), ndmin=2)  # a copy: the caller may change its array
     linearised = linearised_at(robot, q, None)
     gaps = np.abs(linearised.loops.residual) / robot.row_lengths
     if gaps.max(initial=0.0) > FILE_ROUNDING:

@@ -1,6 +1,7 @@
-"""The matrices whose loss of rank is a singularity, without dimension: P of Type 2, and that of Type 1.
+"""The dimensionless matrices that lose rank at singularities: P at Type 2, the Type 1 matrix at Type 1.
 
-Rows are loop equations, columns joints, in radians and lengths of the robot, so that rank has a scale.
+Rows are equations, columns are joints, both in radians and lengths of the robot. So the singular values by
+which rank is judged do not depend on the unit of length.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from framework.numerics.arrays import Array, IntArray
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
 
-CHOLESKY_CLEARANCE = 1e-4  # singular values of P whose squares are above what rounding makes of P'P
+CHOLESKY_CLEARANCE = 1e-4  # least singular value of P whose square stands out of the rounding of P'P
 
 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -30,12 +31,12 @@ def scaled_platform(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def independent_loops_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the Jacobian (T, m, nv) of the independent loops, their rows brought to unit size."""
+    """Compute the Jacobian (T, m, nv) of the independent loops, rows scaled to unit size."""
     return scaled_loops(robot, linearised) / robot.structure.row_sizes[:, None]
 
 
 def passive_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute P (T, m, n_p), the loops' derivatives along passive joints, without dimension."""
+    """Compute P (T, m, n_p), the dimensionless derivatives of the loops along passive joints."""
     return linearised.closures[:, :, robot.following] * robot.passive_scale
 
 
@@ -45,58 +46,58 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     return values.min(axis=1, initial=np.inf)
 
 
-def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
-    """Find the indices, ascending, of the configurations whose `clearance` is below a level.
+def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArray:
+    """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST.
 
-    Usually there are none. That a Cholesky factor of P'P - c^2 exists proves it, at a tenth of the cost of
-    singular values: all of them are above c.
+    Usually there are none. The Cholesky factorisation of P'P - c^2 proves that at a tenth of the cost of
+    singular values: it succeeds only if all singular values are above c.
     """
     P = passive_matrix(robot, linearised)
     shifted = P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2])
     try:
         np.linalg.cholesky(shifted)
     except np.linalg.LinAlgError:
-        return np.flatnonzero(clearance(robot, linearised) < level)
+        return np.flatnonzero(clearance(robot, linearised) < RANK_LOST)
     return np.empty(0, dtype=np.intp)
 
 
 def equation_sizes(robot: ParallelRobot) -> Array:
-    """Compute the characteristic scale (n + m,) of each equation [m or rad], the platform's first."""
+    """Compute the characteristic size (n + m,) of each equation [m or rad], the platform's first."""
     loops = robot.loop_lengths * robot.structure.row_sizes
     return np.concatenate([robot.platform_scale, loops])
 
 
 def type2_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the square matrix (T, n_p, n_p) whose singularity is Type 2: P, or P'P with redundant motors.
+    """Compute the square matrix (T, n_p, n_p) that is singular at Type 2: P, else P'P.
 
-    With more motors than degrees of freedom P has more rows than columns; it loses rank at isolated
-    places at most, which P'P touches without crossing.
+    With redundant motors P has more rows than columns. It loses rank at isolated poses at most, where the
+    determinant of P'P vanishes without a change of sign.
     """
     P = passive_matrix(robot, linearised)
-    return P if P.shape[1] == P.shape[2] else P.transpose(0, 2, 1) @ P
+    return P if P.shape[1] == P.shape[2] else P.swapaxes(1, 2) @ P
 
 
 def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the dimensionless Jacobian (T, n + m, n + m) that inverse kinematics inverts.
+    """Compute the dimensionless Jacobian (T, n + m, n + m) of the inverse kinematics.
 
-    Rows: platform, loops; columns: actuated, passive joints. It is singular in Type 1 singularities, and
-    where the loop equations lose rank.
+    Rows: platform, loops; columns: actuated, passive joints. It is singular at Type 1 singularities and where
+    the loop equations lose rank.
     """
     rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
     return np.concatenate(rows, axis=1)[:, :, robot.moving]
 
 
 def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
-    """Compute joint rates (..., nv) of dimensionless passive rates eta (..., n_p)."""
+    """Return joint rates (..., nv) for dimensionless passive rates eta (..., n_p)."""
     columns = robot.following
     return full_motion(robot, columns, eta * robot.column_scale[columns])
 
 
-def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float = RANK_LOST) -> IntArray:
-    """Count the ranks (T,) that the independent loop equations lose at T configurations.
+def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
+    """Compute by how much (T,) the rank of the independent loop equations drops.
 
-    A rank is lost with a singular value, in radians and robot lengths, below level times the largest, or
-    times 1 if that is more.
+    Each singular value, in radians and robot lengths, that is below `level` times the largest one, or times 1
+    if that is more, lowers the rank by one.
     """
     values = singular_values(scaled_loops(robot, linearised)[:, :, robot.moving])
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
@@ -104,10 +105,10 @@ def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: f
 
 
 def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the rates (k, f) of the `moving` joints that the loops of one configuration allow.
+    """Compute rates (k, f) of the `moving` joints in f motions that the loops allow (T = 1).
 
-    They are an orthonormal basis in radians and robot lengths, converted to joint rates. f is the number of
-    degrees of freedom, and more where the loop equations lose rank.
+    The motions are orthonormal in radians and robot lengths, before the conversion to joint rates. f is the
+    number of degrees of freedom, and more where the loop equations lose rank.
     """
     columns = robot.moving
     allowed = null_directions(scaled_loops(robot, linearised)[0][:, columns])

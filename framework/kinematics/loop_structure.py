@@ -1,8 +1,9 @@
-"""Independent loop equations and idle joints of a mechanism, decided once at its assembled reference.
+"""Independent loop equations and idle joints of a mechanism, determined once at its assembled reference.
 
-A planar robot written in 3D has loop equations out of its plane that follow from the others in all poses.
-Rank-revealing QR finds such redundant rows. A rank that drops at single poses is a singularity, see
-`singularity`. A reference with a lower rank than nearby poses is refused: its structure holds nowhere else.
+The loop equations of a planar robot described in 3D are redundant: those out of its plane follow from the
+others in every pose. A rank-revealing QR finds redundant rows. A rank that drops at single poses only is a
+singularity (see `singularity`). So a reference with a lower rank than nearby poses is refused: the structure
+found there would hold nowhere else.
 """
 
 from __future__ import annotations
@@ -23,25 +24,26 @@ from framework.numerics.ordered_sums import singular_values
 from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
 
-ODD_SIZE = 0.02  # a loop equation below this share of a unit motion, or above its inverse, is brought to it
+ODD_SIZE = 0.02  # rows with a largest entry below this, or above its inverse, are scaled to unit size
 
 
 @dataclass(frozen=True, eq=False)
 class LoopStructure(ReadOnlyArrays):
-    """The independent rows and idle joints of a mechanism, decided once at its reference."""
+    """The independent rows and idle joints of a mechanism, determined once at its reference."""
 
-    independent: IntArray  # (m,) ascending, of the mechanism's `rows`: equations that do not repeat others
-    dropped: IntArray  # (rows - m,) ascending, equations that repeat others
-    springs_alone: Names  # names of equations that springs can move and joints cannot
-    idle: IntArray  # passive joints that rest because their motion moves nothing
-    row_sizes: Array  # (m,) divides the independent equations where rank is judged
+    independent: IntArray  # (m,) ascending indices of independent equations in the mechanism's `rows`
+    dropped: IntArray  # (rows - m,) ascending indices of redundant equations
+    springs_alone: Names  # names of equations that only springs can change
+    idle: IntArray  # columns of passive joints that rest because their motion moves nothing
+    row_sizes: Array  # (m,) divisors that bring the independent equations to unit size for rank decisions
 
     @staticmethod
     def of(mechanism: Mechanism, passive: IntArray, matrices: Sequence[Array]) -> LoopStructure:
-        """Decide by `motion_matrix` at the reference, first of the `matrices`, and at poses nearby.
+        """Determine the structure from `motion_matrix` at the reference and at poses nearby.
 
         Args:
-            passive: entries of the velocity vector without a motor and without a spring.
+            passive: columns of the velocity vector without a motor and without a spring.
+            matrices: that of the reference first.
         """
         loops = matrices[0][-len(mechanism.rows.names) :]
         independent = independent_rows(loops[:, mechanism.joints])
@@ -56,62 +58,62 @@ class LoopStructure(ReadOnlyArrays):
         )
 
 
-def singular_reference_error(
+def refuse_singular_reference(
     mechanism: Mechanism, passive: IntArray, poses: Sequence[Array], matrices: Sequence[Array]
-) -> SingularReference | None:
-    """Return the error for a singular reference; None for a regular one.
+) -> None:
+    """Raise SingularReference if a rank at the reference is lower than at a nearby pose.
 
-    There the loops, or the loops and the platform along the passive joints, have a lower rank than at another
-    pose. `matrices` are those of `motion_matrix` at the `poses` (nq,), of which the first is the reference.
+    The ranks compared are that of the loops along all joints, and that of platform and loops along the
+    passive joints. `matrices` are those of `motion_matrix` at the `poses` (nq,), the reference first.
     """
-    at_reference, count = matrices[0], len(mechanism.rows.names)
-    for nearby in matrices[1:]:  # the loops' rows are the last `count`
-        rows = _rows_losing_rank(at_reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
-        joints = _rows_losing_rank(at_reference[:, passive].T, nearby[:, passive].T)
+    reference, *others = matrices
+    count = len(mechanism.rows.names)  # the last rows of each matrix are the loops
+    for nearby in others:
+        rows = _rows_losing_rank(reference[-count:, mechanism.joints], nearby[-count:, mechanism.joints])
+        joints = _rows_losing_rank(reference[:, passive].T, nearby[:, passive].T)
         if len(rows) or len(joints):
-            return SingularReference(
+            raise SingularReference(
                 mechanism.name,
                 rows=[mechanism.rows.names[k] for k in rows],
-                joints=[mechanism.coordinates.name_of(int(passive[k])) for k in joints],
+                joints=[mechanism.coordinates.name_of(passive[k]) for k in joints],
                 poses=[mechanism.reference_values(pose) for pose in poses[1:]],
             )
-    return None
 
 
 def independent_rows(matrix: Array) -> IntArray:
-    """Return the indices, ascending, of rows of a matrix that span all its rows."""
+    """Return the ascending indices of rows that form a basis of the row space."""
     return np.sort(pivot_rows(matrix)[: numerical_rank(matrix)])
 
 
 def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
-    """Return the names of loop equations that springs can move and joints cannot.
+    """Return the names of loop equations that only springs can change.
 
-    A closure with such an equation would hold by its springs alone, which no loop may rely on.
+    A closure with such an equation would be closed by its springs alone, and no loop may depend on that.
 
     Args:
         independent: rows that are independent along the joints.
-        matrices: those of `motion_matrix` at several poses; the loops are their last rows.
+        matrices: those of `motion_matrix` at several poses; their last rows are the loops.
     """
     if not len(mechanism.elastic):
         return ()
     names = mechanism.rows.names
     for matrix in matrices:
-        with_springs = independent_rows(matrix[-len(names) :])  # along all columns, those of springs too
-        if len(with_springs) > len(independent):  # the rank grows by rows that only springs move
+        with_springs = independent_rows(matrix[-len(names) :])  # along all columns, springs included
+        if len(with_springs) > len(independent):
             return tuple(names[row] for row in np.setdiff1d(with_springs, independent))
     return ()
 
 
 def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
-    """Find a passive joint for each motion that moves neither platform nor loops.
+    """Find one passive joint for each motion that moves neither platform nor loops.
 
-    An example is the turn of a rod about its own axis. These motions are the null space of `motion_matrix` (n
-    + rows, n_p) along the passive joints. They carry no load as long as the body that they turn is balanced
-    about them; `dynamics.residuals` measures the load.
+    An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix` (n
+    + rows, n_p) along the passive joints. They carry no load if the turning body is balanced about its axis;
+    `dynamics.residuals` measures the load that remains.
     """
-    motions = null_directions(matrix, RANK_ROUNDING) if len(passive) else np.empty((0, 0))  # (c, n_p)
-    if not len(motions):
-        return passive[:0]
+    if not len(passive):
+        return passive
+    motions = null_directions(matrix, RANK_ROUNDING)  # (c, n_p)
     return np.sort(passive[pivot_rows(motions.T)[: len(motions)]])
 
 
@@ -123,37 +125,38 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
 
 
 def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
-    """Find the rows by which the rank of `nearby` exceeds that of `at_reference`, (rows, columns) both.
+    """Find the rows of `nearby` (rows, columns) that raise its rank above that of `at_reference`.
 
-    Rows that are independent at the reference span a space nearby. The rows sought are those that are
-    farthest from this space, one after the other.
+    Rows that are independent at the reference also span a space nearby. The rows sought are those farthest
+    from this space, chosen one after the other.
     """
     rank, rank_at_reference = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
     if rank_at_reference >= rank:
         return np.empty(0, dtype=np.intp)
     independent = pivot_rows(at_reference)[:rank_at_reference]
     span = np.linalg.qr(nearby[independent].T)[0]  # (columns, rank_at_reference) orthonormal
-    outside = nearby - nearby @ span @ span.T  # the parts of all rows across the span
+    outside = nearby - nearby @ span @ span.T  # components of all rows orthogonal to the span
     return np.sort(pivot_rows(outside)[: rank - rank_at_reference])
 
 
 def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
-    """Count singular values above `level` times the largest."""
+    """Count the singular values above `level` times the largest."""
     values = singular_values(matrix)
     return int(np.sum(values > level * values.max(initial=0.0)))
 
 
 def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 0) -> Array:
-    """Compute orthonormal vectors (c, k) that a matrix (m, k) maps to nearly zero, `at_least` so many.
+    """Compute orthonormal vectors (c, k) that a matrix (m, k) maps nearly to zero.
 
-    They are the right singular vectors of values below level times the largest, or times 1 if that is more.
+    They are the right singular vectors of singular values below `level` times the largest value, or times 1
+    if that is more. There are `at_least` so many, whatever the singular values.
     """
     return split_row_space(matrix, level, scale=(1.0, np.inf), at_least=at_least)[1]
 
 
 def pivot_rows(matrix: Array) -> IntArray:
-    """Order the rows of a matrix, each the farthest from the span of its predecessors."""
-    outside = matrix.copy()  # the part of each row outside of the span of the rows before `chosen`
+    """Order the rows of a matrix: each is the farthest from the span of its predecessors."""
+    outside = matrix.copy()  # components of all rows orthogonal to the rows chosen so far
     order = np.arange(len(matrix))
     for chosen in range(min(matrix.shape)):
         sizes = np.linalg.norm(outside[order[chosen:]], axis=1)
@@ -165,9 +168,9 @@ def pivot_rows(matrix: Array) -> IntArray:
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return the largest entry of each equation (m, columns) if far from 1, else 1, (m,).
+    """Return the largest entry (m,) of each equation (m, columns), or 1 if that is near 1.
 
-    An equation may be written in any unit, or as any multiple of itself, without being singular.
+    Scaling an equation, by a change of unit for instance, must not make it look singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
     is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)

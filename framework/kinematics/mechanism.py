@@ -1,6 +1,7 @@
-"""A mechanism as pinocchio sees it: the open tree with its springs, and the loops that are to close.
+"""A mechanism for pinocchio: the open tree with its springs, and the equations of its loops.
 
-Its loops may stay open. `check`, the search for a closed pose and the making of a `ParallelRobot` work on it.
+The loops need not close. `check`, the search for a closed pose and the construction of a `ParallelRobot`
+start from a mechanism.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import Self
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from framework.errors import RobotFileError
 from framework.kinematics.tree_model import (
@@ -23,6 +23,7 @@ from framework.kinematics.tree_model import (
     JointLimit,
     coordinate_names,
     file_axes,
+    is_slide,
     joint_limits,
     tree_model,
 )
@@ -32,36 +33,36 @@ from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows,
 from framework.model.readers.recognise import parse_any
 from framework.model.urdf_edits import copy_without_shapes, insert_springs, make_continuous_joints_revolute
 from framework.model.urdf_elements import SEVERAL, coordinates_of
-from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays, read_only
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 
-MAX_JOINTS = 250  # a `pin.Data` for them takes 0.5 GB
+MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism(ReadOnlyArrays):
     """The tree with its springs (`model`) and the table of its loop equations (`rows`).
 
-    `elastic` (n_e,) indexes pinocchio's velocity vector, in the order of the robot file. Nothing here
-    changes after construction; `dataclasses.replace` makes another mechanism.
+    `elastic` (n_e,) indexes pinocchio's velocity vector, in the order of the robot file. A mechanism does not
+    change after construction; `dataclasses.replace` makes another one.
     """
 
     description: RobotDescription
-    flexibility: str  # the least one with these springs
+    flexibility: str  # the least flexibility that has these springs
     model: pin.Model
     elastic: IntArray
     stiffness: Array  # (n_e,) [N/m] or [N m/rad]
     joint_stiffness: Array  # (nv,) of springs on joints of the URDF, joint side
-    joint_rest: Array  # (nv,) positions at which these springs have no torque
+    joint_rest: Array  # (nv,) positions at which these springs exert no torque
     joint_damping: Array  # (nv,) viscous [N m s/rad, N s/m]; the armature of the joints is in `model`
     joint_friction: Array  # (nv,) dry [N m, N]
     elastic_names: Names  # (n_e,)
-    frames: tuple[int, ...]  # pinocchio frames whose motion the equations need; the platform is 0
-    rows: LoopRows  # all loop equations, redundant ones too
-    rounded: LoopRows  # rows set aside that repeat others but for rounding: see `rounded_loops`
-    directions: LockedDirections  # which the loop equations alone do not keep from turning over
-    limits: tuple[JointLimit, ...]  # of the joints' positions, as the URDF has them
-    q_near: Array  # (nq,) configuration of the robot file, nearly assembled
-    length: float  # [m] size of the mechanism, to compare metres with radians
+    frames: tuple[int, ...]  # pinocchio's indices of the platform's frame, then of the loops' frames
+    rows: LoopRows  # all loop equations, redundant ones included
+    rounded: LoopRows  # excluded rows, redundant except for rounded dimensions: see `rounded_loops`
+    directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
+    limits: tuple[JointLimit, ...]  # of joint positions, as in the URDF
+    q_near: Array  # (nq,) reference of the robot file, at which the loops nearly close
+    length: float  # [m] size of the mechanism, which makes metres comparable with radians
 
     @classmethod
     def from_file(
@@ -80,13 +81,13 @@ class Mechanism(ReadOnlyArrays):
     ) -> Self:
         """Read the mechanism or robot of a file with the springs of one flexibility.
 
-        The file is ours or of any dialect that `framework.model.readers` reads. `platform`, `axes`,
+        The file is one of ours or in a dialect that `framework.model.readers` reads. `platform`, `axes`,
         `motors`, `reference` [rad, m], `base`, `locked` and `platform_joints` complete a foreign file, as for
-        `read_any`; `parameters` replace values that a robot file declares.
+        `read_any`. `parameters` replace values that a robot file declares.
 
         Raises:
             RobotFileError: see `read_any`; or pinocchio refuses the URDF.
-            NotAssembled, SingularReference: of a `ParallelRobot`, see `ParallelRobot.of`.
+            NotAssembled, SingularReference: for a `ParallelRobot`, see `ParallelRobot.of`.
         """
         parsed = parse_any(
             file,
@@ -107,7 +108,7 @@ class Mechanism(ReadOnlyArrays):
 
         Raises:
             RobotFileError: unknown flexibility, pinocchio refuses the URDF, or too many joints.
-            NotAssembled, SingularReference: of a `ParallelRobot`, see `ParallelRobot.of`.
+            NotAssembled, SingularReference: for a `ParallelRobot`, see `ParallelRobot.of`.
         """
         with prefix_errors(f"{description.file}: urdf"):
             urdf = parse_xml(description.urdf_text)
@@ -115,7 +116,7 @@ class Mechanism(ReadOnlyArrays):
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
-        """Return the mechanism alone, without the additions of a `ParallelRobot`."""
+        """Return the mechanism of a robot without the fields that `ParallelRobot` adds."""
         return cls(**{field.name: getattr(mechanism, field.name) for field in fields(Mechanism)})
 
     @property
@@ -128,18 +129,18 @@ class Mechanism(ReadOnlyArrays):
 
     @property
     def nv(self) -> int:
-        """Number of entries of pinocchio's velocity vector."""
+        """Number of columns: entries of pinocchio's velocity vector."""
         return self.model.nv
 
     @cached_property
     def has_balls(self) -> bool:
-        """Whether a joint keeps a quaternion, so that q has more entries than the velocity vector."""
+        """Whether a joint has a quaternion, which makes q longer than the velocity vector."""
         return self.model.nq > self.model.nv
 
     @cached_property
     def mass(self) -> float:
-        """Mass of the bodies that move [kg]."""
-        return float(sum(body.mass for body in list(self.model.inertias)[1:]))
+        """Mass of all moving bodies [kg]."""
+        return float(sum(body.mass for body in self.model.inertias[1:]))
 
     @cached_property
     def weightless(self) -> pin.Model:
@@ -150,27 +151,24 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def joints(self) -> IntArray:
-        """All entries of the velocity vector except springs."""
-        return read_only(np.setdiff1d(np.arange(self.model.nv), self.elastic))
+        """All columns except the elastic ones."""
+        return read_only(np.setdiff1d(np.arange(self.nv), self.elastic))
 
     @cached_property
     def all_stiffness(self) -> Array:
-        """Stiffness of all springs on each coordinate, (nv,) joint side [N/m, N m/rad]."""
+        """Stiffness on each coordinate, springs on joints included, (nv,) joint side [N/m, N m/rad]."""
         stiffness = self.joint_stiffness.copy()
         stiffness[self.elastic] += self.stiffness
         return read_only(stiffness)
 
     @property
     def spring_names(self) -> Names:
-        """Names of all springs: of virtual joints, then of joints of the URDF."""
+        """Names of all springs: virtual joints first, then joints of the URDF."""
         sprung = np.flatnonzero(self.joint_stiffness)
-        return (*self.elastic_names, *(self.coordinates.name_of(column) for column in sprung))
+        return (*self.elastic_names, *map(self.coordinates.name_of, sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
-        """Describe the dry friction of columns, such as `knee 0.1 N m`.
-
-        The text is empty if none has friction.
-        """
+        """Describe the dry friction of columns, such as `knee 0.1 N m`; empty without any."""
         sizes = []
         for column in columns[self.joint_friction[columns] > 0.0].tolist():
             unit = "N" if self.sliding[column] else "N m"
@@ -183,30 +181,42 @@ class Mechanism(ReadOnlyArrays):
         return bool(self.joint_damping.any())
 
     @cached_property
-    def sliding(self) -> NDArray[np.bool_]:
-        """Whether each coordinate of pinocchio's velocity vector slides [m], (nv,); the others turn [rad]."""
-        sliding = np.zeros(self.model.nv, dtype=bool)
+    def sliding(self) -> BoolArray:
+        """Whether each column is of a slide [m], (nv,); the others turn [rad]."""
+        sliding = np.zeros(self.nv, dtype=bool)
         for joint in self.model.joints[1:]:
-            sliding[joint.idx_v] = joint.shortname().startswith("JointModelP")
+            sliding[joint.idx_v] = is_slide(joint)
         return read_only(sliding)
 
     @cached_property
     def column_scale(self) -> Array:
-        """Length of the mechanism for sliding joints, 1 for turning ones, (nv,)."""
+        """Length of the mechanism for slides, 1 for turns, (nv,)."""
         return read_only(np.where(self.sliding, self.length, 1.0))
+
+    @property
+    def joint_ranges(self) -> Array:
+        """Lower and upper limits of joint positions, (2, nv) [rad, m]; infinite without limits."""
+        ranges = np.repeat([[-np.inf], [np.inf]], self.nv, axis=1)
+        for limit in self.limits:
+            ranges[:, limit.column] = limit.lower, limit.upper
+        return ranges
 
     @cached_property
     def neutral(self) -> Array:
-        """The configuration (nq,) from which pinocchio counts."""
+        """The configuration (nq,) that pinocchio takes for zero."""
         return read_only(pin.neutral(self.model))
 
     @cached_property
     def coordinates(self) -> Coordinates:
-        """The coordinates by the names and on the axes that files use."""
+        """Names and axes of the coordinates in files."""
         return Coordinates(self.model)
 
+    def unit_of(self, column: int) -> str:
+        """Return the unit of one coordinate: m or rad."""
+        return "m" if self.sliding[column] else "rad"
+
     def reference_values(self, q: Array) -> dict[str, float]:
-        """Return q (nq,) as a `reference`: all coordinates by name, springs left out."""
+        """Return q (nq,) as a `reference`: positions by name [rad, m], without springs."""
         values = self.coordinates.positions(q[None])[0]
         return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
 
@@ -216,7 +226,7 @@ class Mechanism(ReadOnlyArrays):
 
 
 def velocity_columns(model: pin.Model, joints: Iterable[str]) -> IntArray:
-    """Return the columns of the velocity vector of joints, by name."""
+    """Return the columns (k,) of k joints by name."""
     names = coordinate_names(model)
     return np.array([names.index(name) for name in joints], dtype=int)
 
@@ -229,16 +239,17 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
     model.gravity.linear = np.array(description.gravity)
 
     def joint_parameter(key: str) -> Array:
-        """Return one parameter (nv,) of the joints' springs, damping and friction."""
+        """Return one parameter (nv,) of the joints' springs, damping or friction."""
         return _joint_vector(model, {name: getattr(joint, key) for name, joint in description.joints.items()})
 
     model.armature[:] = joint_parameter("armature")
-    elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
-    ends = chain.from_iterable(closure.frames for closure in description.closures)
-    frame_names = list(dict.fromkeys([description.platform.frame, *ends]))  # without repetitions
-    frames = tuple(frame_index(model, name) for name in frame_names)
     reference = file_axes(model).T @ _joint_vector(model, description.reference)
     q_near = pin.integrate(model, pin.neutral(model), reference)
+    elastic_names = tuple(chain.from_iterable(spring.coordinates for spring in springs))
+
+    loop_ends = chain.from_iterable(closure.frames for closure in description.closures)
+    frame_names = list(dict.fromkeys([description.platform.frame, *loop_ends]))  # without repetitions
+    frames = tuple(frame_index(model, name) for name in frame_names)
     rows = loop_rows(
         description.closures,
         frame_names,
@@ -257,7 +268,7 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
         elastic_names=elastic_names,
         frames=frames,
         rows=rows,
-        rounded=rows.take(np.empty(0, dtype=int)),  # none
+        rounded=rows.take(np.empty(0, dtype=int)),  # none yet
         directions=locked_directions(description.closures, frame_names),
         limits=joint_limits(parsed.urdf, model),
         q_near=q_near,
@@ -266,7 +277,11 @@ def _build_mechanism(parsed: ParsedRobot, flexibility: str) -> Mechanism:
 
 
 def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Model:
-    """Return pinocchio's model of a robot's tree with a joint for each spring."""
+    """Build pinocchio's model of a robot's tree with a joint for each spring.
+
+    Raises:
+        RobotFileError: pinocchio refuses the URDF, or the joints are more than `MAX_JOINTS`.
+    """
     file, moving = parsed.description.file, copy_without_shapes(parsed.urdf)
     make_continuous_joints_revolute(moving)
     insert_springs(moving, springs)
@@ -283,19 +298,19 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
 
 
 def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return the names of balls whose springs or damping differ between their axes."""
+    """Return the names of balls whose springs or damping differ between axes, or rest off zero."""
     balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
         turns = coordinates_of(name, kind)[-3:] if kind in SEVERAL else ()
-        acting = {description.joints.get(turn, JointDynamics()) for turn in turns}
-        if len(acting) > 1 or any(joint.rest for joint in acting):
+        parameters = {description.joints.get(turn, JointDynamics()) for turn in turns}
+        if len(parameters) > 1 or any(axis.rest for axis in parameters):
             balls.append(name)
     return balls
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with the indices of its joints in v and in q."""
+    """Return a coupling with its joints as indices into v and q."""
     first = model.joints[model.getJointId(coupling.joint)]
     second = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(
@@ -304,14 +319,14 @@ def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
         places=(first.idx_q, second.idx_q),
         ratio=coupling.ratio,
         offset=coupling.offset,
-        turns=not first.shortname().startswith("JointModelP"),
+        turns=not is_slide(first),
     )
 
 
 def frame_index(model: pin.Model, name: str) -> int:
     """Return the index of the frame of a link, else of a joint.
 
-    URDF lets the two share a name.
+    In URDF a link and a joint may share a name.
     """
     link = pin.FrameType.BODY
     is_link = model.existFrame(name, link)
@@ -319,28 +334,28 @@ def frame_index(model: pin.Model, name: str) -> int:
 
 
 def _joint_vector(model: pin.Model, values: Mapping[str, float]) -> Array:
-    """Return a vector (nv,) with values by joint name, zero elsewhere."""
+    """Return a vector (nv,) with the values of named joints, zero elsewhere."""
     vector = np.zeros(model.nv)
     vector[velocity_columns(model, values)] = list(values.values())
     return vector
 
 
 def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float:
-    """Compute the size [m] of the mechanism at q (nq,), 1 without any.
+    """Compute the size [m] of the mechanism at q (nq,); 1 if this is zero.
 
-    With it metres are compared with radians. It is the largest distance between joints, frames that move and
-    frames of the loops, whatever the place of the robot. If all of them meet in one point, as in a spherical
-    robot, it is the largest radius of gyration of a body about its joint.
+    The size makes metres comparable with radians. It is the largest distance between joints, moving frames
+    and frames of the loops, so it does not depend on where the robot stands. If all of these meet in one
+    point, as in a spherical robot, the size is the largest radius of gyration of a body about its joint.
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     moving = {k for k, frame in enumerate(model.frames) if frame.parentJoint > 0}
-    placements = [*list(data.oMi)[1:], *(data.oMf[k] for k in moving.union(frames))]
+    placements = [*data.oMi[1:], *(data.oMf[k] for k in moving.union(frames))]
     points = np.array([placement.translation for placement in placements])  # (k, 3)
-    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    radii = [0.0]  # of gyration
-    for body in list(model.inertias)[1:]:  # not those fixed to the base
+    distances = np.linalg.norm(points[:, None] - points, axis=2)  # (k, k)
+    gyration = [0.0]  # radii of moving bodies
+    for body in model.inertias[1:]:
         if body.mass > 0.0:
             square = body.lever @ body.lever + 0.5 * np.trace(body.inertia) / body.mass
-            radii.append(float(np.sqrt(square)))
-    return float(max(distances.max(), *radii)) or 1.0
+            gyration.append(np.sqrt(square))
+    return float(max(distances.max(), *gyration)) or 1.0

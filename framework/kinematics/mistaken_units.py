@@ -1,8 +1,8 @@
-"""Remarks on what looks like another unit: points in mm, angles in degrees, sizes and masses of bodies."""
+"""Remarks on values that look like another unit: points in mm, angles in degrees, sizes, masses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -11,29 +11,30 @@ from framework.errors import point
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.numerics.arrays import Array
 
-LIGHT_PART_RATIO = 1e-6  # of the heaviest part: lighter, and its unit is doubted
-HEAVY_PART = 1e5  # [kg] likewise
-SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] likewise, of the longest
-GYRATION_RATIO = 5.0  # of a part's radius of gyration in its size; 2.4 at most in the catalogue
-SMALL_PART_RATIO = 0.2  # of the longest link: a part without joints or frames is taken to be as large
+# beyond these values the unit of a part is doubted
+LIGHT_PART_RATIO = 1e-6  # mass over that of the heaviest part
+HEAVY_PART = 1e5  # [kg]
+SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] length of the longest link
+GYRATION_RATIO = 5.0  # radius of gyration over size of a part; at most 2.4 in the catalogue
+SMALL_PART_RATIO = 0.2  # of the longest link: least size assumed for a part, which may lack joints and frames
 
 
-def remark_on_turns(mechanism: Mechanism, joints: Mapping[str, float]) -> str:
-    """Return a remark on hinges beyond a full turn; empty without any.
-
-    `joints`: their angles [rad] by name.
-    """
+def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str:
+    """Return a remark on hinges beyond a full turn among positions by name; empty without any."""
     turns = []
-    for column, (joint, angle) in zip(velocity_columns(mechanism.model, joints), joints.items(), strict=True):
-        if not mechanism.sliding[column] and abs(angle) > 2.0 * np.pi:
-            turns.append(f"{joint} at {angle:g} rad is {abs(angle) / (2.0 * np.pi):.3g} turns")
+    columns = velocity_columns(mechanism.model, positions)
+    for sliding, (joint, angle) in zip(mechanism.sliding[columns], positions.items(), strict=True):
+        count = abs(angle) / (2.0 * np.pi)
+        if count > 1.0 and not sliding:
+            turns.append(f"{joint} at {angle:g} rad is {count:.3g} turns")
     return f"; angles are in rad: {', '.join(turns)}" if turns else ""
 
 
 def longest_reach(robot: Mechanism) -> float:
-    """Return the summed length [m] of the links from base to platform.
+    """Compute the summed length [m] of the links from base to platform.
 
-    Slides are at the end of their range, springs at rest; infinite if a joint moves without bound.
+    Slides are at the far end of their range, springs at rest. The length is infinite if a joint moves without
+    bound.
     """
     model = robot.model
     frame = model.frames[model.getFrameId(robot.description.platform.frame)]
@@ -50,9 +51,9 @@ def longest_reach(robot: Mechanism) -> float:
 
 
 def remark_on_reach(robot: Mechanism, position: Array) -> str:
-    """Return a remark on a platform that no link reaches; empty if one may.
+    """Return a remark on a platform out of reach of the links; empty if within reach.
 
-    `position`: the prescribed coordinates of its frame's origin [m].
+    `position` are the prescribed coordinates of the platform's origin [m].
     """
     distance, reach = float(np.linalg.norm(position)), longest_reach(robot)
     if distance <= reach:
@@ -64,35 +65,34 @@ def remark_on_reach(robot: Mechanism, position: Array) -> str:
     )
 
 
-def remarks_on_bodies(robot: Mechanism) -> list[str]:
-    """Return remarks on sizes, masses and inertias of bodies that are in no usual unit."""
-    bodies, advice = moving_bodies(robot), []
+def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
+    """Yield remarks on bodies whose sizes, masses or inertias suggest another unit."""
+    bodies = moving_bodies(robot)
     masses = {name: body.mass for name, body in bodies.items()}
     longest = max((body.size for body in bodies.values()), default=1.0)
-    if longest and not SMALL_LINK < longest < LARGE_LINK:  # without any, slides alone move
-        advice.append(f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
+    if longest and not SMALL_LINK < longest < LARGE_LINK:  # zero if only slides move
+        yield (f"the longest link measures {longest:.3g} m: lengths are in m; check the URDF's unit")
     for name, body in bodies.items():
         if longest and body.gyration > GYRATION_RATIO * max(body.size, SMALL_PART_RATIO * longest):
-            advice.append(
+            yield (
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
             )
     if sum(masses.values()) == 0.0:
-        advice.append("no link has a mass: all torques will be those of the rotors; add <inertial>")
+        yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)
     for name, mass in masses.items():
         if 0 < mass < LIGHT_PART_RATIO * heaviest:
-            advice.append(
+            yield (
                 f"what {name} carries weighs {mass:g} kg, a millionth of the heaviest part: is it in the "
                 f"wrong unit? Leave <inertial> out for a massless part"
             )
     if heaviest > HEAVY_PART:
-        advice.append(f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
-    return advice
+        yield (f"a part weighs {heaviest:g} kg: masses are in kg; check the URDF's unit")
 
 
 class _Body(NamedTuple):
-    """The body that a joint carries: mass [kg], radius of gyration [m] and size [m]."""
+    """The body that a joint moves: mass [kg], radius of gyration [m] and size [m]."""
 
     mass: float
     gyration: float
@@ -100,16 +100,18 @@ class _Body(NamedTuple):
 
 
 def moving_bodies(robot: Mechanism) -> dict[str, _Body]:
-    """Compute the bodies of all moving joints, by the joint's name."""
-    # springs part a joint from its mass
-    model = (Mechanism.from_description(robot.description) if robot.n_e else robot).model
+    """Compute mass, radius of gyration and size of the bodies that joints move, by joint name."""
+    if robot.n_e:  # springs would separate joints from the masses that they move
+        robot = Mechanism.from_description(robot.description)
+    model = robot.model
     bodies = {}
     for j in range(1, model.njoints):
         inertia = model.inertias[j]
-        largest = max(float(np.linalg.eigvalsh(inertia.inertia)[-1]), 0.0)
+        largest = max(np.linalg.eigvalsh(inertia.inertia)[-1], 0.0)
         gyration = np.sqrt(largest / inertia.mass) if inertia.mass > 0.0 else 0.0
-        points = [inertia.lever, *(f.placement.translation for f in model.frames if f.parentJoint == j)]
-        points += [model.jointPlacements[k].translation for k in model.children[j]]
+        placements = [frame.placement for frame in model.frames if frame.parentJoint == j]
+        placements += [model.jointPlacements[child] for child in model.children[j]]
+        points = [inertia.lever, *(placement.translation for placement in placements)]
         size = max(float(np.linalg.norm(point)) for point in points)
-        bodies[str(model.names[j])] = _Body(float(inertia.mass), float(gyration), size)
+        bodies[model.names[j]] = _Body(inertia.mass, gyration, size)
     return bodies

@@ -1,12 +1,13 @@
-"""How the motion of all joints changes with coordinates of the closed robot: exact derivatives.
+"""Exact derivatives of the motion of all joints along coordinates of the closed robot.
 
-Coordinates y are the platform's and positions of joints that it does not determine. With Y = dq/dy of the
-motions that close the loops a path q(t) changes by Y dy, and its rates and accelerations by the time
-derivatives of Y dy. Y and these follow from J = dF/dq along the motion,
+The coordinates y are those of the platform and positions of joints that the platform does not determine. Let
+Y = dq/dy be the motions that keep the loops closed. A change dy changes a motion q(t) by Y dy, and its rates
+and accelerations by the time derivatives of Y dy. With J = dF/dq along the motion,
 
     J Y = E,        J Y' = E' - J' Y,        J Y" = E" - 2 J' Y' - J" Y,
 
-with E the platform's twists of unit rates (`unit_twists`). Regular at Type 2, like the motion itself.
+where E are the platform's twists for unit rates (`unit_twists`). Like the motion itself, the derivatives are
+regular at Type 2.
 """
 
 from __future__ import annotations
@@ -26,20 +27,20 @@ from framework.numerics.ordered_sums import cross
 
 
 class MotionChanges(NamedTuple):
-    """Changes of a motion by unit steps of k coordinates: of positions, of rates or of accelerations.
+    """Changes of a motion by unit steps of k coordinates, (T, k, nv) each.
 
-    Steps of positions change q, v and a; steps of rates change v by `q`, and a by `a_by_rates`; steps of
-    accelerations change a by `q`.
+    Steps of positions change q, v and a by the fields of these names. Steps of rates change v by `q`, and a
+    by `a_by_rates`. Steps of accelerations change a by `q`.
     """
 
-    q: Array  # (T, k, nv)
+    q: Array
     v: Array
     a: Array
     a_by_rates: Array
 
     @property
     def accelerations(self) -> Array:
-        """Changes (3, T, k, nv) of a by steps of positions, rates and accelerations."""
+        """Changes (3, T, k, nv) of a by unit steps of positions, rates and accelerations."""
         return np.stack([self.a, self.a_by_rates, self.q])
 
 
@@ -48,10 +49,11 @@ def coordinate_changes(
 ) -> MotionChanges:
     """Compute the changes of a motion by unit steps of k coordinates.
 
-    They are those of a platform at x, dx, ddx (T, n) unless it rests, and of joints `columns`. With dq and dv
-    the changes by a step of a position, a step of a rate changes a by 2 dv - [v, dq]. The bracket [v, dq] of
-    the fields of motion is zero but for balls, whose rates belong to no coordinate. It has no part along
-    `columns`, whose rates and accelerations step by themselves.
+    The coordinates are those of a platform at x, dx, ddx (T, n), unless x is None, then the joints `columns`.
+    Let dq and dv be the changes by a step of a position. A step of a rate changes a by 2 dv - [v, dq]. The
+    Lie bracket [v, dq] of the motions is zero except for balls, whose rates are not derivatives of
+    coordinates. Its part along `columns` is removed, because their rates and accelerations are coordinates
+    with steps of their own.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
@@ -66,18 +68,18 @@ def coordinate_changes(
     dq = _solve_moving(robot, motion, right[0])
     dq[:, range(n, size), columns] = 1.0
 
-    def keep_columns(change: Array) -> Array:
-        """Return changes (T, k, nv) of rates less motions of `columns`, which are at rest then."""
+    def rest_columns(change: Array) -> Array:
+        """Return changes (T, k, nv) of rates with `columns` brought to rest by closed motions."""
         return change - change[..., columns] @ dq[:, n:]
 
     rates = jacobian_rates(robot, motion.linearised, motion.v, motion.a)
     dJ, ddJ = (matrix.swapaxes(1, 2) for matrix in rates)
-    turned = _bracket_on_balls(robot, motion.v, dq)
-    dv = keep_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + turned)
-    rate = dv - turned  # Y'
+    bracket = _bracket_on_balls(robot, motion.v, dq)  # [v, dq]
+    dv = rest_columns(_solve_moving(robot, motion, right[1] - dq @ dJ) + bracket)
+    rate = dv - bracket  # Y'
     da = _solve_moving(robot, motion, right[2] - 2.0 * rate @ dJ - dq @ ddJ)
     da += _bracket_on_balls(robot, motion.a, dq) + _bracket_on_balls(robot, motion.v, rate)
-    return MotionChanges(dq, dv, keep_columns(da), 2.0 * dv - keep_columns(turned))
+    return MotionChanges(dq, dv, rest_columns(da), 2.0 * dv - rest_columns(bracket))
 
 
 def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
@@ -86,7 +88,7 @@ def _solve_moving(robot: ParallelRobot, motion: Motion, right: Array) -> Array:
 
 
 def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Array:
-    """Compute the bracket (T, k, nv) of joint rates (T, nv) and motions (T, k, nv): zero but for balls."""
+    """Compute the bracket (T, k, nv) of rates (T, nv) and motions (T, k, nv), zero except for balls."""
     bracket, balls = np.zeros_like(motions), ball_columns(robot.model)
     if len(balls):
         bracket[..., balls] = cross(rates[:, None, balls], motions[..., balls])
@@ -94,7 +96,7 @@ def _bracket_on_balls(robot: ParallelRobot, rates: Array, motions: Array) -> Arr
 
 
 def require_turns_at_rest(robot: ParallelRobot) -> None:
-    """Raise InvalidInput where the damping or the armature of balls drives an idle turn."""
+    """Raise InvalidInput if damping or armature of balls drives an idle turn."""
     turns = driven_turns(robot)
     if len(turns):
         names = ", ".join(robot.coordinates.name_of(column) for column in turns)

@@ -1,10 +1,10 @@
-"""Velocities and accelerations of all joints for those of the platform, and the rate of dF/dq.
+"""Velocities and accelerations of all joints for those of the platform; time derivatives of dF/dq.
 
-For prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. Both are
-solved along the columns that follow, with one factorisation; idle turns rest or follow `idle_turns`.
+At prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. One
+factorisation of the moving columns solves both. Idle turns rest, or move as `idle_turns` says.
 
 An entry of dF/dq is the power of a wrench W (of a loop equation, or a unit wrench of the platform) on the
-screw S of a joint, both about the base's origin: the rates of both give the rate of dF/dq.
+screw S of a joint, both about the base's origin. So the rates of W and S give the rate of dF/dq.
 """
 
 from __future__ import annotations
@@ -19,11 +19,7 @@ from framework.kinematics.external_wrenches import AppliedWrench
 from framework.kinematics.frame_variations import bracket, tree_columns
 from framework.kinematics.frames import FrameMotions, body_twists, frame_motions, frames_at, move_with_bodies
 from framework.kinematics.idle_turns import idle_turns
-from framework.kinematics.linearised_loops import (
-    ClosedStack,
-    LinearisedLoops,
-    linearised_at,
-)
+from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec
@@ -47,19 +43,19 @@ class Motion:
 def joint_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, platform: Array, elastic: Array | None = None
 ) -> Array:
-    """Compute the joint rates (..., T, nv) for platform velocities (..., T, n).
+    """Compute joint rates (..., T, nv) for platform velocities (..., T, n).
 
     Deflections have rates `elastic` (T, n_e), or rest.
     """
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
-    right[..., : platform.shape[-1]] = platform
+    right[..., : robot.n] = platform
     return solve_rates(robot, linearised, right, elastic)
 
 
 def solve_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, right: Array, elastic: Array | None = None
 ) -> Array:
-    """Compute joint rates (..., T, nv): J_moving v_moving = right - J_elastic v_elastic.
+    """Solve J_moving v_moving = right - J_elastic v_elastic for joint rates (..., T, nv), J = dF/dq.
 
     Args:
         elastic: rates (..., T, n_e) of the springs' joints; zero if None.
@@ -76,7 +72,7 @@ def solve_rates(
 
 
 def moving_rates(robot: ParallelRobot, linearised: LinearisedLoops, right: Array) -> Array:
-    """Solve J_moving v_moving = right (..., T, n + m) for the rates of the moving joints, J = dF/dq.
+    """Solve J_moving v_moving = right (..., T, n + m) for the rates of moving joints, J = dF/dq.
 
     Raises:
         NotAssembled: the platform does not determine the joints (Type 1).
@@ -105,10 +101,7 @@ def motion_at(
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion of the same platform at constant deflections.
-
-    The motion given has q (T, nq), v and a (T, nv).
-    """
+    """Compute the motion of the same platform as q (T, nq), v, a (T, nv) at constant deflections."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     return _motion_of_twist(robot, linearised, platform_twists(robot, Motion(q, v, a, linearised)))
@@ -130,36 +123,37 @@ def _motion_of_twist(
 ) -> Motion:
     """Compute the motion of all joints for a twist, v and dv/dt (T, n), and deflection rates (T, n_e).
 
-    Rates solve J v = (twist, 0), accelerations J a = (dv/dt, 0) - J' v, with the drift J' v of platform and
-    loops. Turns of idle joints, which these equations leave open, are added to both.
+    Rates solve J v = (twist, 0). Accelerations solve J a = (dv/dt, 0) - J' v, with the drift J' v of platform
+    and loops. Idle turns, which these equations do not determine, are added to both.
     """
-    v = joint_rates(robot, linearised, twist[0], dq_e)
+    velocity, acceleration = twist
+    v = joint_rates(robot, linearised, velocity, dq_e)
     turns = idle_turns(robot, linearised)
     if turns is not None:
         v = turns.add_turns(v)
     motions = frame_motions(robot, linearised.frames, v)
-    drift = closure_drift(linearised.equations.loops, motions)
-    platform_drift = robot.platform.drift(motions)
-    right = np.concatenate([twist[1] - platform_drift, -drift], axis=1)
-    motion = Motion(linearised.frames.q, v, solve_rates(robot, linearised, right, ddq_e), linearised)
-    if turns is None:
-        return motion
-    rows_rate = turns.rows_rate(robot, linearised, jacobian_rates(robot, linearised, v)[0])
-    return replace(motion, a=turns.add_turns(motion.a, -matvec(rows_rate, v)))
+    drift = closure_drift(robot.loops, motions)
+    right = np.concatenate([acceleration - robot.platform.drift(motions), -drift], axis=1)
+    a = solve_rates(robot, linearised, right, ddq_e)
+    if turns is not None:
+        jacobian_rate, _ = jacobian_rates(robot, linearised, v)
+        rows_rate = turns.rows_rate(robot, linearised, jacobian_rate)
+        a = turns.add_turns(a, -matvec(rows_rate, v))
+    return Motion(linearised.frames.q, v, a, linearised)
 
 
 def jacobian_rates(
     robot: ParallelRobot, linearised: LinearisedLoops, v: Array, a: Array | None = None
 ) -> tuple[Array, Array]:
-    """Compute two time derivatives (T, n + m, nv) of dF/dq for joint rates (T, nv).
+    """Compute the first and second time derivative of dF/dq, (T, n + m, nv) each, for rates v (T, nv).
 
-    dF/dq = W . S of wrenches and screws; S' = [V, S], S" = [A, S] + [V, S'] with the twist V of the body that
-    carries the axis, and A = dV/dt. Without a the rates are constant.
+    dF/dq consists of powers W . S of wrenches and screws. S' = [V, S] and S" = [A, S] + [V, S'] with the
+    twist V of the joint's body and A = dV/dt. Without accelerations a (T, nv) the rates are constant.
     """
-    frames, owner = linearised.frames, tree_columns(robot).owner
+    frames = linearised.frames
     twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
     motions = move_with_bodies(robot, frames, twists)
-    V, A = twists.take(owner, axis=2)
+    V, A = twists.take(tree_columns(robot).owner, axis=2)  # (T, nv, 6) each
     dS = bracket(V, frames.screws)
     ddS = bracket(A, frames.screws) + bracket(V, dS)
     dW, ddW = _wrench_rates(robot, motions, np.stack([dS, ddS]))
@@ -172,10 +166,12 @@ def jacobian_rates(
 def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:
     """Compute two time derivatives (2, T, n + m, 6) of `LinearisedLoops.wrenches`.
 
-    Wrenches of loops are quadratic in axes and origins c, their forces linear: W" is their change by c" and,
-    less that of the forces, the change by c' at c'. `screw_rates` are (2, T, nv, 6).
+    The wrench of a loop has a force that is linear in axes and origins c, and a moment that is quadratic. So
+    W' is its change by c'. W" is its change by c", and the moment has another term: its change by c' at c'.
+    `screw_rates` are (2, T, nv, 6).
     """
     c, dc, ddc = motions.rates
-    changes = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))
-    changes[1, ..., 3:] += changes[2, ..., 3:]
-    return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), changes[:2]], axis=2)
+    first, second, at_rates = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))
+    second[..., 3:] += at_rates[..., 3:]
+    loop_rates = np.stack([first, second])
+    return np.concatenate([robot.platform.wrench_rates(motions, screw_rates), loop_rates], axis=2)

@@ -1,6 +1,7 @@
-"""A parallel robot: an assembled mechanism with a platform and motors, its loop structure determined.
+"""A parallel robot: an assembled mechanism with platform, motors and a known loop structure.
 
-With it goes the table of its equations and the sparsity of their Jacobian, which do not depend on q.
+The module also has the table of the robot's equations and the sparsity pattern of their Jacobian. Neither
+depends on q.
 """
 
 from __future__ import annotations
@@ -11,12 +12,11 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from framework.errors import expect, point
 from framework.kinematics.assembly import Configuration, nearby_configurations
 from framework.kinematics.frames import frames_at
-from framework.kinematics.loop_structure import LoopStructure, motion_matrix, singular_reference_error
+from framework.kinematics.loop_structure import LoopStructure, motion_matrix, refuse_singular_reference
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import PlatformCoordinates, platform_coordinates
@@ -28,16 +28,16 @@ from framework.numerics.banded_lu import Band, Factors
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParallelRobot(Mechanism):
-    """A mechanism that is assembled, with a platform and motors.
+    """An assembled mechanism with a platform and motors.
 
-    A robot is the mechanism (its tree, its springs, its loops); the index sets of its actuated (n_a), elastic
-    (n_e) and passive (n_p) coordinates in pinocchio's velocity vector, the first two in the order of the
-    robot file; the platform's coordinates x; the assembled `reference`; and the `structure` of the loops at
-    the reference. All else is derived from these. q_a is the joint side of the gear; the motor angle is
+    A robot consists of the mechanism (tree, springs, loops); the indices of its actuated (n_a), elastic (n_e)
+    and passive (n_p) coordinates in pinocchio's velocity vector, the first two in the order of the robot
+    file; the platform's coordinates x; the assembled `reference`; and the `structure` of the loops at the
+    reference. Everything else is derived from these. q_a is on the joint side of the gears: a motor angle is
     gear_ratio * q_a.
 
-    `dataclasses.replace` keeps reference and structure: it is for other masses, springs and motors, and for
-    lengths that are a little off. After larger changes `ParallelRobot.of` determines both anew.
+    `dataclasses.replace` keeps reference and structure. Use it to change masses, springs and motors, or
+    lengths by a little. After larger changes `ParallelRobot.of` determines reference and structure anew.
     """
 
     platform: PlatformCoordinates
@@ -45,10 +45,10 @@ class ParallelRobot(Mechanism):
     passive: IntArray
     gear_ratio: Array  # (n_a,) motor angle over joint angle
     rotor_inertia: Array  # (n_a,) [kg m^2], motor side
-    reference: Configuration  # assembled; fixes the working and the assembly mode
+    reference: Configuration  # assembled; decides the working mode and the assembly mode
     structure: LoopStructure  # independent loop equations and idle joints
-    equations: Equations  # the independent loops and the platform, and where their Jacobian has entries
-    elastic_inertia: bool = True  # False: a model whose bodies do not feel how the springs move
+    equations: Equations  # platform and independent loops, with the sparsity pattern of their Jacobian
+    elastic_inertia: bool = True  # False: a model in which the motion of the springs moves no mass
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Self:
@@ -56,20 +56,19 @@ class ParallelRobot(Mechanism):
 
         Raises:
             NotAssembled: the loops do not close near the reference, see `assemble_mechanism`.
-            SingularReference: the reference is on a singularity of the loops, see `singular_reference_error`.
+            SingularReference: the loops are singular at the reference, see `refuse_singular_reference`.
         """
         mechanism, closed = assemble_mechanism(mechanism)
         description = mechanism.description
-        poses = (closed.q, *nearby_configurations(mechanism, closed.q))
+        poses = (closed.q, *nearby_configurations(mechanism, closed.q))  # the reference first
         frames = frames_at(mechanism, np.stack(poses))
         platform = platform_coordinates(description.platform, mechanism.model)
         platform = platform.choose_chart(frames.rotation[:, 0])
         actuated = velocity_columns(mechanism.model, description.motor_joints)
         passive = np.setdiff1d(mechanism.joints, actuated)
+
         matrices = [motion_matrix(mechanism, platform, q) for q in poses]
-        singular = singular_reference_error(mechanism, passive, poses, matrices)
-        if singular is not None:
-            raise singular
+        refuse_singular_reference(mechanism, passive, poses, matrices)
         structure = LoopStructure.of(mechanism, passive, matrices)
         moving = np.concatenate([actuated, np.setdiff1d(passive, structure.idle)])
         loops = mechanism.rows.take(structure.independent)
@@ -99,28 +98,28 @@ class ParallelRobot(Mechanism):
 
     @cached_property
     def rotors(self) -> Array:
-        """Inertia of the rotors on each joint rate, (nv,) joint side [kg m^2, kg]."""
+        """Inertia of the rotors on each coordinate, (nv,) joint side [kg m^2, kg]."""
         rotors = np.zeros(self.model.nv)
         rotors[self.actuated] = self.gear_ratio**2 * self.rotor_inertia
         return read_only(rotors)
 
     @property
     def loops(self) -> LoopRows:
-        """The table of the independent loop equations."""
+        """The independent loop equations."""
         return self.equations.loops
 
     @property
     def moving(self) -> IntArray:
-        """The columns that x and q_e determine: actuated, then passive but not idle."""
+        """Columns of the joints that x and q_e determine: actuated, then passive without idle ones."""
         return self.equations.columns
 
     @cached_property
     def following(self) -> IntArray:
-        """The passive joints except the idle ones."""
-        return read_only(self.equations.columns[self.n_a :])
+        """Columns of the passive joints without the idle ones."""
+        return read_only(self.moving[self.n_a :])
 
     @property
-    def translations(self) -> NDArray[np.bool_]:
+    def translations(self) -> BoolArray:
         """Whether each platform coordinate is a translation [m], (n,); the others are turns [rad]."""
         return self.platform.translations
 
@@ -144,22 +143,19 @@ class ParallelRobot(Mechanism):
         return length_units(self.sliding[self.actuated])
 
     def place(self, x: Array) -> str:
-        """Return platform coordinates x (n,) as text, such as `x, y = (0.1, 0.2)`."""
+        """Format platform coordinates x (n,), such as `x, y = (0.1, 0.2)`."""
         return f"{', '.join(self.axis_names)} = {point(x)}"
 
     @property
     def speed_units(self) -> tuple[str, ...]:
         """Unit of each motor's speed."""
-        return tuple({"N": "m/s", "N m": "rad/s"}[unit] for unit in self.torque_units)
+        return tuple("m/s" if unit == "N" else "rad/s" for unit in self.torque_units)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """Unit of each motor's torque: N for slides without a gear, else N m."""
-        slides = self.sliding[self.actuated]
-        return tuple(
-            "N" if slide and gear == 1.0 else "N m"
-            for slide, gear in zip(slides, self.gear_ratio, strict=True)
-        )
+        """Unit of each motor's torque: N of slides with gear ratio 1, else N m."""
+        are_forces = self.sliding[self.actuated] & (self.gear_ratio == 1.0)
+        return tuple("N" if is_force else "N m" for is_force in are_forces)
 
     @property
     def axis_names(self) -> Names:
@@ -168,12 +164,12 @@ class ParallelRobot(Mechanism):
 
     @cached_property
     def row_lengths(self) -> Array:
-        """Characteristic scale of each of `rows`, (rows,): length of the robot [m], or 1 for rotations."""
+        """Characteristic size of all loop equations, (rows,): length of the robot [m], 1 for rotations."""
         return read_only(np.where(self.rows.rotation, 1.0, self.length))
 
     @property
     def loop_lengths(self) -> Array:
-        """Characteristic scale of the independent loop equations, (m,), see `row_lengths`."""
+        """Characteristic size of the independent loop equations, (m,), see `row_lengths`."""
         return self.row_lengths[self.structure.independent]
 
     @cached_property
@@ -195,43 +191,43 @@ class ParallelRobot(Mechanism):
 
 
 def length_units(slides: Iterable[bool]) -> list[str]:
-    """Return the unit of each coordinate: m of slides, rad of hinges."""
+    """Return the units of coordinates: m of slides, rad of hinges."""
     return ["m" if slide else "rad" for slide in slides]
 
 
 def expect_robot(robot: object) -> None:
-    """Raise InvalidInput unless this is a robot."""
+    """Raise InvalidInput unless `robot` is a `ParallelRobot`."""
     expect("robot", robot, ParallelRobot, 'load_robot("five_bar") or load_robot("my_robot.yaml")')
 
 
 @dataclass(frozen=True, eq=False)
 class Equations(ReadOnlyArrays):
-    """F = [platform - x ; closures]: n + m equations, and where their Jacobian dF/dq has entries."""
+    """The n + m equations F = [platform - x ; closures], with the sparsity pattern of dF/dq."""
 
     loops: LoopRows  # the m independent ones
-    bodies: IntArray  # (n + m,) the frame that the wrench of each equation acts on
-    n: int  # of the platform's equations, which come first
-    signs: Array  # (n + m, nv) 1 where the joint moves the second body against the first, -1 reversed, else 0
-    couplings: Array  # (n + m, nv) derivatives of equations between joints themselves, else 0
-    pattern: BoolArray  # (n + m, nv) whether dF/dq has an entry that is not zero by construction
-    columns: IntArray  # those that follow when x and q_e are given: actuated, then passive
-    moving_part: SquarePart | None  # all rows, these columns; None if planning is not possible
-    passive_part: SquarePart | None  # loops only, the passive columns; None with redundant motors
+    bodies: IntArray  # (n + m,) index of the frame at whose origin the wrench of each equation acts
+    n: int  # number of the platform's equations, which come first
+    signs: Array  # (n + m, nv) 1 if the joint carries the second frame alone, -1 the first alone, else 0
+    couplings: Array  # (n + m, nv) derivatives of the couplings between joints; 0 in other rows
+    pattern: BoolArray  # (n + m, nv) whether an entry of dF/dq can differ from zero
+    columns: IntArray  # of the joints that x and q_e determine: actuated, then passive
+    moving_part: SquarePart | None  # all rows, `columns`; None if the part is not square
+    passive_part: SquarePart | None  # rows of the loops, passive `columns`; None if not square
 
     @staticmethod
     def of(
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
-        """Return the table of loop equations and `columns`, of which the first n_a have motors."""
+        """Return the table for moving `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
         signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
-        couplings[n:] = loops.coupling_jacobian(signs.shape[1])
+        couplings[n:] = loops.coupling_jacobian(mechanism.nv)
         pattern = (signs != 0.0) | (couplings != 0.0)
         rows = np.arange(len(signs))
         return Equations(
             loops=loops,
-            bodies=np.concatenate([np.zeros(n, dtype=np.intp), loops.second]),
+            bodies=np.pad(loops.second, (n, 0)),  # n zeros ahead: the platform is frame 0
             n=n,
             signs=signs,
             couplings=couplings,
@@ -242,34 +238,31 @@ class Equations(ReadOnlyArrays):
         )
 
     def jacobian(self, wrenches: Array, screws: Array) -> Array:
-        """Compute dF/dq (T, n + m, nv), the powers of wrenches on screws.
+        """Compute dF/dq (T, n + m, nv): the powers of the equations' wrenches on the joints' screws.
 
-        Wrenches (T, n + m, 6) and screws (T, nv, 6) are about the base's origin.
+        Wrenches (T, n + m, 6) and screws (T, nv, 6) refer to the base's origin.
         """
         return (wrenches @ screws.swapaxes(1, 2)) * self.signs + self.couplings
 
 
 @dataclass(frozen=True, eq=False)
 class SquarePart(ReadOnlyArrays):
-    """The entries of a square part of matrices, in the memory of the whole and in a band matrix."""
+    """A square part of sparse matrices: its E nonzero entries, and their order in a band matrix."""
 
-    entries: IntArray  # (E,) places in the memory of a whole matrix
+    entries: IntArray  # (E,) indices into the flattened whole matrix
     band: Band
 
     @staticmethod
     def of(pattern: BoolArray, rows: IntArray, columns: IntArray) -> SquarePart | None:
-        """Return the entries of a pattern in some rows and columns.
-
-        None unless the columns are as many as the rows.
-        """
+        """Return the part of a pattern in k rows and k columns; None if not square or empty."""
         if not len(rows) == len(columns) > 0:
             return None
-        i, j = np.nonzero(pattern[rows][:, columns])  # (E,) each, in the square part
-        entries = rows[i] * pattern.shape[1] + columns[j]  # in the whole matrix, row by row
+        i, j = np.nonzero(pattern[rows][:, columns])  # (E,) each, indices into the square part
+        entries = rows[i] * pattern.shape[1] + columns[j]  # the same entries of the whole matrix, row-major
         return SquarePart(entries, Band.of(i, j, len(rows)))
 
     def factor(self, matrices: Array) -> Factors:
-        """Factor this part (T, k, k) of matrices (T, r, c)."""
+        """Compute LU factors of this part (T, k, k) of matrices (T, r, c)."""
         count, rows, columns = matrices.shape
         values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)  # (T, E)
         return self.band.factor(values)

@@ -1,6 +1,6 @@
 """Pinocchio's working memory for a mechanism, read as numpy arrays without copies.
 
-Reading a stack of poses element by element through pinocchio's accessors costs more than computing them.
+Reading poses element by element through pinocchio's accessors takes longer than computing them.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from framework.numerics.arrays import Array, IntArray
 class Scratch(NamedTuple):
     """Pinocchio's working memory for a mechanism, with its results as arrays.
 
-    The arrays are views of the memory of `data`: they change with every call of pinocchio on it.
+    The arrays are views of the memory of `data`: every call of pinocchio with `data` changes them.
     """
 
     data: pin.Data
     placements: Array  # (frames of the model, 12): the three axes of a frame, then its origin
-    columns: Array  # (nv, 6) the joints' screws
+    columns: Array  # (nv, 6) screws of the joints
     velocities: Array  # (bodies of the model, 6) twists at the base's origin
-    accelerations: Array  # (bodies of the model, 6) their time derivatives
-    joints: Array  # (bodies of the model, 12) placements of the joints, as `placements`
+    accelerations: Array  # (bodies of the model, 6) time derivatives of these twists
+    joints: Array  # (bodies of the model, 12) placements of the joints, like `placements`
     forces: Array  # (bodies of the model, 6) (force, moment) through the joints on their own axes, by RNEA
-    frames: IntArray  # (F,) rows of `placements`
-    bodies: IntArray  # (F,) rows of `velocities` that carry the frames
-    carried: Array  # (F, nv)
+    frames: IntArray  # (F,) rows of `placements` that the mechanism needs
+    bodies: IntArray  # (F,) rows of `velocities` of the bodies of these frames
+    carried: Array  # (F, nv) 1 where the column moves the frame, else 0
 
     @staticmethod
     def of(model: pin.Model, frames: tuple[int, ...]) -> Scratch:
         """Allocate working memory for a model and some of its frames.
 
         Raises:
-            RuntimeError: `eigenpy.sharedMemory` is switched off, so that pinocchio hands out copies.
+            RuntimeError: `eigenpy.sharedMemory` is off, so pinocchio returns copies of its memory.
         """
         data = model.createData()
         if data.J.flags.owndata:
@@ -62,25 +62,23 @@ class Scratch(NamedTuple):
 def scratch_of(mechanism: Mechanism) -> Scratch:
     """Return the working memory of this thread, which every call of pinocchio overwrites.
 
-    Making a `pin.Data` costs more than a hundred of the calls that use it (7.7 ms for 81 joints). It belongs
-    to the model, so a mechanism and the robot made of the mechanism share it.
+    Allocating a `pin.Data` takes longer than a hundred calls with it (7.7 ms for 81 joints). The memory
+    belongs to the model, so a mechanism and the robot made of it share the same memory.
     """
     return _thread_scratch(mechanism.model, mechanism.frames, threading.get_ident())
 
 
-@lru_cache(maxsize=16)  # megabytes each
+@lru_cache(maxsize=16)  # of several megabytes each
 def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> Scratch:
-    """Allocate the working memory of one thread, once.
-
-    The thread's number is a key of the cache.
-    """
+    """Allocate working memory; the `thread` makes the cache return one to each thread."""
     return Scratch.of(model, frames)
 
 
 def _view_vector(vector: Any, first_part: str, width: int) -> Array:
-    """View a C++ vector of pinocchio as an array (elements, width), its elements with `first_part` ahead.
+    """View a C++ vector of pinocchio as an array (elements, width) of doubles.
 
-    A C++ vector keeps its elements in one block of memory, at a constant stride [bytes].
+    Each element begins with its attribute `first_part`. A C++ vector stores its elements in one block of
+    memory, at a constant stride [bytes].
     """
     first, second = (getattr(vector[k], first_part) for k in range(2))
     stride = second.ctypes.data - first.ctypes.data
@@ -88,7 +86,7 @@ def _view_vector(vector: Any, first_part: str, width: int) -> Array:
 
 
 def carrying_joints(model: pin.Model, bodies: IntArray) -> Array:
-    """Return 1 where a column of the velocity vector moves one of the bodies (F,), else 0, (F, nv)."""
+    """Return 1 where a column moves one of the bodies (F,), else 0, (F, nv)."""
     carried = np.zeros((len(bodies), model.nv))
     for f, body in enumerate(bodies):
         for joint in model.supports[int(body)]:

@@ -1,4 +1,4 @@
-"""Placements and velocities of a robot's joints and frames along a motion, to be drawn."""
+"""Placements and velocities of a robot's joints and frames along a motion, for drawing."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from framework.tolerances import FILE_ROUNDING
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
     """Compute the poses (F, njoints, 7) of all joints at q (F, nq).
 
-    A pose is (x, y, z, qx, qy, qz, qw). The signs of quaternions, which do not matter to one pose, are
-    continuous from each configuration to the next.
+    A pose is (x, y, z, qx, qy, qz, qw). The sign of a quaternion means nothing for a single pose; here it is
+    chosen so that quaternions are continuous from configuration to configuration.
     """
     model, data = robot.model, robot.model.createData()
     poses = np.empty((len(q), model.njoints, 7))
@@ -28,47 +28,44 @@ def joint_poses(robot: ParallelRobot, q: Array) -> Array:
         for j, placement in enumerate(data.oMi):
             poses[k, j] = pin.SE3ToXYZQUAT(placement)
     quaternions = poses[:, :, 3:]
-    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=2)  # (F - 1, njoints) between neighbours
+    cosines = np.sum(quaternions[1:] * quaternions[:-1], axis=2)  # (F - 1, njoints) of successive ones
     signs = np.cumprod(np.where(cosines < 0, -1.0, 1.0), axis=0)
     quaternions[1:] *= signs[:, :, None]
     return poses
 
 
 def platform_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute the origin (F, 3) of the platform's frame, for poses of `joint_poses`."""
+    """Compute the origin (F, 3) of the platform's frame for poses of `joint_poses`."""
     return frame_origins(robot, poses, robot.frames[0])
 
 
 def platform_frame_twists(robot: ParallelRobot, q: Array, v: Array) -> Array:
-    """Compute twists (F, 6) of the platform's frame on base axes for velocities v (F, n) at q (F, nq)."""
+    """Compute twists (F, 6) of the platform's frame, base axes, for velocities v (F, n) at q (F, nq)."""
     return robot.platform.frame_twist(frames_at(robot, q), v)
 
 
 def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
-    """Compute wrenches (F, 6) at the platform's origin in base axes with components W (F, n) at q (F, nq)."""
+    """Compute wrenches (F, 6) at the platform's origin, base axes, for components W (F, n) at q (F, nq)."""
     return frame_wrench(robot.platform, frames_at(robot, q), W)
 
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
-    """Compute the origin (F, 3) of one of pinocchio's frames, for poses of `joint_poses`."""
+    """Compute the origin (F, 3) of one of pinocchio's frames for poses of `joint_poses`."""
     placed = robot.model.frames[frame]
     joint = poses[:, placed.parentJoint]
     return joint[:, :3] + rotate_vector(joint[:, 3:], placed.placement.translation)
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute all positions (m, 3) that a view has to show.
-
-    They are those of joints, platform and ends of loops.
-    """
+    """Compute the positions (m, 3) of joints, platform and ends of loops, which a view has to show."""
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
 
 def rotate_vector(quaternion: Array, vector: Array) -> Array:
-    """Turn a vector u (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w).
+    """Rotate a vector u (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w).
 
-    With the vector part a it becomes u + 2 w a x u + 2 a x (a x u).
+    With the vector part a = (x, y, z) the result is u + 2 w a x u + 2 a x (a x u).
     """
     a, w = quaternion[:, :3], quaternion[:, 3:]
     normal = 2 * np.cross(a, vector)
@@ -76,23 +73,20 @@ def rotate_vector(quaternion: Array, vector: Array) -> Array:
 
 
 def carried_points(pose: Array, points: Array) -> Array:
-    """Convert points (m, 3) of a joint's frame to the base.
-
-    The joint is at a pose (7,) of `joint_poses`.
-    """
+    """Convert points (m, 3) from the frame of a joint at a `pose` (7,) to the base."""
     return pose[:3] + rotate_vector(pose[None, 3:], points)
 
 
 class JointAxis(NamedTuple):
-    """The axis of a coordinate, in the frame of one of pinocchio's joints."""
+    """The axis of a coordinate in the frame of one of pinocchio's joints."""
 
     joint: int  # 0 is the base
-    place: Array  # (3,) [m] a point of the axis
+    place: Array  # (3,) [m] a point on the axis
     axis: Array  # (3,) unit direction
 
 
 def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of a velocity column in the frame of the parent joint."""
+    """Return the axis of a column in the frame of the parent joint."""
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
@@ -103,23 +97,23 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
 
 
 def carried_axis(robot: ParallelRobot, column: int) -> JointAxis:
-    """Return the axis of a velocity column in the frame of its own joint."""
+    """Return the axis of a column in the frame of its own joint."""
     model, joint = robot.model, int(tree_columns(robot).owner[column])
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     jacobian = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
-    linear, angular = jacobian[:3, column], jacobian[3:, column]
+    linear, angular = jacobian[:, column].reshape(2, 3)
     axis = linear if robot.sliding[column] else angular
     return JointAxis(joint, np.zeros(3), axis / np.linalg.norm(axis))
 
 
 def planar_normal(robot: ParallelRobot) -> Array | None:
-    """Compute the normal (3,) of a planar robot in the base frame.
+    """Compute the unit normal (3,) of a planar robot in the base frame; None if not planar.
 
-    None if the robot is not planar. All hinges are parallel to the normal and all slides perpendicular.
+    All hinges of a planar robot are parallel to the normal, all slides are perpendicular to it.
     """
     screws = frames_at(robot, robot.reference.q[None]).screws[0]  # (nv, 6)
-    turning = np.linalg.norm(screws[:, 3:], axis=1) > 0.5  # hinges; angular parts of slides are zero
+    turning = np.linalg.norm(screws[:, 3:], axis=1) > 0.5  # 1 for hinges, 0 for slides
     if not turning.any():
         return None
     hinges, slides = screws[turning, 3:], screws[~turning, :3]  # unit axes

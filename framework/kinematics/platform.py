@@ -1,13 +1,13 @@
-"""The platform's coordinates x, its velocity v, and how the rates of one make the other.
+"""The platform's coordinates x, its velocity v, and the relation v = E(x) dx between them.
 
-v (n,) is the power of n wrenches of unit size on the motion of the mechanism, and v = E(x) dx. All other
-quantities refer to v: A v = B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So a
-platform is defined by these wrenches and by E(x):
+v (n,) are the powers of n unit wrenches on the motion of the mechanism. All other quantities refer to v: A v
+= B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So the unit wrenches and E(x)
+define a platform:
 
     a frame on base axes    translations of its origin [m]: unit forces, v = dx; turns: the couples of a
                             chart (`attitude`) [rad]
-    joints of the tree      their positions [rad, m]: the couple about the joint's axis or the force
-                            along it, which only that joint feels; v = dx
+    joints of the tree      their positions [rad, m]: the couple about the joint's axis, or the force along
+                            it, which has power on that joint only; v = dx
 
 With translations and none or three turns, v is (linear, angular) of the frame at its origin on base axes.
 """
@@ -22,23 +22,24 @@ import pinocchio as pin
 
 from framework.kinematics.attitude import Attitude, TwistAngle, attitude_about, twist_angle_for
 from framework.kinematics.frames import FrameMotions, FrameStack
+from framework.kinematics.tree_model import is_slide
 from framework.laws.path import Path
 from framework.model.description import AXES, Platform
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import cross, matmul, matvec
 from framework.numerics.rotations import whole_turns, wrap_angles
 
-STEP: Any = 2.0**-120 * 1j  # of complex-step derivatives: its square is far below rounding
+STEP: Any = 2.0**-120 * 1j  # for complex-step derivatives: its square is far below rounding
 CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or displacements and rates
 
 
 @dataclass(frozen=True, eq=False)
 class _Coordinates(ReadOnlyArrays):
-    """The part of a platform's n coordinates x that does not depend on their kind."""
+    """The common part of all kinds of platform coordinates x (n,)."""
 
     translations: BoolArray  # (n,) [m]; the others are turns [rad]
-    sliding: IntArray  # indices in x of translations of the frame's origin along base axes
-    along: IntArray  # those axes, 0..2
+    sliding: IntArray  # indices into x of translations of the frame's origin along base axes
+    along: IntArray  # the base axes of these translations, 0..2
 
     @property
     def n(self) -> int:
@@ -55,9 +56,9 @@ class _Coordinates(ReadOnlyArrays):
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def unit_twists(self, motion: CoordinateRates) -> Array:
-        """Compute v of unit rates of each coordinate, its rate and acceleration (3, T, n, n), a row each.
+        """Compute v for unit rates of each coordinate and two time derivatives of v, (3, T, n, n).
 
-        They are the columns of E and their time derivatives along a motion x, dx and ddx (T, n).
+        Row k is of coordinate k: the transpose of E, and its derivatives along a motion x, dx, ddx (T, n).
         """
         twists = np.zeros((3, *motion[0].shape, self.n))
         twists[0] = np.eye(self.n)
@@ -68,7 +69,7 @@ class _Coordinates(ReadOnlyArrays):
         return self.unit_twists((x, np.zeros_like(x), np.zeros_like(x)))[0].swapaxes(1, 2)
 
     def path_twist(self, path: Path, s: float) -> Array:
-        """Compute v (n,) of the platform for ds/dt = 1 at path coordinate s."""
+        """Compute v (n,) on a path for ds/dt = 1 at path coordinate s."""
         parameter = np.array([s])
         return self.twist(path(parameter), path(parameter, 1))[0][0]
 
@@ -78,13 +79,13 @@ class FramePlatform(_Coordinates):
     """Translations of the origin of the mechanism's first frame along base axes, and its attitude."""
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
-    units: Array  # (n, 6) unit forces and couples along them
-    turning: IntArray  # indices in x of the turns
-    attitude: Attitude  # of no coordinates where it does not turn
+    units: Array  # (n, 6) unit forces and couples along these axes
+    turning: IntArray  # indices into x of the turns
+    attitude: Attitude  # chart of the turns
 
     @staticmethod
     def from_axes(names: Names) -> FramePlatform:
-        """Return the coordinates on axes out of x, y, z, rx, ry, rz."""
+        """Return the coordinates along axes named x, y, z, rx, ry or rz."""
         axes = np.array([AXES.index(name) for name in names])
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
@@ -99,7 +100,7 @@ class FramePlatform(_Coordinates):
         )
 
     def choose_chart(self, rotations: Array) -> FramePlatform:
-        """Return the same coordinates with the chart that attitudes R (T, 3, 3) of the frame need."""
+        """Return the same coordinates with the chart that suits attitudes R (T, 3, 3) of the frame."""
         if not isinstance(self.attitude, TwistAngle):
             return self
         return replace(self, attitude=twist_angle_for(self.attitude, rotations))
@@ -117,9 +118,9 @@ class FramePlatform(_Coordinates):
         return x
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
-        """Compute the offset (T, n) of the frame from x [m, rad].
+        """Compute the offset (T, n) of the frame from x [m, rad], turns the short way round.
 
-        Turns count the short way. Its rate is v.
+        The rate of the offset is v.
         """
         if self.is_point:
             return frames.position[:, 0, self.along] - x
@@ -135,9 +136,9 @@ class FramePlatform(_Coordinates):
         return x
 
     def wrenches(self, frames: FrameStack) -> Array:
-        """Compute the wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin, whose power is v.
+        """Compute the unit wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin.
 
-        They are unit forces and the couples of the attitude.
+        They are unit forces and the couples of the attitude. Their powers are v.
         """
         if self.constant:
             return self.units
@@ -147,9 +148,9 @@ class FramePlatform(_Coordinates):
         return wrenches
 
     def joint_incidence(self, carried: Array) -> Array:
-        """Return 1 where a joint moves a coordinate, else 0, (n, nv).
+        """Return 1 where a joint can move a coordinate, else 0, (n, nv).
 
-        `carried` (nv,) is 1 where the joint carries the frame: it then moves all coordinates.
+        A joint that carries the frame (`carried` (nv,) is 1) can move all coordinates.
         """
         return np.repeat(carried[None], self.n, axis=0)
 
@@ -159,18 +160,23 @@ class FramePlatform(_Coordinates):
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
     def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
-        """Compute the rates of couples p x f of unit forces f, and of the attitude's couples."""
+        """Compute two time derivatives (2, T, n, 6) of the unit wrenches about the base's origin.
+
+        The moment of a unit force f at the origin p has the derivatives p' x f and p" x f. The first
+        derivative of the chart's couples is analytic; a complex step of it gives the second.
+        """
         rates = np.zeros((2, len(motions.twist), self.n, 6))
         rates[..., 3:] = cross(motions.rates[1:, :, :1, 3], self.units[:, :3])
         if not self.constant:
-            axes, w = motions.rates[:2, :, 0, :3], motions.twist[:, 0, 3:]
-            rotation = (axes[0] + STEP * axes[1]).swapaxes(1, 2)
-            couples = self.attitude.couple_rates(rotation, w + STEP * motions.twist_rate[:, 0, 3:])
+            axes, axis_rates = motions.rates[:2, :, 0, :3]  # (T, 3, 3) each, one axis a row
+            rotation = (axes + STEP * axis_rates).swapaxes(1, 2)
+            w = motions.twist[:, 0, 3:] + STEP * motions.twist_rate[:, 0, 3:]
+            couples = self.attitude.couple_rates(rotation, w)
             rates[:, :, self.turning, 3:] = couples.real, couples.imag / STEP.imag
         return rates
 
     def drift(self, motions: FrameMotions) -> Array:
-        """Compute dv/dt (T, n): of turns C dw/dt + dC/dt w, with the chart's couples C."""
+        """Compute dv/dt (T, n) for motions of frames: C dw/dt + dC/dt w of turns with couples C."""
         rate = np.empty((len(motions.twist), self.n))
         rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]
         if len(self.turning):
@@ -181,21 +187,15 @@ class FramePlatform(_Coordinates):
         return rate
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute the twist (T, 6) of the frame with velocities v (T, n).
-
-        It is zero along free axes and turns.
-        """
+        """Compute the twist (T, 6) of the frame for velocities v (T, n), zero along free axes."""
         twist = np.zeros((len(v), 6))
         twist[:, self.along] = v[:, self.sliding]
         twist[:, 3:] = self.attitude.angular_velocity(frames.rotation[:, 0], v[:, self.turning])
         return twist
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Compute v = E(x) dx and dv/dt, each (T, n).
-
-        Only a rotation vector has E other than 1.
-        """
-        ddx = np.zeros_like(dx) if ddx is None else ddx
+        """Compute v = E(x) dx and dv/dt, each (T, n); E is 1 except for rotation vectors."""
+        dx, ddx = super().twist(x, dx, ddx)
         if self.attitude.rates_are_velocities:
             return dx, ddx
         turns = self.turning
@@ -205,31 +205,34 @@ class FramePlatform(_Coordinates):
         return v, dv
 
     def unit_twists(self, motion: CoordinateRates) -> Array:
-        """Compute E' and its time derivatives (3, T, n, n); only a rotation vector has E other than 1."""
+        """Compute the transpose of E and its time derivatives, (3, T, n, n).
+
+        E is 1 except for rotation vectors, whose three unit rates are stacked here for each instant.
+        """
         twists = super().unit_twists(motion)
         if self.attitude.rates_are_velocities:
             return twists
         turns = self.turning
-        x, dx, ddx = (np.repeat(part[:, turns], len(turns), axis=0) for part in motion)
-        units = np.tile(np.eye(len(turns)), (len(motion[0]), 1))
+        x, dx, ddx = (np.repeat(part[:, turns], 3, axis=0) for part in motion)  # (3 T, 3)
+        units = np.tile(np.eye(3), (len(motion[0]), 1))  # (3 T, 3)
         v, dv = self.attitude.rates(x + STEP * dx, dx + STEP * ddx, units, np.zeros_like(units))
-        columns = np.stack([v.real, dv.real, dv.imag / STEP.imag]).reshape(3, -1, len(turns), len(turns))
-        twists[..., turns[:, None], turns] = columns
+        rows = np.stack([v.real, dv.real, dv.imag / STEP.imag])  # (3, 3 T, 3)
+        twists[..., turns[:, None], turns] = rows.reshape(3, -1, 3, 3)
         return twists
 
 
 @dataclass(frozen=True, eq=False)
 class JointPlatform(_Coordinates):
-    """Positions of joints of the tree, with the methods of `FramePlatform`."""
+    """Positions of joints of the tree, with the same methods as `FramePlatform`."""
 
-    columns: IntArray  # (n,) entries of pinocchio's velocity vector
-    places: IntArray  # (n,) entries of q
+    columns: IntArray  # (n,) indices into pinocchio's velocity vector
+    places: IntArray  # (n,) indices into q
 
     @staticmethod
     def from_joints(names: Names, model: pin.Model) -> JointPlatform:
-        """Return the coordinates on joints of one degree of freedom."""
+        """Return the coordinates of named hinges and slides."""
         joints = [model.joints[model.getJointId(name)] for name in names]
-        slides = np.array([joint.shortname().startswith("JointModelP") for joint in joints])
+        slides = np.array([is_slide(joint) for joint in joints])
         nothing = np.empty(0, dtype=np.intp)
         columns = np.array([joint.idx_v for joint in joints])
         q_indices = np.array([joint.idx_q for joint in joints])
@@ -249,17 +252,21 @@ class JointPlatform(_Coordinates):
         return np.where(self.translations, offset, wrap_angles(offset))
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute positions (T, n) with hinges counted on from `near`; slides stay."""
+        """Compute positions (T, n) with hinges counted on from `near`, (n,) or (T, n)."""
         return np.where(self.translations, x, x + whole_turns(near - x))
 
     def wrenches(self, frames: FrameStack) -> Array:
-        """Compute couples about hinges and forces along slides, (T, n, 6)."""
+        """Compute the unit wrenches (T, n, 6): couples about hinges and forces along slides."""
         wrenches = frames.screws[:, self.columns].copy()
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches
 
     def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
-        """Return the rates of axes, as couples of hinges and forces of slides (which feel no couple)."""
+        """Return two time derivatives (2, T, n, 6) of the unit wrenches about the base's origin.
+
+        They are the derivatives of the axes. The moment of a force along a slide about the base's origin has
+        no power on the slide and is left out.
+        """
         rates = screws[:, :, self.columns].copy()
         rates[:, :, ~self.translations, :3] = 0.0
         return rates
@@ -269,19 +276,19 @@ class JointPlatform(_Coordinates):
         return np.eye(len(carried))[self.columns]
 
     def jacobian(self, frames: FrameStack) -> Array:
-        """Return dv/dq' (T, n, nv): the rows of the identity that belong to the joints."""
+        """Return the derivative (T, n, nv) of v along joint rates: rows of the identity."""
         unit_rows = np.eye(frames.screws.shape[1])[self.columns]
         return np.repeat(unit_rows[None], len(frames.q), axis=0)
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute the twist (T, 6) at the frame's origin: joint screws times v (T, n)."""
+        """Compute the twist (T, 6) at the frame's origin for velocities v (T, n) of the joints."""
         screws = frames.screws[:, self.columns]
         twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
 
     def drift(self, motions: FrameMotions) -> Array:
-        """Return zeros (T, n): dJ/dt is zero, since the joints' rates are v itself."""
+        """Return zeros (T, n): v consists of joint rates, so its Jacobian is constant."""
         return np.zeros((len(motions.twist), self.n))
 
 
@@ -289,16 +296,13 @@ PlatformCoordinates = FramePlatform | JointPlatform
 
 
 def platform_coordinates(platform: Platform, model: pin.Model) -> PlatformCoordinates:
-    """Return the coordinates that a robot file asks for."""
+    """Return the coordinates that the platform of a robot file declares."""
     if platform.joints:
         return JointPlatform.from_joints(platform.joints, model)
     return FramePlatform.from_axes(platform.axes)
 
 
 def frame_wrench(platform: PlatformCoordinates, frames: FrameStack, W: Array) -> Array:
-    """Compute the wrench (T, 6) at the frame's origin of components W (T, n).
-
-    Its power is W . v.
-    """
+    """Compute the wrench (T, 6) at the frame's origin whose power is W . v, for W (T, n)."""
     wrenches = np.broadcast_to(platform.wrenches(frames), (len(W), platform.n, 6))
     return matvec(wrenches.swapaxes(1, 2), W)

@@ -1,8 +1,9 @@
-"""Loops of an overconstrained mechanism whose dimensions were rounded.
+"""Loops of an overconstrained mechanism with rounded dimensions.
 
-With exact dimensions some rows of an overconstrained loop repeat others. Written with seven digits they do so
-but for 1e-7, and no pose closes them all. Rows that are independent beyond such rounding close exactly. The
-gap of the others is measured along each motion and stands in its certificate.
+With exact dimensions some equations of an overconstrained loop are redundant. With dimensions of seven digits
+they contradict the others by about 1e-7, and no pose closes all of them. So only the equations that are
+independent beyond rounding are closed, exactly. The gap of the other equations is measured along each motion
+and reported in its certificate.
 """
 
 from __future__ import annotations
@@ -26,15 +27,17 @@ from framework.kinematics.mechanism import Mechanism, reference_length
 from framework.numerics.arrays import Array
 from framework.tolerances import EXPORT_ROUNDING
 
-ROUNDED_ROW = 10 * EXPORT_ROUNDING  # singular value over the largest; the catalogue's weakest row has 8e-3
+ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least in the catalogue: 8e-3
 
 
 def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
-    """Close the loops at the reference, without rows that repeat others but for rounding.
+    """Close the loops at the reference, without rows that are redundant except for rounding.
 
-    Returned are the mechanism whose `rows` close exactly, and its closed pose. A mechanism may close to the
-    last digit in the pose of its drawing, and its rounding locks it there. So rows that repeat others at
-    poses nearby, too, are set aside.
+    A mechanism may also close to the last digit in the pose in which it was drawn, and be locked there by its
+    rounding. So rows are excluded, too, if they are redundant except for rounding at nearby poses.
+
+    Returns:
+        The mechanism whose `rows` close exactly, and its closed pose.
 
     Raises:
         NotAssembled: the loops do not close, for another reason than rounding; see `close_reference`.
@@ -42,32 +45,29 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
     try:
         closing = close_reference(mechanism)
     except NotAssembled as failure:
-        reduced = _set_rounded_rows_aside(mechanism, failure.q)
+        reduced = _exclude_rounded_rows(mechanism, failure.q)
         if reduced is None:
             raise
         return reduced, close_reference(reduced)
-    # with its size at the closed pose for the length, which scales the rows
+    # the size at the closed pose scales the rows: at the reference of the file it may be far off
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
     matrix = joint_loops_matrix(sized, closing.q)
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
-        reduced = _set_rounded_rows_aside(sized, closing.q)
+        reduced = _exclude_rounded_rows(sized, closing.q)
         if reduced is not None and _are_rows_redundant_nearby(sized, reduced, closing.q):
             return replace(reduced, length=mechanism.length), closing
     return mechanism, closing
 
 
 def rounded_gap(mechanism: Mechanism, q: Array) -> float:
-    """Compute the largest gap of the rounded rows [m or rad] over configurations q (T, nq)."""
+    """Compute the largest residual of the rounded rows over configurations q (T, nq) [m or rad]."""
     if not mechanism.rounded.names:
         return 0.0
     return float(np.abs(loop_equations(mechanism.rounded, frames_at(mechanism, q)).residual).max())
 
 
-def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
-    """Move rows that repeat others but for rounding at q to `rounded`.
-
-    None if there are no such rows at q (nq,).
-    """
+def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
+    """Move rows that are redundant except for rounding at q (nq,) to `rounded`; None without any."""
     rows = mechanism.rows
     matrix = joint_loops_matrix(mechanism, q)
     rank = numerical_rank(matrix, ROUNDED_ROW)
@@ -79,10 +79,7 @@ def _set_rounded_rows_aside(mechanism: Mechanism, q: Array) -> Mechanism | None:
 
 
 def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
-    """Whether the rows of `reduced` imply all others at poses near q (nq,).
-
-    They do so but for rounding.
-    """
+    """Whether the rows of `reduced` imply all others, except for rounding, at poses near q (nq,)."""
     poses = nearby_configurations(reduced, q)
     ranks = {numerical_rank(joint_loops_matrix(mechanism, pose), ROUNDED_ROW) for pose in poses}
     gaps = [largest_gap(mechanism, pose) for pose in poses]

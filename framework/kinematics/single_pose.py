@@ -1,7 +1,8 @@
-"""The loop equations of one configuration after another, in few calls of numpy.
+"""The loop equations of one configuration at a time, in few numpy calls.
 
-The equations are those of `closures`, which is for stacks: for one configuration its calls on a dozen small
-arrays cost more than pinocchio. Every equation is a product of two vectors of frames (`row_factors`).
+The equations are those of `closures`. That module is made for stacks: on a single configuration its calls on
+a dozen small arrays cost more time than pinocchio. Here the arrays are allocated once and overwritten.
+Every equation is a product of two vectors of frames (`row_factors`).
 """
 
 from __future__ import annotations
@@ -21,52 +22,55 @@ class SinglePose:
     """Loop equations, Jacobian and drift of one configuration at a time, for one thread."""
 
     def __init__(self, robot: ParallelRobot) -> None:
-        """Allocate the memory of one pose: frames, m loop equations and their Jacobian (m, nv)."""
+        """Allocate the memory of one pose: F frames, m loop equations and their Jacobian (m, nv)."""
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
-        self.robot, self.scratch, m = robot, scratch, len(rows.names)
-        self._placed = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame
-        self._turning, self._factor = rows.rotation[:, None], rows.derivative_weight[:, None]
+        count = len(rows.names)
+        self.robot, self.scratch = robot, scratch
+        self._placements = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame
+        self._is_rotation = rows.rotation[:, None]
+        self._weight = rows.derivative_weight[:, None]
         self._signs = rows.joint_signs(scratch.carried)
-        self._coupled = rows.coupling_jacobian(robot.nv)
-        self._wrench = np.empty((m, 6))
-        self.residual = np.empty(m)  # of all loop equations [m, rad]
-        self.jacobian = np.empty((m, robot.nv))
+        self._couplings = rows.coupling_jacobian(robot.nv)
+        self._wrench = np.empty((count, 6))
+        self.residual = np.empty(count)  # of all loop equations [m, rad]
+        self.jacobian = np.empty((count, robot.nv))
 
     def place(self, q: Array) -> None:
-        """Compute residual (rows,) and jacobian (rows, nv) of all loop equations at q (nq,)."""
+        """Compute residual (m,) and Jacobian (m, nv) of all loop equations at q (nq,)."""
         scratch, rows, wrench = self.scratch, self.robot.rows, self._wrench
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
         pin.updateFramePlacements(self.robot.model, scratch.data)
-        force, second = self._measure(q)  # both factors of each row (rows, 3)
-        lever = self._placed.reshape(-1, 3).take(rows.vectors[3], axis=0)  # the second frame's origin
-        # the wrench of a translation is a force at this origin, that of a rotation the couple w x u
+        force, second = self._update_residual(q)
+        lever = self._placements.reshape(-1, 3).take(rows.vectors[3], axis=0)  # the second frame's origin
+        # a translation row is a force at the second frame's origin, a rotation row the couple w x u
         if rows.only_translations:
             wrench[:, :3] = force
         else:
-            force, lever = self._factor * force, np.where(self._turning, second, lever)
-            wrench[:, :3] = np.where(self._turning, 0.0, force)
+            force = self._weight * force
+            lever = np.where(self._is_rotation, second, lever)
+            wrench[:, :3] = np.where(self._is_rotation, 0.0, force)
         wrench[:, 3:] = cross(lever, force)
         np.matmul(wrench, scratch.columns.T, out=self.jacobian)
         self.jacobian *= self._signs
         if rows.has_couplings:
-            self.jacobian += self._coupled
+            self.jacobian += self._couplings
 
     def move(self, q: Array, v: Array) -> None:
-        """Compute residual, twists and their rates at q (nq,) for joint rates v (nv,)."""
+        """Compute residual, body twists and their rates at q (nq,) for joint rates v (nv,)."""
         scratch = self.scratch
         pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))
         pin.updateFramePlacements(self.robot.model, scratch.data)
-        self._measure(q)
+        self._update_residual(q)
 
     def drift(self) -> Array:
-        """Return the second time derivative (rows,) of the equations at the last `move`."""
+        """Return the second time derivative (m,) of the loop equations at the last `move`."""
         scratch = self.scratch
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
-        return closure_drift(self.robot.rows, FrameMotions.of(self._placed, *twists))
+        return closure_drift(self.robot.rows, FrameMotions.of(self._placements, *twists))
 
     def frame_stack(self, q: Array) -> FrameStack:
-        """Return the frames of the last `place` or `move`, as a stack of one."""
-        return FrameStack(self._placed[None], self.scratch.columns[None], self.scratch.carried, q[None])
+        """Return the frames of the last `place` or `move` at q (nq,), T = 1."""
+        return FrameStack(self._placements[None], self.scratch.columns[None], self.scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
         """Return velocity and angular velocity (3,) of the platform's frame at the last `move`."""
@@ -76,13 +80,13 @@ class SinglePose:
     @property
     def platform_origin(self) -> Array:
         """The origin (3,) of the platform's frame at the last `place` or `move`."""
-        return self._placed[0, 3]
+        return self._placements[0, 3]
 
-    def _measure(self, q: Array) -> tuple[Array, Array]:
-        """Compute the residual from the frames, and return both factors (rows, 3) of the equations."""
+    def _update_residual(self, q: Array) -> tuple[Array, Array]:
+        """Compute the residual from pinocchio's frames; return both factors (m, 3) of its rows."""
         scratch, rows = self.scratch, self.robot.rows
-        scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placed)
-        a, b = row_factors(rows, self._placed)
+        scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
+        a, b = row_factors(rows, self._placements)
         np.einsum("ij,ij->i", a, b, out=self.residual)  # a . b of each row
         if not rows.only_translations:
             self.residual *= rows.weight

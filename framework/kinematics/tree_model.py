@@ -1,14 +1,15 @@
-"""Pinocchio's model of the open tree, the names of its coordinates, and their limits.
+"""Pinocchio's model of the open tree; names and limits of its coordinates.
 
-A ball keeps a quaternion, so that none of its poses is singular; three hinges in series are singular where
-the second has turned by a right angle. A floating joint is three slides and a ball. The velocity of a ball is
-the angular velocity of its child link relative to its parent link, about axes that move with the child. The
-third axis goes through the centre of mass behind the ball. So a rod that spins idly between two balls spins
-about that axis, and planning holds this one rate at zero, whatever the frame of the rod is. Files, tables and
-messages state a ball by its rotation vector about the axes of the joint's origin.
+A ball has a quaternion, so none of its poses is singular; three hinges in series would be singular where the
+second has turned by a right angle. A floating joint consists of three slides and a ball. The velocity of a
+ball is the angular velocity of its child link relative to its parent link, on axes that move with the child.
+The third of these axes passes through the centre of mass of the child. So a rod between two balls spins about
+this axis when it spins idly, and planning holds this one rate at zero, however the frame of the rod is
+oriented. Files, tables and messages state the position of a ball as a rotation vector on the axes of the
+joint's origin.
 
-Limits are `lower` and `upper` of a revolute or prismatic joint. A joint is unlimited if both are left out or
-equal, as exporters without limits write them; one left out alone is 0, as in URDF.
+Limits are `lower` and `upper` of a revolute or prismatic joint. A joint is unlimited if both are missing or
+equal, as exporters write joints without limits. If only one of them is missing, it is 0, as URDF says.
 """
 
 from __future__ import annotations
@@ -29,41 +30,40 @@ from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
-CENTRE_DISTANCE = 1e-12  # [m] nearer to the ball's centre than this, a centre of mass gives no direction
+CENTRE_DISTANCE = 1e-12  # [m] a point nearer to the ball's centre than this gives no direction
 
 
-def tree_model(urdf: ElementTree.Element, as_declared: Collection[str] = ()) -> pin.Model:
-    """Return pinocchio's model of a URDF made by `bare_urdf`; the URDF is modified.
+def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.Model:
+    """Build pinocchio's model of a URDF without shapes; modify the URDF.
 
-    The axes of a ball are turned towards the centre of mass behind it, except for joints `as_declared`.
+    The third axis of a ball is turned towards the centre of mass of its child, except for joints
+    `as_declared`.
 
     Raises:
-        ValueError, RuntimeError: of pinocchio's parser.
+        ValueError, RuntimeError: from pinocchio's parser.
     """
-    several = {}
+    several = {}  # kinds of joints with several freedoms by name
     for joint in urdf.findall("joint"):
         if (kind := joint.get("type", "")) in SEVERAL:
             several[joint.get("name", "")] = kind
-            joint.set("type", "floating")  # the only one that the parser knows
+            joint.set("type", "floating")  # the only kind with several freedoms that the parser knows
     model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
     return _replace_balls(model, several, as_declared) if several else model
 
 
 def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
-    """Return the model with balls in place of the floating joints `several`.
+    """Return the model with balls in place of the floating joints that the parser made.
 
-    `several` has the kinds of joints by name; a floating one has slides too.
+    `several` has the declared kinds of these joints by name; a floating joint gets three slides, too.
     """
     model = pin.Model()
     model.name = parsed.name
-    new = {0: 0}  # the new joint of each parsed one
-    axes = {0: pin.SE3.Identity()}  # the pose of each parsed joint in the new one, whose axes may be turned
+    new = {0: 0}  # index of each parsed joint in the new model
+    axes = {0: pin.SE3.Identity()}  # pose of each parsed joint in the new one, whose axes may be turned
     for j in range(1, parsed.njoints):
-        name, parent = str(parsed.names[j]), int(parsed.parents[j])
-        placement = axes[parent] * parsed.jointPlacements[j]
-        parent = new[parent]
-        joint = parsed.joints[j]
-        axes[j] = pin.SE3.Identity()
+        name, parsed_parent = parsed.names[j], parsed.parents[j]
+        parent, placement = new[parsed_parent], axes[parsed_parent] * parsed.jointPlacements[j]
+        joint, axes[j] = parsed.joints[j], pin.SE3.Identity()
         if name in several:
             joint = pin.JointModelSpherical()
             if several[name] == "floating":
@@ -75,15 +75,15 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
                 axes[j] = to_centre.inverse()
         new[j] = model.addJoint(parent, joint, placement, name)
         model.appendBodyToJoint(new[j], parsed.inertias[j], axes[j])
-    for frame in list(parsed.frames)[1:]:  # not the universe
-        j = int(frame.parentJoint)
+    for frame in parsed.frames[1:]:  # all except the universe
+        j = frame.parentJoint
         pose = axes[j] * frame.placement
         model.addFrame(pin.Frame(frame.name, new[j], frame.parentFrame, pose, frame.type), False)
     return model
 
 
 def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) -> int:
-    """Add slides along x, y and z to a parent joint; return the last."""
+    """Add slides along x, y and z to a parent joint; return the index of the last one."""
     for suffix, slide in _SLIDES:
         parent = model.addJoint(parent, slide(), placement, f"{name}{suffix}")
         placement = pin.SE3.Identity()
@@ -91,9 +91,9 @@ def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) ->
 
 
 def _centre_direction(model: pin.Model, j: int) -> Array:
-    """Return a vector (3,) from joint j to its centre of mass.
+    """Return a vector (3,) from joint j to the centre of mass of its child link.
 
-    Without one, to its farthest frame, else z.
+    If the two coincide, it leads to the farthest frame of the link; if that coincides, too, it is z.
     """
     inertia = model.inertias[j]
     if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
@@ -105,21 +105,21 @@ def _centre_direction(model: pin.Model, j: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Names and axes of the entries of a model's velocity vector in files and messages."""
+    """Names and axes of the columns of a model in files and messages."""
 
     model: pin.Model
 
     @cached_property
     def names(self) -> Names:
-        """A name for each entry, (nv,): its joint's, of a ball NAME_rx, NAME_ry, NAME_rz."""
+        """The name of each column, (nv,): its joint's, or NAME_rx, NAME_ry, NAME_rz of a ball."""
         return coordinate_names(self.model)
 
     def name_of(self, column: SupportsIndex) -> str:
-        """Return the name of one entry."""
+        """Return the name of one column."""
         return self.names[column]
 
     def positions(self, q: Array) -> Array:
-        """Compute joint positions (T, nv) [rad, m] at q (T, nq): of balls, rotation vectors."""
+        """Compute joint positions (T, nv) [rad, m] at q (T, nq), as rotation vectors for balls."""
         model = self.model
         if model.nq == model.nv:
             return q
@@ -133,35 +133,40 @@ class Coordinates:
 
 
 def single_columns(model: pin.Model) -> frozenset[int]:
-    """Return the columns of joints with one column: hinges and slides."""
-    return frozenset(int(joint.idx_v) for joint in list(model.joints)[1:] if joint.nv == 1)
+    """Return the columns of hinges and slides, which have one column each."""
+    return frozenset(joint.idx_v for joint in model.joints[1:] if joint.nv == 1)
 
 
 def coordinate_names(model: pin.Model) -> Names:
-    """Return a name for each entry of the velocity vector, (nv,)."""
+    """Return the name of each column, (nv,)."""
     names: list[str] = []
-    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
         suffixes = SEVERAL["spherical"] if is_ball(joint) else ("",) * joint.nv
         names += [f"{name}{suffix}" for suffix in suffixes]
     return tuple(names)
 
 
 def is_ball(joint: pin.JointModel) -> bool:
-    """Whether a joint keeps a quaternion."""
+    """Whether a joint has a quaternion."""
     return bool(joint.shortname() == "JointModelSpherical")
+
+
+def is_slide(joint: pin.JointModel) -> bool:
+    """Whether a joint is prismatic."""
+    return bool(joint.shortname().startswith("JointModelP"))
 
 
 @lru_cache(maxsize=64)
 def ball_columns(model: pin.Model) -> IntArray:
-    """Return the columns (b, 3) of balls in the velocity vector."""
+    """Return the columns (b, 3) of b balls."""
     first = np.array([joint.idx_v for joint in model.joints if is_ball(joint)], dtype=np.intp)
     return first[:, None] + np.arange(3)
 
 
 def file_axes(model: pin.Model) -> Array:
-    """Return the matrix (nv, nv) from tangent vectors to coordinates on the axes of files.
+    """Return the matrix (nv, nv) that converts tangent vectors to the axes of files.
 
-    It is the identity except for balls, whose axes the model turns.
+    It is the identity except for balls, whose axes `tree_model` turns.
     """
     axes = np.eye(model.nv)
     for j, joint in enumerate(model.joints):
@@ -172,22 +177,19 @@ def file_axes(model: pin.Model) -> Array:
 
 
 def link_axes(model: pin.Model, j: int) -> pin.SE3:
-    """Return the placement of the link's axes on joint j.
-
-    It is the identity except for balls.
-    """
-    name = str(model.names[j])
+    """Return the placement of the link's axes on joint j; the identity except for balls."""
+    name = model.names[j]
     if model.existFrame(name, pin.FrameType.JOINT):
         return model.frames[model.getFrameId(name, pin.FrameType.JOINT)].placement
     return pin.SE3.Identity()
 
 
 class JointLimit(NamedTuple):
-    """The limits of one joint in a URDF."""
+    """The position limits of one joint in a URDF."""
 
     joint: str
-    coordinate: int  # its index in q
-    column: int  # in the velocity vector
+    coordinate: int  # index of its position in q
+    column: int  # index of its velocity
     lower: float
     upper: float
     unit: str  # rad or m
@@ -210,7 +212,7 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
 
 
 def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
-    """Compute by how much q (..., nq) exceeds each limit, over the joint's range, (..., limits)."""
+    """Compute excesses (..., limits) of q (..., nq) over limits, as shares of the joints' ranges."""
     positions = q[..., [limit.coordinate for limit in limits]]
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])
@@ -223,14 +225,16 @@ def positions_beyond_limits(limits: Sequence[JointLimit], q: Array) -> dict[str,
     """Describe the joints of q (T, nq) beyond their limits: `position -4.27 rad of -3.2` by joint."""
     exceeded = {}
     for limit in limits:
-        positions, slack = q[:, limit.coordinate], SAME_PLACE * max(abs(limit.lower), abs(limit.upper))
-        extremes = []  # beyond the limits, with the limit
-        if limit.lower - positions.min() > slack:
-            extremes.append((float(positions.min()), limit.lower))
-        if positions.max() - limit.upper > slack:
-            extremes.append((float(positions.max()), limit.upper))
-        texts = (format_distinct(*pair, 6) for pair in extremes)
-        if extremes:
+        rounding = SAME_PLACE * max(abs(limit.lower), abs(limit.upper))
+        positions = q[:, limit.coordinate]
+        least, largest = float(positions.min()), float(positions.max())
+        pairs = []  # of a position and the limit that it exceeds
+        if limit.lower - least > rounding:
+            pairs.append((least, limit.lower))
+        if largest - limit.upper > rounding:
+            pairs.append((largest, limit.upper))
+        texts = [format_distinct(*pair, 6) for pair in pairs]
+        if texts:
             excesses = " and ".join(f"{position} {limit.unit} of {bound}" for position, bound in texts)
             exceeded[limit.joint] = f"position {excesses}"
     return exceeded

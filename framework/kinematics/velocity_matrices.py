@@ -1,8 +1,9 @@
 """A, B, C of any parallel robot: A v = B dq_a + C dq_e.
 
-The passive rates are eliminated without a formula for any robot: with N spanning the left null space of
-the passive columns of d[platform ; closures]/dq, N' [v ; 0] = N' (actuated columns) dq_a + N' (elastic
-columns) dq_e. Source: Briot and Arakelian 2010, text below Eq. (4); A' lambda = W_p is their Eq. (4).
+The passive rates are eliminated numerically, for every robot in the same way. Let the columns of N span the
+left null space of the passive columns of d[platform ; closures]/dq. Then N' [v ; 0] = N' (actuated columns)
+dq_a + N' (elastic columns) dq_e. Source: Briot and Arakelian 2010, text below Eq. (4); A' lambda = W_p is
+their Eq. (4).
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ class VelocityMatrices(NamedTuple):
 def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     """Compute A (m, n), B (m, n_a), C (m, n_e) at an assembled configuration q (nq,).
 
-    The rows are an orthonormal choice, fixed up to a rotation among them; A is singular in Type 2, B
-    in Type 1 singularities.
+    Any rotation among the rows is as good a choice: they come from an orthonormal basis. A is singular at
+    Type 2, B at Type 1 singularities.
 
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
@@ -43,13 +44,12 @@ def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
 def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMatrices, VelocityMatrices]:
     """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) along a motion, and their time derivatives.
 
-    With L the rows N' of the header, M the Jacobian of platform and loops and M_p its passive columns,
-    L M_p = 0 for all times, so that dL/dt M_p = -L dM_p/dt. Taken is the solution of least norm, dL/dt =
-    -L dM_p/dt M_p^+. Other rows add R A, R B, R C with one R to the rates.
+    Let L be N' of the header, M the Jacobian of platform and loops, and M_p its passive columns. L M_p = 0 at
+    all times, so dL/dt M_p = -L dM_p/dt. The solution of least norm is dL/dt = -L dM_p/dt M_p^+. Another
+    choice of rows adds R A, R B, R C to the rates, with the same matrix R.
     """
-    return matrices_and_changes(
-        robot, motion.linearised, jacobian_rates(robot, motion.linearised, motion.v)[0]
-    )
+    jacobian_rate, _ = jacobian_rates(robot, motion.linearised, motion.v)
+    return matrices_and_changes(robot, motion.linearised, jacobian_rate)
 
 
 def matrices_and_changes(
@@ -63,27 +63,25 @@ def matrices_and_changes(
     dM = _dimensionless_jacobian(robot, changes)
     N, passive = _left_null_space(robot, M), robot.following
     dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
-    by_basis = _combine(robot, dN, M)  # d(N M) = dN M + N dM; A is a part of N alone
+    dA, dB, dC = _combine(robot, dN, M)  # d(N M) = dN M + N dM, whereas A is a part of N alone
     by_jacobian = _combine(robot, N, dM)
-    rates = VelocityMatrices(by_basis.A, by_basis.B + by_jacobian.B, by_basis.C + by_jacobian.C)
+    rates = VelocityMatrices(dA, dB + by_jacobian.B, dC + by_jacobian.C)
     return _with_dimension(robot, _combine(robot, N, M)), _with_dimension(robot, rates)
 
 
 def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> VelocityMatrices:
-    """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e), in radians and lengths of the robot.
+    """Compute A (T, m, n), B (T, m, n_a), C (T, m, n_e) in radians and lengths of the robot.
 
-    [A, rest] is the transpose of an orthonormal basis of the left null space of the passive columns of
-    d[platform ; closures]/dq: the singular values of A are cosines, in 0 .. 1.
+    A is a block of columns of a matrix with orthonormal rows, so its singular values are between 0 and 1.
     """
-    balanced = _dimensionless_jacobian(robot, linearised.jacobian)
-    return _combine(robot, _left_null_space(robot, balanced), balanced)
+    M = _dimensionless_jacobian(robot, linearised.jacobian)
+    return _combine(robot, _left_null_space(robot, M), M)
 
 
 def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Return A, B and C of N [v; 0] = N M dq.
+    """Return A, B, C of N [v; 0] = N M dq.
 
-    N is (T, m, n + m), M = dF/dq (T, n + m, nv). A are the columns of N that meet v, B and C the columns of N
-    M of motors and springs.
+    N is (T, m, n + m), M is (T, n + m, nv).
     """
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 
@@ -93,11 +91,11 @@ def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:
     return scale_jacobian(robot, jacobian, np.concatenate([~robot.translations, robot.loops.rotation]))
 
 
-def _left_null_space(robot: ParallelRobot, balanced: Array) -> Array:
-    """Compute an orthonormal basis (T, m, n + m) of the left null space of the passive columns."""
+def _left_null_space(robot: ParallelRobot, M: Array) -> Array:
+    """Compute orthonormal rows (T, m, n + m) that the passive columns of M (T, n + m, nv) annihilate."""
     passive = robot.following
-    Q = np.linalg.qr(balanced[:, :, passive], mode="complete")[0]  # (T, n + m, n + m)
-    return Q[:, :, len(passive) :].swapaxes(1, 2)  # the columns behind span what the passive ones do not
+    Q = np.linalg.qr(M[:, :, passive], mode="complete")[0]  # (T, n + m, n + m)
+    return Q[:, :, len(passive) :].swapaxes(1, 2)  # its last columns are orthogonal to the passive ones
 
 
 def _with_dimension(robot: ParallelRobot, matrices: VelocityMatrices) -> VelocityMatrices:

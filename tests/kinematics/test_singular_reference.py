@@ -147,7 +147,7 @@ def test_the_rank_at_the_reference_is_that_nearby(name):
 @pytest.fixture
 def unguarded(monkeypatch):
     """A parallelogram whose reference, 3e-9 rad from flat or less, nobody looks at."""
-    monkeypatch.setattr(parallel_robot, "singular_reference_error", lambda *_: None)
+    monkeypatch.setattr(parallel_robot, "refuse_singular_reference", lambda *_: None)
     return lambda beside: four_bar(*(beside * np.array(PARALLELOGRAM)))
 
 

@@ -1,9 +1,9 @@
-"""A path with one branch of the inverse kinematics along it, and continuations where that is singular.
+"""A path with one branch of its inverse kinematics, and continuations through singular points.
 
-Newton's method converges to the branch from the cubic between two knots, or from a series through closed
+Newton's method converges to the branch from a guess: the cubic between two knots, or a series through closed
 configurations. It fails where the square system of the inverse kinematics is singular although the branch is
-smooth, as in constraint singularities. There the branch is a continuation: a polynomial through closed
-configurations on either side.
+smooth, as at constraint singularities. There a continuation replaces it: a polynomial through closed
+configurations on both sides.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from framework.errors import NotAssembled
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
@@ -23,28 +22,29 @@ from framework.kinematics.loop_matrices import type1_matrix
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import Path
-from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
-HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves
+HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves it
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
-# as many as coefficients, and an eighth of the nodes more, which show a misfit
+# the number of coefficients, plus an eighth of the nodes, whose misfit checks the fit
 MIN_SOUND_NODES = CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8
-# Newton's method is trusted at nodes where the least singular value is above this share of its largest:
-# first far from the singular place, then, from the polynomial found there, close to it.
+# Newton's method is trusted at nodes whose least singular value is above this share of the largest one of all
+# nodes: first far from the singular point, then closer to it, with guesses from the first fit
 SOUND_NODE_RATIOS = (0.2, 0.03)
 
 
 @dataclass(frozen=True, eq=False)
 class Continuation(ReadOnlyArrays):
-    """The branch between `start` and `end` as Chebyshev series; Newton's method fails in the `core`."""
+    """The branch between `start` and `end` as a Chebyshev series; Newton's method fails in the `core`."""
 
     start: float
     end: float
     core: tuple[float, float]
     series: Array  # (DEGREE + 1, nv) of the offset from the branch's origin
+    error: float  # estimate [rad, lengths]
 
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin."""
@@ -52,7 +52,7 @@ class Continuation(ReadOnlyArrays):
 
 
 def _chebyshev_values(series: Array, start: float, end: float, s: Array) -> Array:
-    """Compute a series (degree + 1, nv) on [start, end] at s (T,), inside or beyond, (T, nv)."""
+    """Evaluate a series (degree + 1, nv) on [start, end] at s (T,), also outside: (T, nv)."""
     local = (2 * s - start - end) / (end - start)
     return np.asarray(chebyshev.chebval(local, series), dtype=float).T
 
@@ -61,8 +61,8 @@ def _chebyshev_values(series: Array, start: float, end: float, s: Array) -> Arra
 class Branch(ReadOnlyArrays):
     """A path with the branch of its inverse kinematics, springs at rest, and the world's wrenches.
 
-    Between the knots `s` (K,) a guess, by the cubic in the offset `u` from `origin` or by the series of
-    `through`, is near enough for Newton's method to converge to the branch: `close` returns it to rounding.
+    Guesses are cubics in the offset `u` from `origin` between the knots `s` (K,), or the series of `through`.
+    From these Newton's method converges to the branch: `close` returns poses on the branch to rounding.
     """
 
     robot: ParallelRobot
@@ -71,9 +71,9 @@ class Branch(ReadOnlyArrays):
     s: Array  # (K,)
     u: Array  # (K, nv) offset from origin
     du: Array  # (K, nv) derivative with respect to s
-    continuations: tuple[Continuation, ...] = ()  # where two overlap the later one holds
+    continuations: tuple[Continuation, ...] = ()  # the later one applies where two overlap
     wrenches: ExternalWrenches = NO_WRENCHES
-    series: TimeFunction | None = None  # of u in s: better guesses, see `through`
+    series: TimeFunction | None = None  # u as a function of s, for better guesses, see `through`
 
     @property
     def knots(self) -> Array:
@@ -92,13 +92,14 @@ class Branch(ReadOnlyArrays):
         return replace(self, wrenches=wrenches) if wrenches.entries else self
 
     def through(self, edges: Array, q: Array) -> Branch:
-        """Return the same branch with a Chebyshev series through configurations q as its guess.
+        """Return the same branch with a Chebyshev series through configurations q for guesses.
 
-        A series whose error at a knot is more than a correction does not resolve all joints and is not used.
+        The series is not used if its error at a knot is too large for a correction: it does not resolve all
+        joints then.
 
         Args:
             edges: (panels + 1,) of s, from 0 to 1.
-            q: (panels * size, nq) on the nodes between them, see `TimeGrid`.
+            q: (panels * size, nq) on the nodes of the panels, see `TimeGrid`.
         """
         grid = TimeGrid(edges, len(q) // (len(edges) - 1))
         series = grid.fit(difference(self.robot, self.origin, q))
@@ -110,7 +111,7 @@ class Branch(ReadOnlyArrays):
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
-        """Compute configurations (T, nq) near the branch at s (T,), from which Newton's method converges."""
+        """Compute guesses (T, nq) at s (T,), from which Newton's method converges to the branch."""
         u = self._cubic_offsets(s) if self.series is None else self._series_offsets(self.series, s)
         for continuation in self.continuations:
             covered = (s >= continuation.start) & (s <= continuation.end)
@@ -119,30 +120,31 @@ class Branch(ReadOnlyArrays):
 
     @staticmethod
     def _series_offsets(series: TimeFunction, s: Array) -> Array:
-        """Compute offsets (T, nv) from the origin at s (T,) by the series, extrapolated beyond [0, 1]."""
+        """Compute offsets (T, nv) from the origin at s (T,) by the series, also outside [0, 1]."""
         u = series(np.clip(s, 0.0, 1.0))
-        for panel, is_outside in ((0, s < 0.0), (-1, s > 1.0)):
-            if is_outside.any():
-                start, end = series.edges[:-1][panel], series.edges[1:][panel]
-                u[is_outside] = _chebyshev_values(series.coefficients[panel], start, end, s[is_outside])
+        for panel, (start, end), is_outside in (
+            (0, series.edges[:2], s < 0.0),
+            (-1, series.edges[-2:], s > 1.0),
+        ):
+            u[is_outside] = _chebyshev_values(series.coefficients[panel], start, end, s[is_outside])
         return u
 
     def _cubic_offsets(self, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin at s (T,) by cubic Hermite interpolation of the knots."""
-        # k: the last knot not beyond each s
-        k = np.searchsorted(self.s[1:-1], s, side="right")
+        k = np.searchsorted(self.s[1:-1], s, side="right")  # (T,) index of the last knot before each s
         step = (self.s[k + 1] - self.s[k])[:, None]
         t = (s - self.s[k])[:, None] / step  # (T, 1) from 0 to 1 between the knots
-        start = (1 + 2 * t) * (1 - t) ** 2 * self.u[k] + t * (1 - t) ** 2 * step * self.du[k]
-        end = t**2 * (3 - 2 * t) * self.u[k + 1] + t**2 * (t - 1) * step * self.du[k + 1]
-        return start + end
+        chord = self.u[k + 1] - self.u[k]
+        start, end = step * self.du[k], step * self.du[k + 1]  # derivatives with respect to t
+        curvature = 3 * chord - 2 * start - end
+        return self.u[k] + t * (start + t * (curvature + t * (start + end - 2 * chord)))
 
     def close(self, s: ArrayLike) -> ClosedStack:
-        """Return assembled configurations on the branch at s (T,).
+        """Compute assembled configurations on the branch at s (T,).
 
         Raises:
-            NotAssembled: Newton's method does not converge to the branch, as near a singularity of the
-                inverse kinematics without a continuation.
+            NotAssembled: Newton's method does not converge to the branch, for instance near a singularity of
+                the inverse kinematics without a continuation.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
         x, guess = self.path(s), self.guess(s)
@@ -154,8 +156,8 @@ class Branch(ReadOnlyArrays):
             q[~in_core] = close_loops(self.robot, x[~in_core], guess[~in_core]).q
         return ClosedStack(q, x, linearised_at(self.robot, q, x))
 
-    def is_continued(self, s: Array) -> NDArray[np.bool_]:
-        """Whether the branch at s (T,) lies in the core of a continuation."""
+    def is_continued(self, s: Array) -> BoolArray:
+        """Whether each s (T,) lies in the core of a continuation, (T,)."""
         inside = np.zeros(len(s), dtype=bool)
         for continuation in self.continuations:
             inside |= (s >= continuation.core[0]) & (s <= continuation.core[1])
@@ -163,63 +165,63 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation near s; None where not smooth.
+    """Return the branch with a continuation about s; None where not smooth.
 
-    Continuations are tried from wide to narrow, within the smooth piece of the path about s. The polynomial
-    of a wider one, though it is not good enough, is the guess for a narrower one.
+    Continuations are tried from wide to narrow, within the smooth piece of the path about s. A wider one that
+    is not accurate enough still gives the guesses for the next narrower one.
     """
     piece = np.searchsorted(branch.path.knots, s, side="right")
     lowest, highest = np.concatenate(([0.0], branch.path.knots, [1.0]))[piece : piece + 2].tolist()
     guessed = branch
     for half_width in HALF_WIDTHS:
-        start, end = max(s - half_width, lowest), min(s + half_width, highest)
-        continuation, error = _fit_continuation(guessed, s, start, end)
+        start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
+        continuation = _fit_continuation(guessed, s, start, end)
         if continuation is None:
             continue
-        continued = replace(branch, continuations=(*branch.continuations, continuation))
-        if error < CONTINUATION_ERROR:
-            return continued
-        guessed = continued
+        guessed = replace(branch, continuations=(*branch.continuations, continuation))
+        if continuation.error < CONTINUATION_ERROR:
+            return guessed
     return None
 
 
-def _fit_continuation(
-    branch: Branch, s: float, start: float, end: float
-) -> tuple[Continuation | None, float]:
-    """Fit a continuation about s between start and end; return its error too [rad, lengths].
+def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Continuation | None:
+    """Fit a continuation about s between start and end; None with too few sound nodes.
 
-    The series is fitted to closed configurations at sound nodes: first those far from the singularity, then
-    also those nearer, with its values as guesses. The error is the largest of misfit, residual and truncation
-    error. Without enough sound nodes there is no continuation.
+    The series is fitted to closed configurations at sound nodes. First these are far from the singularity;
+    then the fitted series provides guesses closer to it. The error is the largest of misfit, residual and
+    truncation error.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
     parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
     basis = chebyshev.chebvander(nodes(CONTINUATION_NODES), CONTINUATION_DEGREE)
     x, guess = branch.path(parameters), branch.guess(parameters)
-    continuation, error = None, np.inf
+    continuation = None
     for share in SOUND_NODE_RATIOS:
         sound, u = _trusted_offsets(branch, guess, x, share)
         if len(sound) < MIN_SOUND_NODES:
             break
         series = np.asarray(np.linalg.lstsq(basis[sound], u, rcond=None)[0], dtype=float)
-        continuation = Continuation(start, end, _core_interval(parameters, sound, s), series)
         guess = integrate(robot, branch.origin, basis @ series)
-        misfit = float(np.abs((basis[sound] @ series - u) / lengths).max())
-        residual = float(np.abs(linearised_at(robot, guess, x).residual).max()) / robot.length
-        truncation = float(np.abs(series / lengths).max()) * tail(series / lengths)
-        error = max(misfit, residual, truncation)
-    return continuation, error
+        misfit = np.abs((basis[sound] @ series - u) / lengths).max()
+        residual = np.abs(linearised_at(robot, guess, x).residual).max() / robot.length
+        truncation = np.abs(series / lengths).max() * tail(series / lengths)
+        error = float(max(misfit, residual, truncation))
+        continuation = Continuation(start, end, _core_interval(parameters, sound, s), series, error)
+    return continuation
 
 
 def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
-    """Find the nodes (k,) at which Newton's method is trusted, with offsets (k, nv) from the origin.
+    """Find the nodes (k,) where Newton's method is trusted; return their offsets too.
 
-    There the least singular value of the Type 1 matrix is above a share of the largest one of all nodes, and
-    the whole correction of the guess is small against this value.
+    The least singular value of the Type 1 matrix at such a node is above a `share` of its largest value over
+    all nodes, and the correction of the guess is small compared with this singular value.
 
     Args:
-        guess: configurations (nodes, nq), corrected here.
-        x: (nodes, n) of the platform.
+        guess: configurations (nodes, nq) from which Newton's method starts.
+        x: platform coordinates (nodes, n).
+
+    Returns:
+        The nodes, and the offsets (k, nv) of their closed configurations from the branch's origin.
     """
     robot = branch.robot
     matrices = type1_matrix(robot, linearised_at(robot, guess, x))
@@ -236,7 +238,7 @@ def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tu
 
 
 def _core_interval(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between nodes `sound` (k,) that contains s and all other nodes."""
+    """Return the least interval between sound nodes (k,) that contains s and all unsound nodes."""
     to_cover = np.append(np.delete(parameters, sound), s)
     sound_nodes = parameters[sound]  # ascending
     below = sound_nodes[sound_nodes < to_cover.min()]

@@ -1,9 +1,9 @@
-"""Forward kinematics: all joints and the platform for prescribed motor joints, followed from a start pose.
+"""Forward kinematics: all joints and the platform for prescribed motor joints, from a start pose.
 
-The motors turn from the start to the target (`motor_curves`). Away from Type 2 singularities the passive
-columns P of the loop equations are regular, and the branch leads to the pose of the same assembly mode. Where
-P loses rank the motors no longer determine the motion: the branch ends. (That is Type 2 in the wide sense;
-`singularity.pose_classes` tells whether the platform or only joints inside a leg escape.)
+The motors turn from the start to the target (`motor_curves`). Away from Type 2 singularities the matrix P of
+the passive columns of the loop equations is regular, and the branch leads to the pose in the assembly mode of
+the start. Where P loses rank the motors no longer determine the motion, and the branch ends. This is Type 2
+in the wide sense: `singularity.pose_classes` tells whether the platform escapes or only joints inside a leg.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, freeze
 
-TYPE_2_END_RATIO = 0.05  # of the usual least singular value of P: a curve that ends below does so at Type 2
+TYPE_2_END_RATIO = 0.05  # of the usual clearance: a curve that ends below this ends at Type 2
 
 
 @dataclass(frozen=True, eq=False)
 class ForwardPose(Configuration):
     """The pose at prescribed motor joints, with its certificate.
 
-    `q` (nq,) and platform `x` (n,), its turns counted on from those at the start; `residual`, the largest of
-    all loop equations [m or rad], redundant ones included; `iterations`, the steps taken; `clearance`,
-    the least singular value of P met on the curve (radians, robot lengths), which is 0 at a Type 2
-    singularity and infinite for a robot without passive joints. `robot`, `curve` and `linearised` let the
-    next pose of a stream of motor angles start from this one without proving again that it is assembled.
+    `x` (n,) counts the platform's turns on from the start. `residual` is the largest of all loop equations [m
+    or rad], redundant ones included; `iterations` are the steps taken. `clearance` is the least singular
+    value of P on the curve (radians, robot lengths): 0 at a Type 2 singularity, infinite without passive
+    joints. With `robot`, `curve` and `linearised` the next pose of a stream of motor angles starts from this
+    one without a new check that its loops are closed.
     """
 
     clearance: float
@@ -48,20 +48,18 @@ class ForwardPose(Configuration):
 def forward_kinematics(
     robot: ParallelRobot, q_a: ArrayLike, *, near: ArrayLike | Configuration | None = None
 ) -> ForwardPose:
-    """Compute the pose for prescribed motor joints, from a start pose.
-
-    It is in the assembly mode of the start.
+    """Compute the pose for prescribed motor joints in the assembly mode of a start pose.
 
     Args:
         q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Full
             turns of hinges count: a target one turn away is reached by a full turn.
-        near: an assembled configuration (nq,) to start from, the reference by default; for a stream of angles
-            the last result of this function. Springs keep its deflections.
+        near: an assembled configuration (nq,) to start from, the reference by default. For a stream of angles
+            give the previous result of this function. Springs keep the deflections of this configuration.
 
     Raises:
         InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
             motors depend on one another.
-        Type2Singularity: one lies between, or near is one; carries its configuration.
+        Type2Singularity: a singularity lies on the curve or at its start; carries its configuration.
         NotAssembled: the curve cannot be followed for another reason.
     """
     expect_robot(robot)
@@ -76,12 +74,12 @@ def forward_kinematics(
 
 
 def motor_joints_of(robot: ParallelRobot, q_a: ArrayLike, *, stacks: bool = False) -> Array:
-    """Return motor joints q_a, (n_a,) or (T, n_a), as an array of finite numbers."""
+    """Return motor joints q_a (n_a,), or (T, n_a) with `stacks`, as finite numbers."""
     return finite_numbers(f"q_a ({', '.join(robot.actuator_names)})", q_a, robot.n_a, stacks=stacks)
 
 
 def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoops) -> ForwardPose:
-    """Return the pose at the end of a curve (T = 1), with its loops."""
+    """Return the pose at the end of a curve (T = 1) with its linearised loops."""
     freeze((curve, linearised))
     return ForwardPose(
         q=curve.q[0],
@@ -96,12 +94,10 @@ def _pose_at(robot: ParallelRobot, curve: MotorCurves, linearised: LinearisedLoo
 
 
 def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> ForwardPose:
-    """Return an assembled configuration (nq,) as the start of a curve.
-
-    By default it is the reference.
+    """Return an assembled configuration (nq,), the reference by default, as the start of a curve.
 
     Raises:
-        InvalidInput: it is not assembled.
+        InvalidInput: the configuration is not assembled.
     """
     if isinstance(near, ForwardPose) and near.robot is robot:
         return near
@@ -110,7 +106,7 @@ def start_pose(robot: ParallelRobot, near: ArrayLike | Configuration | None) -> 
 
 
 def check_motors_are_free(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless one motor can move while the others rest."""
+    """Raise InvalidInput unless each motor can move while the others rest."""
     if not motors_are_free(robot):
         raise InvalidInput(
             f"{robot.name}: its {robot.n_a} motors drive {robot.n} degrees of freedom, so none of them can "
@@ -119,19 +115,16 @@ def check_motors_are_free(robot: ParallelRobot) -> None:
 
 
 def motors_are_free(robot: ParallelRobot) -> bool:
-    """Whether each motor can move while the others rest.
-
-    That is so if P is square and the motors are as many as the platform's axes.
-    """
+    """Whether each motor can move while the others rest: P is square and n_a = n."""
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 
 def curve_end_error(
     robot: ParallelRobot, end: MotorCurves, linearised: LinearisedLoops, q_a: Array
 ) -> NotAssembled:
-    """Return the error for a curve (T = 1) that ends before the motors have reached q_a (n_a,).
+    """Return the error for a curve (T = 1) that ends before the motors reach q_a (n_a,).
 
-    Where the clearance has become small beside its usual size the curve ends at a Type 2 singularity.
+    The curve ends at a Type 2 singularity if its clearance has dropped far below the usual one.
     """
     usual_clearance = max(end.largest[0], clearance(robot, linearised_at_reference(robot))[0])
     residual = float(np.abs(linearised.residual[:, robot.n :]).max(initial=0.0))

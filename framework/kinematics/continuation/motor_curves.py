@@ -1,11 +1,11 @@
-"""Curves of poses: the motors turn from one pose to prescribed angles, many targets at once.
+"""Curves of poses along which the motors turn from one pose to prescribed angles, many targets at once.
 
-All motors turn together and in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with
-P and J_a the passive and the actuated columns of the loop equations. Every target has a curve of its own,
-with its own steps: along the tangent dq/ds, s the share of the turn, and back to closed loops by Newton's
-method. A step is accepted by the measures of `predictor_corrector` if det P keeps its sign, else halved.
-Where P loses rank assembly modes meet and the curve ends: at a turning point, which is found by a direct
-root, or where branches cross, next to which steps become ever shorter.
+All motors turn in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with P and J_a the
+passive and the actuated columns of the loop equations. Every target has its own curve with its own steps. A
+step leads along the tangent dq/ds, with s the share of the turn, and back to closed loops by Newton's method.
+It is accepted if it passes the tests of `predictor_corrector` and det P keeps its sign; else it is halved.
+Where P loses rank, assembly modes meet and the curve ends. It ends at a turning point, which is found as a
+root, or where branches cross, near which steps become ever shorter.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from framework.kinematics.continuation.predictor_corrector import (
     measure_steps,
 )
 from framework.kinematics.continuation.turning_point import CurveEnds, CurveEquations, Curves
-from framework.kinematics.frames import difference, integrate, largest_motion
+from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import NewtonResult, close_each
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance, equation_sizes, independent_loops_matrix
@@ -33,27 +33,27 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
-MAX_SINGLE_STEP = 0.05  # [rad, lengths] that the joints may move by in a single step
-MAX_STEP_ITERATIONS = 10  # of Newton's method; a step along the tangent that needs more is refused
+MAX_SINGLE_STEP = 0.05  # [rad, lengths] a curve on which no joint moves farther is tried in a single step
+MAX_STEP_ITERATIONS = 10  # of Newton's method; a step that needs more is refused
 
 
 class MotorCurves(NamedTuple):
-    """The last poses on T curves of the motors."""
+    """The last poses on T motor curves."""
 
     q: Array  # (T, nq)
-    x: Array  # (T, n) the platform, its turns counted on
-    rate: Array  # (T, nv) joint rates for the whole turn of the motors
-    share: Array  # (T,) of the turn; 1 where the motors have arrived
-    steps: IntArray  # (T,) taken
+    x: Array  # (T, n) of the platform, turns counted on from the start
+    rate: Array  # (T, nv) dq/ds
+    share: Array  # (T,) s; 1 where the motors have arrived
+    steps: IntArray  # (T,) number of steps taken
     clearance: Array  # (T,) least singular value of P at q
-    least: Array  # (T,) on the whole curve
-    largest: Array  # (T,) likewise
+    least: Array  # (T,) least clearance on the curve
+    largest: Array  # (T,) largest clearance on the curve
     sign: Array  # (T,) of det P
-    size: Array  # (T,) its logarithm
+    size: Array  # (T,) log |det P|
 
 
 class _Steps(NamedTuple):
-    """The ends of S of T steps; Newton's method does not close the loops of the others."""
+    """The ends of S out of T steps: of all steps whose loops Newton's method closes."""
 
     rows: IntArray  # (S,) of the T steps
     ends: MotorCurves  # (S, ...)
@@ -62,13 +62,10 @@ class _Steps(NamedTuple):
 
 
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses.
-
-    The platform's turns are counted on from x (T, n).
-    """
+    """Return T curves that begin at assembled poses, turns counted on from x (T, n)."""
     frames = linearised.frames
     count = len(frames.q)
-    least_value = clearance(robot, linearised)
+    value = clearance(robot, linearised)
     sign, size = passive_determinants(linearised)
     return MotorCurves(
         q=frames.q.copy(),
@@ -76,9 +73,9 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         rate=np.zeros((count, robot.nv)),
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
-        clearance=least_value,
-        least=least_value.copy(),
-        largest=least_value.copy(),
+        clearance=value,
+        least=value.copy(),
+        largest=value.copy(),
         sign=sign,
         size=size,
     )
@@ -89,32 +86,35 @@ def follow_curves(
 ) -> MotorCurves:
     """Turn the motors from one pose towards T targets (T, n_a).
 
-    The pose is the only one of `start`, with the loops `linearised` (T = 1). A curve whose `share` stays
-    below 1 has ended: at a Type 2 singularity, or where it cannot be followed.
+    `start` and `linearised` (T = 1) are of this pose. A curve with a `share` below 1 has ended early, at a
+    Type 2 singularity or where it cannot be followed.
     """
-    turn = np.zeros((len(targets), robot.nv))
-    turn[:, robot.actuated] = targets - robot.actuated_coordinates(start.q)
+    turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
     curves = _begin_curves(robot, start, linearised, turn)
     is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
     step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
-    # a curve that approaches a meeting of assembly modes ends where its clearance would grow again
+    # near a singularity, where assembly modes meet, a step after which the clearance has grown has passed
+    # the singularity: the curve ends before it
     approaching, ended = np.zeros((2, len(turn)), dtype=bool)
     live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
         current = select(curves, live)
         step[live] = limit_steps(robot, current.rate, step[live])
         steps = _take_steps(robot, start.q[0], turn[live], current, step[live])
-        rows = live[steps.rows]
+        rows = live[steps.rows]  # curves whose loops are closed after the step
+
         is_nearer = steps.ends.clearance < current.clearance[steps.rows]
         approaching[rows] |= steps.on_branch & is_nearer & (steps.ends.clearance < BRANCHES_MEET)
         past_meeting = steps.on_branch & approaching[rows] & ~is_nearer
         ended[rows[past_meeting]] = True
         accepted = steps.on_branch & ~past_meeting
         assign(curves, rows[accepted], select(steps.ends, accepted))
+
         grows = rows[accepted & (steps.correction < BRANCH_GROWTH)]
         step[grows] = np.maximum(step[grows], np.minimum(2.0 * step[grows], MAX_STEP_RATIO))
         refused = np.setdiff1d(live[~ended[live]], rows[accepted])
         step[refused] *= 0.5
+
         ended[_end_at_turning_points(robot, curves, refused, turn)] = True
         live = live[~ended[live] & (curves.share[live] < 1.0) & (step[live] >= MIN_STEP_RATIO)]
     return curves
@@ -125,27 +125,23 @@ def _begin_curves(
 ) -> MotorCurves:
     """Return T curves at their common start, with joint rates for the motors' turns (T, nv).
 
-    Where P is singular to the last bit no rates exist, and the clearance is zero.
+    If P is singular to the last bit, no rates exist and the clearance is set to zero.
     """
-    count = len(turn)
-    copies = np.zeros(count, dtype=np.intp)
-    rate = motor_driven_rates(robot, linearised.select(copies), turn)
+    copies = np.zeros(len(turn), dtype=np.intp)  # index of the common start for each curve
     curves = select(start, copies)
-    return curves._replace(
-        rate=turn.copy() if rate is None else rate,
-        share=np.zeros(count),
-        steps=np.zeros(count, dtype=np.intp),
-        clearance=np.zeros(count) if rate is None else curves.clearance,
-        least=curves.clearance.copy(),
-        largest=curves.clearance.copy(),
-    )
+    curves.share[:], curves.steps[:] = 0.0, 0
+    curves.least[:] = curves.largest[:] = curves.clearance
+    rate = motor_driven_rates(robot, linearised.select(copies), turn)
+    if rate is None:
+        curves.clearance[:] = 0.0
+        return curves._replace(rate=turn.copy())
+    return curves._replace(rate=rate)
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
-    """Take steps (T,) along tangents; tell which ends are on the branches.
+    """Take steps (T,) in s along the tangents; tell which ends are on their branches.
 
-    Steps are in the share of the whole turn. `turn` (T, nv) is the whole turn of the motors from the start
-    (nq,).
+    `turn` (T, nv) is the whole turn of the motors from the start (nq,).
     """
     share = current.share + step
     share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
@@ -156,11 +152,13 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     linearised = closing.linearised.select(rows)
     current, length = select(current, rows), length[rows]
     rate = motor_driven_rates(robot, linearised, turn[rows])
-    ends = curves_at(robot, linearised, current.x)._replace(
-        rate=turn[rows] if rate is None else rate, share=share[rows], steps=current.steps + 1
-    )
+    ends = curves_at(robot, linearised, current.x)
     ends = ends._replace(
-        least=np.minimum(current.least, ends.clearance), largest=np.maximum(current.largest, ends.clearance)
+        rate=turn[rows] if rate is None else rate,
+        share=share[rows],
+        steps=current.steps + 1,
+        least=np.minimum(current.least, ends.clearance),
+        largest=np.maximum(current.largest, ends.clearance),
     )
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
@@ -171,19 +169,15 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
     """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
-    missing = np.zeros_like(turn)  # of the motors' angles, by rounding of many steps
-    missing[:, robot.actuated] = (turn - difference(robot, start, guess))[:, robot.actuated]
-    guess = integrate(robot, guess, missing)
+    missing = (turn - difference(robot, start, guess))[:, robot.actuated]  # by rounding of many steps
+    guess = integrate_columns(robot, guess, robot.actuated, missing)
     if not len(robot.following):
         return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
     return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)
 
 
 def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: Array) -> Array | None:
-    """Compute all joint rates (T, nv) for rates `turn` (T, nv) of the motors.
-
-    None if P is singular.
-    """
+    """Compute all joint rates (T, nv) for motor rates `turn` (T, nv); None if P is singular."""
     rate, columns = turn.copy(), robot.following
     if len(columns):
         driven = np.matvec(linearised.closures, turn)
@@ -197,27 +191,29 @@ def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: 
 def _end_at_turning_points(
     robot: ParallelRobot, curves: MotorCurves, rows: IntArray, turn: Array
 ) -> IntArray:
-    """Move the curves `rows` to the Type 2 singularity next ahead; return the rows that have one."""
+    """Move the curves `rows` to the next Type 2 singularity ahead; return the rows that have one."""
     if not len(rows) or not len(robot.following):
         return rows[:0]
     ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
-    ending = np.flatnonzero(ahead.found)
-    ends = curves_at(robot, ahead.linearised.select(ending), curves.x[rows[ending]])
+    found = np.flatnonzero(ahead.found)
+    ending = rows[found]
+    last = select(curves, ending)
+    ends = curves_at(robot, ahead.linearised.select(found), last.x)
     ends = ends._replace(
-        share=ahead.share[ending],
-        steps=curves.steps[rows[ending]] + 1,
-        largest=np.maximum(curves.largest[rows[ending]], ends.clearance),
+        share=ahead.share[found],
+        steps=last.steps + 1,
+        largest=np.maximum(last.largest, ends.clearance),
     )
-    assign(curves, rows[ending], ends)
-    return rows[ending]
+    assign(curves, ending, ends)
+    return ending
 
 
 def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
-    """Find the Type 2 singularities next ahead of q (T, nq), after a `share` (T,) of turns (T, nv)."""
+    """Find the next Type 2 singularities ahead of q (T, nq) at a `share` (T,) of turns (T, nv)."""
     columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the loop equations (T, m) and their derivatives, in lengths of the robot."""
+        """Compute the loop equations (T, m) and their derivatives [rad, robot lengths]."""
         linearised = linearised_at(robot, q, None)
         loops = independent_loops_matrix(robot, linearised)
         return CurveEquations(

@@ -1,17 +1,18 @@
-"""The search for the pose nearest to a platform that may be out of reach, within the joints' ranges.
+"""Search for the pose nearest to platform coordinates that may be out of reach, within the joints' ranges.
 
-Half the squared distance, |e|^2 / 2 with e = (x - target) / scale, is minimised over the joints by sequential
-quadratic programming. With Z a basis of the motions that keep the loops c closed, and multipliers lambda of
-the loops, a step Z z solves
+Sequential quadratic programming minimises half the squared distance, |e|^2 / 2 with e = (x - target) / scale,
+over the joints. With Z a basis of the motions that keep the loops c closed, and with the multipliers lambda
+of the loops, a step Z z solves
 
     min  g . z + z' H z / 2,    g = Z' dx' e,    H = Z' (dx' dx + d2x . e - d2c . lambda) Z,
 
-within the ranges of the joints, and with det(dx Z), zero at Type 1, and det(dq_a Z), zero at Type 2, on the
-side of the start: not below the least shares of their sizes at the reference. Differences of gradients along
-Z give H. Newton's method closes the loops after a step, on the ranges that were met. A step counts if its
-correction is small, as one branch has it, and every leg keeps its working mode.
+within the ranges of the joints. Two determinants, det(dx Z), zero at Type 1, and det(dq_a Z), zero at Type 2,
+keep the sign that they have at the start, and at least a small share of their size at the reference.
+Differences of gradients along Z give H. After a step Newton's method closes the loops and holds joints at
+the ends of ranges that the step has passed. A step is accepted if its correction is as small as one branch
+allows and every leg stays in its working mode.
 
-The search is local: no neighbour of its end is nearer, and it has no proof that no other pose is.
+The search is local: no pose beside the result is nearer to the target, but a pose elsewhere may be.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import numpy as np
 
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.continuation.predictor_corrector import is_small
-from framework.kinematics.frames import difference, integrate, integrate_columns, largest_motion
+from framework.kinematics.frames import difference, full_motion, integrate, integrate_columns, largest_motion
 from framework.kinematics.inverse_kinematics import require_square
 from framework.kinematics.linearised_loops import LinearisedLoops, linearised_at
 from framework.kinematics.modes import keeps_sign, keeps_working_mode, passive_determinants
@@ -38,23 +39,23 @@ LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
 MAX_STEPS = 30
 MAX_JOINT_STEP = 0.5  # [rad, lengths] of one joint in a step
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
-LEAST_DECREASE = 1e-8  # of the squared distance, as a share: a step that promises less ends the search
-LEAST_CURVATURE = 1e-9  # of the squared distance along a motion, so that H is definite
-MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; [rad, lengths] of the loops
-LEAST_PROGRESS = 0.1  # of what is missing to a better pose: a step that promises less ends the search
+LEAST_DECREASE = 1e-8  # share of the squared distance: the search ends when a step promises less
+LEAST_CURVATURE = 1e-9  # least eigenvalue of H, to keep it definite
+MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; residual of closed loops [rad, lengths]
+LEAST_PROGRESS = 0.1  # share of the lag behind a better search: the search ends when a step promises less
 UNCONVERGED = "the search has not converged"
-SAME_END = 0.1  # [rad, lengths] of the joints from the end of another search, where both end alike
-LEAST_DAMPING = 1e-2  # of a step after which the model was poor
-POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # decrease of the squared distance over that of the model
+SAME_END = 0.1  # [rad, lengths] of the joints: poses nearer to each other count as the same end
+LEAST_DAMPING = 1e-2  # first damping after a poor step
+POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squared distance
 
 
 @dataclass(frozen=True, eq=False)
 class NearestPose(Configuration):
-    """The pose nearest to a target in a search, see `Configuration`, with the stops of the search.
+    """The nearest pose to a target in a local search, see `Configuration`.
 
-    `distance` from the target in `unit`: m if all coordinates are translations, rad if all are turns, else
-    robot lengths and rad. `stops` says what stops it: the ranges of joints, legs (Type 1), Type 2, or that
-    the search has not converged; nothing where the target is reached.
+    `distance` from the target is in `unit`: m if all coordinates are translations, rad if all are turns, else
+    robot lengths and rad. `stops` names what keeps the pose from the target: ranges of joints, legs (Type 1),
+    Type 2, or that the search has not converged. It is empty if the target is reached.
     """
 
     distance: float
@@ -63,14 +64,14 @@ class NearestPose(Configuration):
 
 
 def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
-    """Return the unit of distances of the platform, in [robot lengths, rad] and as text."""
+    """Return the unit of the platform's distances: its size [robot lengths, rad] and its name."""
     if robot.translations.all():
         return robot.length, "m"
     return 1.0, "robot lengths and rad" if robot.translations.any() else "rad"
 
 
 class _Iterate(NamedTuple):
-    """A pose with closed loops and the quadratic model at that pose [rad, robot lengths]."""
+    """A pose with closed loops and its quadratic model [rad, robot lengths]; f moving joints."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
@@ -78,8 +79,8 @@ class _Iterate(NamedTuple):
     basis: Array  # Z (f, n)
     gradient: Array  # g (n,)
     hessian: Array  # H (n, n), made definite
-    room: Array  # (2 f + 2,) until each bound: ends of ranges, determinants over their sizes
-    room_slopes: Array  # (2 f + 2, n)
+    room: Array  # (2 f + 2,) to each bound: lower, upper ends of ranges; both determinants over their sizes
+    room_slopes: Array  # (2 f + 2, n) along Z
     loops: LinearisedLoops  # T = 1
 
 
@@ -87,11 +88,17 @@ class _Step(NamedTuple):
     """A step of the search."""
 
     z: Array  # (n,)
-    decrease: float  # of the value, by the model
-    forces: Array  # (2 f + 2,) of the bounds; zero where one does not act
+    decrease: float  # of the value, predicted by the model
+    forces: Array  # (2 f + 2,) multipliers of the bounds; zero of inactive ones
+
+    @property
+    def range_forces(self) -> Array:
+        """Forces (f,) of the active ends of ranges on the joints."""
+        lower, upper = self.forces[:-2].reshape(2, -1)
+        return upper - lower
 
     def is_small(self, iterate: _Iterate) -> bool:
-        """Whether the step promises next to no decrease."""
+        """Whether the predicted decrease is negligible."""
         return self.decrease < LEAST_DECREASE * iterate.value
 
 
@@ -102,39 +109,35 @@ class PoseSearch:
         """Prepare the search for poses of a robot.
 
         Args:
-            motors_hold: whether Type 2 singularities stop it, as motors alone move the robot.
+            motors_hold: whether Type 2 singularities stop the search, because only motors move the robot.
 
         Raises:
             InvalidInput: the platform does not determine the joints.
         """
         require_square(robot)
-        self.robot, self._pose, self._motors_hold = robot, SinglePose(robot), motors_hold
-        self._lengths, self._independent = robot.column_scale[robot.moving], robot.structure.independent
+        self.robot, self._motors_hold = robot, motors_hold
+        self._pose = SinglePose(robot)
+        self._lengths = robot.column_scale[robot.moving]
         self._row_sizes = robot.loop_lengths * robot.structure.row_sizes
-        ranges = np.repeat([[-np.inf], [np.inf]], robot.nv, axis=1)
-        for limit in robot.limits:
-            ranges[:, limit.column] = limit.lower, limit.upper
-        self._lower, self._upper = ranges[:, robot.moving] / self._lengths
         self._unit_length, self._unit = distance_unit(robot)
-        self._determinant_sizes = np.ones(2)
-        self._no_forces = np.zeros(2 * len(self._lengths))
+        self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._lengths
+        self._determinant_sizes = np.ones(2)  # to evaluate the determinants at the reference
         reference = robot.reference
-        J = self._equations(reference.q)[1]
-        room = self._evaluate(reference.q, J, reference.x, reference.x, self._no_forces).room[-2:]
-        self._determinant_sizes = room + LEAST_DETERMINANTS  # at the reference
+        iterate = self._evaluate(reference.q, reference.x, reference.x)
+        self._determinant_sizes = iterate.room[-2:] + LEAST_DETERMINANTS
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
 
         Args:
-            earlier: results of other starts. A search without hope of a nearer one ends, and so does one that
-                comes to the end of another.
+            earlier: results of other starts. The search ends early if it will hardly find a nearer pose, or
+                if it arrives at the same pose.
         """
-        iterate = self._evaluate(q, self._equations(q)[1], x, target, self._no_forces)
-        least = min((pose.distance for pose in earlier), default=np.inf)  # of the other starts
+        iterate = self._evaluate(q, x, target)
+        least = min((pose.distance for pose in earlier), default=np.inf)
         least_value = 0.5 * (least / self._unit_length) ** 2
         ends = np.array([pose.q for pose in earlier if UNCONVERGED not in pose.stops]).reshape(-1, len(q))
-        damping = 0.0  # as by Levenberg and Marquardt
+        damping = 0.0  # of Levenberg and Marquardt
         for count in range(MAX_STEPS + 1):
             step = self._bounded_step(iterate, damping)
             if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
@@ -150,11 +153,11 @@ class PoseSearch:
         return self._result(iterate, step, count)
 
     def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
-        """Whether the target is reached, the step promises little, or other starts are better.
+        """Whether the target is reached, little decrease is left, or other starts are better.
 
         Args:
             least_value: |e|^2 / 2 of the nearest pose from other starts.
-            ends: (k, nq) poses at which other searches have ended.
+            ends: (k, nq) poses where other searches have converged.
         """
         is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
         is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - least_value)
@@ -163,17 +166,14 @@ class PoseSearch:
         return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
-        """Return the pose of the last iterate; the step that would follow tells its stops."""
+        """Return the pose of the last iterate; forces of the next step tell its stops."""
         distance = float(np.sqrt(2.0 * iterate.value))
-        ends = [f"{self.robot.coordinates.name_of(column)} ends its range" for column in self.robot.moving]
-        stops = [*ends, *ends, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
-        is_met = iterate.room < np.append(np.full(2 * len(ends), REACHED_PLATFORM), LEAST_DETERMINANTS)
-        is_met |= step.is_small(iterate)
-        acting = [stops[k] for k in np.flatnonzero(is_met & (step.forces > 0.0))]
-        if distance <= REACHED_PLATFORM:
-            acting = []
-        elif not acting:
-            acting = [UNCONVERGED]
+        names = map(self.robot.coordinates.name_of, self.robot.moving)
+        ranges = [f"{name} ends its range" for name in names]
+        bounds = [*ranges, *ranges, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
+        rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
+        is_met = (iterate.room < rounding) | step.is_small(iterate)
+        stops = [bounds[k] for k in np.flatnonzero(is_met & (step.forces > 0.0))] or [UNCONVERGED]
         self._pose.place(iterate.q)
         return NearestPose(
             q=iterate.q,
@@ -182,22 +182,22 @@ class PoseSearch:
             iterations=count,
             distance=distance * self._unit_length,
             unit=self._unit,
-            stops=tuple(acting),
+            stops=() if distance <= REACHED_PLATFORM else tuple(stops),
         )
 
     def _bounded_step(self, iterate: _Iterate, damping: float) -> _Step:
         """Solve the quadratic program of a step within the bounds.
 
-        With H = R' R and y = R z + R'^-1 g it is the least |y| with G z >= -room: the problem of least
-        distance, by least squares with multipliers that are not negative (Lawson and Hanson 1974, chapter
-        23).
+        With H = R' R and y = R z + R'^-1 g the program asks for the least |y| that satisfies G z >= -room.
+        Lawson and Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares.
         """
         from scipy.optimize import nnls
 
         g, H = iterate.gradient, iterate.hessian
+        # bounds that a step may reach at all; the others would only slow down the solver
         near = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_JOINT_STEP > iterate.room
-        inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T
-        free = inverse.T @ g
+        inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T  # R^-1
+        free = inverse.T @ g  # R'^-1 g
         G = iterate.room_slopes[near] @ inverse
         matrix = np.vstack([G.T, G @ free - iterate.room[near]])
         right = np.append(np.zeros(len(g)), 1.0)
@@ -211,41 +211,45 @@ class PoseSearch:
         return _Step(z, float(-g @ z - 0.5 * z @ H @ z), forces)
 
     def _follow(self, iterate: _Iterate, step: _Step, target: Array) -> _Iterate | None:
-        """Return the iterate after a step; None if its loops do not close, or on another branch or mode."""
-        motion = np.zeros(self.robot.nv)
-        motion[self.robot.moving] = iterate.basis @ step.z * self._lengths
-        predicted = integrate(self.robot, iterate.q[None], motion[None])[0]
-        closed = self._close(predicted)
-        if closed is None:
+        """Return the iterate after a step; None if the step is refused.
+
+        A step is refused if its loops do not close, or if it leads to another branch or mode.
+        """
+        motion = full_motion(self.robot, self.robot.moving, iterate.basis @ step.z * self._lengths)
+        predicted = integrate(self.robot, iterate.q, motion)
+        q = self._close(predicted)
+        if q is None:
             return None
-        correction = difference(self.robot, predicted, closed[0])
+        correction = difference(self.robot, predicted, q)
         sizes = largest_motion(self.robot, np.array([correction, motion]))
         if not is_small(*sizes[:, None])[0]:
             return None
-        following = self._evaluate(*closed, iterate.x, target, step.forces)
+        following = self._evaluate(q, iterate.x, target, step.range_forces)
         least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
         if (following.room[-2:] < least_room).any():
             return None
         if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
             return None
-        determinants = (passive_determinants(loops) for loops in (iterate.loops, following.loops))
-        return following if not self._motors_hold or keeps_sign(*determinants)[0] else None
+        determinants = map(passive_determinants, (iterate.loops, following.loops))
+        if self._motors_hold and not keeps_sign(*determinants)[0]:
+            return None
+        return following
 
-    def _close(self, q: Array) -> tuple[Array, Array] | None:
-        """Close the loops near q (nq,) by least steps within ranges.
+    def _close(self, q: Array) -> Array | None:
+        """Close the loops near q (nq,) by Newton steps of least norm; None without success.
 
-        Returns:
-            The pose and the derivatives (m, f) of its loops; None if the loops do not close.
+        A joint that leaves its range is held at the end of the range by a further equation.
         """
         units = np.eye(len(self._lengths))
-        ends, beyond = np.vstack([units, -units]), np.zeros(2 * len(units), dtype=bool)
+        room_slopes = np.vstack([units, -units])  # (2 f, f)
+        is_beyond = np.zeros(2 * len(units), dtype=bool)
         for _ in range(MAX_CLOSING_STEPS):
             residual, J = self._equations(q)
             room = self._range_room(q)
-            beyond |= room < 0.0
-            gap, K = np.append(residual, room[beyond]), np.vstack([J, ends[beyond]])
+            is_beyond |= room < 0.0
+            gap, K = np.append(residual, room[is_beyond]), np.vstack([J, room_slopes[is_beyond]])
             if np.abs(gap).max(initial=0.0) < CLOSED:
-                return q, J
+                return q
             step = -K.T @ np.linalg.solve(K @ K.T + CLOSED * np.eye(len(K)), gap)
             if not np.abs(step).max() < MAX_JOINT_STEP:
                 return None
@@ -253,77 +257,90 @@ class PoseSearch:
         return None
 
     def _range_room(self, q: Array) -> Array:
-        """Compute the distances (2 f,) of joints from the lower and upper ends of their ranges."""
+        """Compute the distances (2 f,) of joints to the lower, then upper ends of their ranges."""
         position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._lengths
         return np.append(position - self._lower, self._upper - position)
 
     def _equations(self, q: Array) -> tuple[Array, Array]:
         """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
+        independent = self.robot.structure.independent
         self._pose.place(q)
-        residual = self._pose.residual.take(self._independent) / self._row_sizes
-        jacobian = self._pose.jacobian.take(self._independent, axis=0).take(self.robot.moving, axis=1)
+        residual = self._pose.residual.take(independent) / self._row_sizes
+        jacobian = self._pose.jacobian.take(independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
 
-    def _evaluate(self, q: Array, J: Array, near: Array, target: Array, forces: Array) -> _Iterate:
-        """Compute the quadratic model at a pose q (nq,), whose loops have the derivatives J (m, f).
+    def _evaluate(self, q: Array, near: Array, target: Array, range_forces: Array | float = 0.0) -> _Iterate:
+        """Compute the quadratic model at a pose q (nq,) with closed loops.
 
-        A stack has the pose and steps from it along Z. `near` (n,) are platform coordinates that tell whole
-        turns. `forces` (2 f + 2,) of the bounds tell how far the ranges that act curve along Z.
+        Derivatives are also evaluated at poses one `DIFFERENCE_STEP` away along each motion of Z, T = 1 + n.
+
+        Args:
+            near: (n,) platform coordinates, to which turns are counted on.
+            range_forces: (f,) of the last step, which affect the multipliers of the loops.
         """
-        m = len(J)
-        Q, R = np.linalg.qr(J.T, mode="complete")
+        Q, R = np.linalg.qr(self._equations(q)[1].T, mode="complete")
+        m = R.shape[1]  # number of loop equations
         Z = Q[:, m:]
         linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)
         e = (x[0] - target) / self.robot.platform_scale
-        pull = e @ X[0] + forces[len(Z) : 2 * len(Z)] - forces[: len(Z)]
-        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ pull)
-        gradients = e @ X - multipliers @ loops
+        multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0] + range_forces))
+        gradients = e @ X - multipliers @ loops  # (1 + n, f)
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
         A = X[0] @ Z
-        determinants = self._determinants(X, loops, Z) / self._determinant_sizes
-        determinants *= np.where(determinants[0] < 0.0, -1.0, 1.0)  # signs change with the basis
+        room, room_slopes = self._bounds(q, X, loops, Z)
         return _Iterate(
             q=q,
             x=x[0],
             value=float(0.5 * e @ e),
             basis=Z,
             gradient=A.T @ e,
-            hessian=_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
-            room=np.append(self._range_room(q), determinants[0] - LEAST_DETERMINANTS),
-            room_slopes=np.vstack([Z, -Z, (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP]),
-            loops=linearised.select(slice(1)),
+            hessian=_make_definite(A.T @ A + 0.5 * (curvature + curvature.T)),
+            room=room,
+            room_slopes=room_slopes,
+            loops=linearised.select(0),
         )
 
+    def _bounds(self, q: Array, X: Array, loops: Array, Z: Array) -> tuple[Array, Array]:
+        """Compute room (2 f + 2,) and slopes (2 f + 2, n) of an `_Iterate`, see `_determinants`."""
+        determinants = self._determinants(X, loops, Z) / self._determinant_sizes
+        determinants *= np.where(determinants[0] < 0.0, -1.0, 1.0)  # the sign depends on the basis Z
+        slopes = (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP  # (2, n)
+        room = np.append(self._range_room(q), determinants[0] - LEAST_DETERMINANTS)
+        return room, np.vstack([Z, -Z, slopes])
+
     def _linearise_around(self, q: Array, Z: Array) -> LinearisedLoops:
-        """Compute the loops (T = 1 + n) at q (nq,) and beside, along each motion of Z (f, n)."""
+        """Compute the loops at q (nq,) and one step away along motions Z (f, n), T = 1 + n."""
         steps = DIFFERENCE_STEP * np.vstack([np.zeros(len(Z)), Z.T]) * self._lengths
         return linearised_at(self.robot, integrate_columns(self.robot, q, self.robot.moving, steps), None)
 
     def _slopes(self, linearised: LinearisedLoops, near: Array) -> tuple[Array, Array, Array]:
-        """Compute x (T, n), dx (T, n, f) and derivatives of loops (T, m, f)."""
+        """Compute x (T, n) and the derivatives of x (T, n, f) and of the loops (T, m, f)."""
         robot = self.robot
-        derivatives = linearised.jacobian[..., robot.moving] * self._lengths
+        derivatives = linearised.jacobian[..., robot.moving] * self._lengths  # (T, n + m, f)
+        twists, loops = np.split(derivatives, [robot.n], axis=1)
         x = robot.platform.unwrap(robot.platform.coordinates(linearised.frames), near)
-        dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, derivatives[:, : robot.n])
-        return x, dx, derivatives[:, robot.n :] / self._row_sizes[:, None]
+        dx = solve(robot.platform.rate_matrix(x) * robot.platform_scale, twists)  # of v = E dx
+        return x, dx, loops / self._row_sizes[:, None]
 
     def _determinants(self, X: Array, loops: Array, Z: Array) -> Array:
-        """Compute determinants (T, 2), of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
+        """Compute determinants (T, 2) of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
 
-        Bases of these motions have the orientation of Z (f, n). The first is zero at Type 1, and keeps its
-        sign where loops lose rank; the second is zero at Type 2, and 1 unless the motors have to hold.
+        Bases of these motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and
+        keeps its sign where loops lose rank. The second is zero at Type 2, and 1 unless motors have to hold.
         """
-        bases = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0][..., loops.shape[1] :]
-        bases[..., 0] *= np.sign(np.linalg.det(Z.T @ bases))[:, None]
+        Q = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0]  # (T, f, f)
+        bases = Q[..., loops.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
+        orientations = np.sign(np.linalg.det(Z.T @ bases))  # (T,)
+        bases[..., 0] *= orientations[:, None]
         values = np.ones((len(X), 2))
         values[:, 0] = np.linalg.det(X @ bases)
         if self._motors_hold and self.robot.n_a == self.robot.n:
-            values[:, 1] = np.linalg.det(bases[:, : self.robot.n])
+            values[:, 1] = np.linalg.det(bases[:, : self.robot.n])  # the motors are the first rows
         return values
 
 
-def _definite(matrix: Array) -> Array:
-    """Return a symmetric matrix (n, n) with the sizes of its eigenvalues, none below LEAST_CURVATURE."""
+def _make_definite(matrix: Array) -> Array:
+    """Return a symmetric matrix (n, n) with absolute eigenvalues of at least LEAST_CURVATURE."""
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T

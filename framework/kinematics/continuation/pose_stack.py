@@ -34,18 +34,16 @@ class PoseStack(ReadOnlyArrays):
 
     q: Array  # (T, nq)
     x: Array  # (T, n)
-    residual: Array  # (T,) the largest of all loop equations [m or rad]
-    clearance: Array  # (T,) least singular value of P met on the curve (radians, robot lengths)
-    refused: Mapping[int, NotAssembled]  # by row: `Type2Singularity` says where it lies
+    residual: Array  # (T,) largest residual of all loop equations [m or rad]
+    clearance: Array  # (T,) least singular value of P on the curve (radians, robot lengths)
+    refused: Mapping[int, NotAssembled]  # errors by row; a `Type2Singularity` says where it lies
 
 
 def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
-    """Compute the poses for T sets of motor joints (T, n_a).
-
-    Each curve starts from the reference.
+    """Compute the poses for T sets of motor joints (T, n_a), each from the reference.
 
     Raises:
-        InvalidInput: as `forward_kinematics`; its other errors are `refused` of the result, by row.
+        InvalidInput: as `forward_kinematics`, whose other errors are in `refused` of the result.
     """
     expect_robot(robot)
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
@@ -57,7 +55,7 @@ def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
     for k in np.flatnonzero(ends.share < 1.0).tolist():
         end = select(ends, slice(k, k + 1))
         refused[k] = curve_end_error(robot, end, linearised.select(k), targets[k])
-    poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())
+    poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())  # the errors view `ends`
     for values in poses:
         values[list(refused)] = np.nan
     return PoseStack(*poses, refused=MappingProxyType(refused))
@@ -70,20 +68,19 @@ def follow_motors(
     near: ArrayLike | Configuration | None = None,
     single_turn: bool = False,
 ) -> Iterator[ForwardPose]:
-    """Yield the pose of each sample of the motors' joints.
+    """Yield the pose of each sample of the motor joints, starting from the previous pose.
 
-    Each starts from the pose of the last sample. The platform's turns are counted on through the whole
-    stream.
+    The platform's turns are counted through the whole stream.
 
     Args:
-        samples: motor joints (n_a,), joint side of the gears [rad, m], such as encoders give.
-        near: an assembled configuration (nq,) to begin with, the reference by default.
-        single_turn: hinges are measured modulo a turn, and each sample is moved to the turn nearest to the
-            last sample; else full turns count.
+        samples: motor joints (n_a,), joint side of the gears [rad, m], for instance from encoders.
+        near: an assembled configuration (nq,) to start from, the reference by default.
+        single_turn: whether hinges are measured modulo a turn. Each sample is then shifted by whole turns to
+            be nearest to the previous one. Otherwise full turns count.
 
     Raises:
         InvalidInput, Type2Singularity, NotAssembled: of a sample, see `forward_kinematics`. The stream ends
-            there, after the pose of the sample before.
+            after the pose of the previous sample.
     """
     expect_robot(robot)
     turning = ~robot.sliding[robot.actuated]

@@ -1,8 +1,8 @@
-"""Measures by which a step from pose to pose stays on its branch, never jumping to another one.
+"""Tests that a step from pose to pose stays on its branch instead of jumping to another one.
 
-The platform follows a path (`tracking`), or the motors turn from angle to angle (`motor_curves`). A step
-along the tangent is accepted if its correction is small against it and its end belongs to the branch;
-otherwise it is halved.
+In a step the platform follows a path (`tracking`), or the motors turn (`motor_curves`). A step along the
+tangent is accepted if its correction is small compared with the step and its end is on the same branch.
+Otherwise the step is halved.
 """
 
 from __future__ import annotations
@@ -16,26 +16,29 @@ from framework.kinematics.mechanism import Mechanism
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
-MIN_STEP_RATIO = 1e-7  # of the curve: if shorter steps are refused too, the branch has ended
-MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: beside a singularity tangents lead far
+MIN_STEP_RATIO = 1e-7  # of the curve: if steps as short as this are refused, the branch has ended
+MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: near a singularity tangents lead far
 FIRST_STEP_RATIO = 1 / 8  # of the curve
 BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
-MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # of the curve: steps grow up to this
-END_ROUNDING = 1e-12  # of the curve: a pose that near to its end is the end
+MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # of the curve: largest step
+END_ROUNDING = 1e-12  # of the curve: a pose as near to the end as this is the end
 
 
 class StepMeasure(NamedTuple):
-    """Measures of whether T steps stayed on their branches."""
+    """Measures that tell whether T steps stayed on their branches."""
 
     correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
-    small: BoolArray  # (T,) whether it is small, or small against the step
-    straight: BoolArray  # (T,) whether the tangent has turned no more than one branch allows
+    small: BoolArray  # (T,) whether the correction is small, absolutely or compared with the step
+    straight: BoolArray  # (T,) whether the tangent turned no more than one branch allows
 
 
 def measure_steps(robot: Mechanism, correction: Array, predicted: Array, at_end: Array) -> StepMeasure:
     """Measure whether T steps stayed on their branches.
 
-    The corrections, and the steps along the tangents at start and end, are (T, nv) each.
+    Args:
+        correction: (T, nv) from the predicted to the closed configurations.
+        predicted: (T, nv) steps along the tangents at the starts.
+        at_end: (T, nv) steps of the same parameters along the tangents at the ends.
     """
     corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
     turned = largest_motion(robot, at_end - predicted)
@@ -48,17 +51,17 @@ def measure_steps(robot: Mechanism, correction: Array, predicted: Array, at_end:
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
     """Whether corrections (T,) of steps by `advance` (T,) are small enough for one branch, (T,)."""
-    least = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
-    return (correction <= least) & (advance <= MAX_PREDICTOR_MOVE)
+    allowed = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
+    return (correction <= allowed) & (advance <= MAX_PREDICTOR_MOVE)
 
 
 def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
-    """Whether the turn of tangents (T,) is small enough for one branch, see `is_small`, (T,)."""
+    """Whether changes (T,) of steps by the tangents' turn are small enough for one branch, (T,)."""
     return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
 
 
 def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
-    """Cut steps (T,) of the parameter so that no joint moves by `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
+    """Cut parameter steps (T,) so that no joint moves by `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
     speed = largest_motion(robot, rate)
-    longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99: not longer by rounding
+    longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99 leaves room for rounding
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)

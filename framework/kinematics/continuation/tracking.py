@@ -1,8 +1,8 @@
-"""Follow a path from the reference without jumping to another working or assembly branch.
+"""Follow a path from the reference without jumping to another branch.
 
-The start is reached along the straight segment from the reference's platform coordinates, then the path is
-followed. A step along the tangent is accepted by the measures of `predictor_corrector` and if its end is in
-the same working mode; otherwise it is halved.
+A straight segment leads from the reference's platform coordinates to the start of the path; then the path is
+followed. A step along the tangent is accepted if it passes the tests of `predictor_corrector` and its end is
+in the same working mode. Otherwise it is halved.
 """
 
 from __future__ import annotations
@@ -50,33 +50,35 @@ from framework.laws.path import Line, Path, check_path
 from framework.numerics.arrays import Array, ArrayLike, BoolArray
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
 
-TYPE_1_END_RATIO = 1e-4  # least singular value of the loop equations, below which Type 1 has ended a branch
-KNOT_NEWTON_STEP = 1e-6  # last step to a knot of a branch: guesses between knots are no better
-POSES_AT_ONCE = 8  # a stack costs little more than one pose, and they span the path in first steps
-SHORT_PATH = 1e-4  # [lengths, rad] that a single step may span
+TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
+KNOT_NEWTON_STEP = 1e-6  # last Newton step to a knot: guesses between knots are no better than that
+POSES_AT_ONCE = 8  # a stack costs little more than one pose; eight first steps span the path
+SHORT_PATH = 1e-4  # [lengths, rad] a path no longer than this is tried in a single step
 LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s, and [rad or m] from the last configuration
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
-PLATFORM_ROUNDING = 1e-14  # [lengths, rad] between platform coordinates that are the same
+PLATFORM_ROUNDING = 1e-14  # [lengths, rad] platform coordinates nearer than this are the same
 
 
 class BranchPoses(NamedTuple):
-    """K assembled configurations of the branch, with its tangents."""
+    """K assembled configurations of a branch, with their tangents."""
 
+    s: Array  # (K,) path coordinates
     q: Array  # (K, nq)
     linearised: LinearisedLoops
-    rate: Array  # (K, nv) joint rates with respect to the parameter of the curve
+    rate: Array  # (K, nv) dq/ds
 
     def select(self, which: slice) -> BranchPoses:
         """Return some of the poses."""
-        return BranchPoses(self.q[which], self.linearised.select(which), self.rate[which])
+        linearised = self.linearised.select(which)
+        return BranchPoses(self.s[which], self.q[which], linearised, self.rate[which])
 
 
 class FollowedCurve(NamedTuple):
-    """The followed part of a branch, at K poses."""
+    """The part of a branch that could be followed, as K poses."""
 
-    at: Array  # (K,) parameter, from 0 ascending; the last one is 1 if the whole curve could be followed
+    at: Array  # (K,) parameter, ascending from 0, to 1 if the whole curve was followed
     q: Array  # (K, nq)
     rate: Array  # (K, nv) joint rates with respect to the parameter
     last: BranchPoses  # the last pose
@@ -93,7 +95,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     Raises:
         InvalidInput: x has the wrong length or is not finite.
         NotAssembled: the loops do not close at the reference.
-        OutOfReach, Type1Singularity: x cannot be reached from the reference on its working mode.
+        OutOfReach, Type1Singularity: x cannot be reached from the reference in its working mode.
     """
     expect_robot(robot)
     reference = robot.reference
@@ -109,7 +111,7 @@ def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
     else:
         segment = Line(reference.x, target)
         branch = _follow_branch(robot, segment, reference.q, "the way from the reference to the point")
-        closed, steps = branch.close(1.0), len(branch.s)  # on the last knot: one evaluation
+        closed, steps = branch.close(1.0), len(branch.s)  # cheap, since s = 1 is a knot
     return Configuration(closed.q[0], target, float(np.abs(closed.linearised.residual).max()), steps)
 
 
@@ -117,8 +119,8 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
     """Follow the path from s = 0 to 1 on the branch of the reference.
 
     Raises:
-        InvalidInput: the path has not as many coordinates as the platform, or see `check_path`.
-        OutOfReach: a leg ends before the path does; names the leg and the place.
+        InvalidInput: path and platform differ in the number of coordinates, or see `check_path`.
+        OutOfReach: the path leaves the workspace; names the leg and the place.
         Type1Singularity: the path runs into a pose where a leg is stretched or folded.
     """
     expect_robot(robot)
@@ -136,40 +138,41 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 def follow_path(
     robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
 ) -> FollowedCurve:
-    """Follow the path from the pose q (nq,) at s = 0.
+    """Follow the path from the pose q (nq,) at s = 0 to the end of the path or branch.
 
-    The curve ends with the path, or where the branch does. The poses stay in one working mode and pass Type 2
-    singularities. Springs keep the deflections of q. Poses are closed to this `last_step` of `close_each`. A
-    branch that ends early does so just before a Type 1 singularity, or with `to_the_end` on the singularity
-    itself where that is found.
+    The poses stay in one working mode and pass Type 2 singularities. Springs keep the deflections of q. A
+    branch ends at a Type 1 singularity.
+
+    Args:
+        last_step: accuracy of the poses, see `close_each`.
+        to_the_end: whether the last pose is the Type 1 singularity itself, if that is found, instead of a
+            pose just before it.
     """
-    s, first = 0.0, np.zeros(1)
+    first = np.zeros(1)
     pose = _poses_at(robot, path, first, q[None], linearised_at(robot, q[None], path(first)))
-    parameters, stretches = [first], [pose]
+    stretches = [pose]
     is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
     step = 1.0 if is_short else FIRST_STEP_RATIO
-    while s < 1.0:
-        step = float(limit_steps(robot, pose.rate, np.array([min(step, 1.0 - s)]))[0])
+    while pose.s[0] < 1.0:
+        step = float(limit_steps(robot, pose.rate, np.minimum(step, 1.0 - pose.s))[0])
         if step < MIN_STEP_RATIO:
             break
-        s_ahead = _parameters_ahead(robot, pose, s, step)
-        accepted = _take_steps(robot, path, pose, s, s_ahead, last_step)
+        s_ahead = _parameters_ahead(robot, pose, step)
+        accepted = _take_steps(robot, path, pose, s_ahead, last_step)
         if accepted is not None:
             poses, correction = accepted
-            parameters.append(s_ahead[: len(poses.q)])
             stretches.append(poses)
-            s, pose = float(parameters[-1][-1]), poses.select(slice(-1, None))
+            pose = poses.select(slice(-1, None))
             if correction < BRANCH_GROWTH and step < MAX_STEP_RATIO:
                 step = min(2.0 * step, MAX_STEP_RATIO)
             continue
-        end = _type1_end(robot, path, s, pose) if to_the_end else None
+        end = _type1_end(robot, path, pose) if to_the_end else None
         if end is not None:
-            parameters.append(np.array([end[0]]))
-            stretches.append(end[1])
+            stretches.append(end)
             break
         step *= 0.5
     return FollowedCurve(
-        at=np.concatenate(parameters),
+        at=np.concatenate([poses.s for poses in stretches]),
         q=np.concatenate([poses.q for poses in stretches]),
         rate=np.concatenate([poses.rate for poses in stretches]),
         last=stretches[-1].select(slice(-1, None)),
@@ -177,24 +180,26 @@ def follow_path(
 
 
 def _take_steps(
-    robot: ParallelRobot, path: Path, start: BranchPoses, s: float, s_ahead: Array, last_step: float
+    robot: ParallelRobot, path: Path, start: BranchPoses, s_ahead: Array, last_step: float
 ) -> tuple[BranchPoses, float] | None:
-    """Take steps along the tangent of a pose (K = 1) at s to path coordinates ahead (T,).
+    """Take steps along the tangent of a pose (K = 1) to path coordinates ahead (T,).
 
-    A step leads from the previous pose to the next. It is accepted if the loops close, the correction is
-    small, and its end is in the same working mode; if the tangent turns much, also away from other branches.
+    All ends are predicted from the same pose, but each step is judged from the end of the previous one. A
+    step is accepted if the loops close, the correction is small, and its end is in the same working mode. If
+    the tangent turns much, the end must also be away from other branches.
 
     Returns:
         The poses of accepted steps, up to the first refused, and the correction of the last step; None if
         the first step is refused.
     """
-    lengths = (s_ahead - s)[:, None]
-    ends = _close_ahead(robot, path, s_ahead, integrate(robot, start.q, lengths * start.rate), last_step)
+    lengths = (s_ahead - start.s)[:, None]
+    guess = integrate(robot, start.q, lengths * start.rate)
+    ends = _close_ahead(robot, path, s_ahead, guess, last_step)
     if ends is None:
         return None
     steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)
-    q, rate = np.concatenate([start.q, ends.q[:-1]]), np.concatenate([start.rate, ends.rate[:-1]])
-    predicted = steps * rate
+    q = np.concatenate([start.q, ends.q[:-1]])  # starts of the steps
+    predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
     corrections = difference(robot, integrate(robot, q, predicted), ends.q)
     correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
     if not is_small[0]:
@@ -210,9 +215,9 @@ def _take_steps(
 def _close_ahead(
     robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
 ) -> BranchPoses | None:
-    """Close the loops of poses (T, nq) predicted at s (T,).
+    """Close the loops of poses (T, nq) predicted at s (T,), up to the first failure.
 
-    Poses from the first that fails on are left out; None if all fail.
+    None if the first pose fails.
     """
     q, linearised, closed = close_each(
         robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
@@ -222,46 +227,36 @@ def _close_ahead(
         return None
     try:
         return _poses_at(robot, path, s[:count], q[:count], linearised.select(slice(count)))
-    except NotAssembled:  # one of them is singular, to the last bit
+    except NotAssembled:  # a pose is singular to the last bit and has no tangent
         return _close_ahead(robot, path, s[:1], predicted[:1], last_step) if count > 1 else None
 
 
 def _poses_at(
     robot: ParallelRobot, path: Path, s: Array, q: Array, linearised: LinearisedLoops
 ) -> BranchPoses:
-    """Return the poses q (K, nq) at s (K,) with their tangents dq/ds.
-
-    Springs rest.
-    """
+    """Return the poses q (K, nq) at s (K,) with their tangents dq/ds, springs at rest."""
     twist, _ = robot.platform.twist(path(s), path(s, 1))
-    return BranchPoses(q, linearised, joint_rates(robot, linearised, twist))
+    return BranchPoses(s, q, linearised, joint_rates(robot, linearised, twist))
 
 
-def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, s: float, step: float) -> Array:
-    """Return up to POSES_AT_ONCE path coordinates ahead of s, one step apart.
-
-    None is farther than the predictor may lead.
-    """
+def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> Array:
+    """Return up to POSES_AT_ONCE path coordinates ahead of a pose, within the predictor's range."""
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]
-    allowed = (s + lengths < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
+    s_ahead = pose.s + lengths
+    allowed = (s_ahead < 1.0 + 0.5 * MIN_STEP_RATIO) & (lengths * speed < MAX_PREDICTOR_MOVE)
     allowed[0] = True  # at least one step
-    s_ahead = s + lengths[allowed]
+    s_ahead = s_ahead[allowed]
     return np.where(s_ahead > 1.0 - END_ROUNDING, 1.0, s_ahead)
 
 
 def _count_leading(flags: BoolArray) -> int:
-    """Count the true values before the first false one of flags (K,)."""
+    """Count the flags (K,) before the first false one."""
     return len(flags) if flags.all() else int(np.argmin(flags))
 
 
-def _type1_end(
-    robot: ParallelRobot, path: Path, s: float, pose: BranchPoses
-) -> tuple[float, BranchPoses] | None:
-    """Find the Type 1 singularity next ahead of a pose at s.
-
-    Its path coordinate and its pose are returned.
-    """
+def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
+    """Find the next Type 1 singularity ahead of a pose (K = 1); None without any."""
     sizes, still = equation_sizes(robot), np.zeros((1, robot.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
@@ -274,51 +269,50 @@ def _type1_end(
         matrix = type1_matrix(robot, linearised)
         return CurveEquations(matrix, by_share / sizes, linearised.residual / sizes, linearised)
 
-    ahead = Curves(robot, robot.moving, still, evaluate).find_turning_points(pose.q, np.array([s]))
-    if not ahead.found[0]:
-        return None
-    return float(ahead.share[0]), BranchPoses(ahead.q, ahead.linearised, still)
+    ahead = Curves(robot, robot.moving, still, evaluate).find_turning_points(pose.q, pose.s)
+    return BranchPoses(ahead.share, ahead.q, ahead.linearised, still) if ahead.found[0] else None
 
 
-def _follow_branch(robot: ParallelRobot, path: Path, q: Array, what: str) -> Branch:
-    """Return the branch along the path from the pose q (nq,) at s = 0.
+def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> Branch:
+    """Follow the branch along the path from the pose q (nq,) at s = 0.
 
-    `what` names the path in errors.
+    `subject` names the path in errors.
     """
     followed = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
     if not followed.complete:
-        raise _branch_end_error(
-            robot, path, float(followed.at[-1]), followed.last.q[0], followed.last.linearised, what
-        )
-    offset, rate = difference(robot, q, followed.q), difference_rates(robot, q, followed.q, followed.rate)
+        raise _branch_end_error(robot, path, followed, subject)
+    offset = difference(robot, q, followed.q)
+    rate = difference_rates(robot, q, followed.q, followed.rate)
     return Branch(robot, path, q, followed.at, offset, rate)
 
 
 def _branch_end_error(
-    robot: ParallelRobot, path: Path, s: float, q: Array, linearised: LinearisedLoops, what: str
+    robot: ParallelRobot, path: Path, followed: FollowedCurve, subject: str
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
-    """Return the error for the end of a branch at s.
+    """Return the error for a branch that ends early.
 
-    Either a leg is stretched or folded, or the loops lose their rank.
+    Either the loops lose rank, or a leg is stretched or folded.
     """
+    last = followed.last
+    s, linearised = float(last.s[0]), last.linearised
     x = path(s)
     count = int(count_lost_ranks(robot, linearised, TYPE_1_END_RATIO)[0])
     if count:
-        return escape_error(robot, s, x, count, f"{what} runs into {LOOP_SINGULARITY}")
+        return escape_error(robot, s, x, count, f"{subject} runs into {LOOP_SINGULARITY}")
     joint = weakest_leg(robot, linearised)
     place = f"at s = {s:.6g}, {robot.place(x)}"
-    if _closes_beyond(robot, path, s, q):
+    if _closes_beyond(robot, path, last):
         return Type1Singularity(
-            f"{robot.name}: {what} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
+            f"{robot.name}: {subject} meets a Type 1 singularity {place}: the leg of {joint} is stretched "
             f"or folded there and could go on in another working mode",
             s=s,
             platform=x,
             joint=joint,
         )
     return OutOfReach(
-        f"{robot.name}: {what} leaves the workspace {place}: the leg of {joint} cannot follow"
+        f"{robot.name}: {subject} leaves the workspace {place}: the leg of {joint} cannot follow"
         + remark_on_reach(robot, path(1.0)[robot.platform.sliding]),
-        q=q,
+        q=last.q[0],
         residual=float(np.abs(linearised.residual).max()),
         s=s,
         platform=x,
@@ -329,35 +323,35 @@ def _branch_end_error(
 def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     """Return the motor's joint of the leg nearest to a Type 1 singularity (T = 1).
 
-    It moves most in the joint motion that moves the platform least.
+    Of all motors it moves most in the joint motion that moves the platform least.
     """
-    matrix = type1_matrix(robot, linearised)[0]  # columns: actuated first
-    weakest = np.linalg.svd(matrix)[2][-1]  # (moving,) the least singular vector
-    motor = int(np.argmax(np.abs(weakest[: robot.n_a])))
+    matrix = type1_matrix(robot, linearised)[0]
+    motion = np.linalg.svd(matrix)[2][-1]  # (moving,) of the least singular value, motors first
+    motor = np.argmax(np.abs(motion[: robot.n_a]))
     return robot.actuator_names[motor]
 
 
-def _closes_beyond(robot: ParallelRobot, path: Path, s: float, q: Array) -> bool:
+def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
     """Whether the loops close again a little further along the path, on any branch.
 
-    Newton's method starts from q (nq,) with all joints moved a little, in both directions.
+    Newton's method starts from the last pose with all joints moved by a small nudge, in both directions.
     """
-    ahead = s + np.array(LOOK_AHEAD)
-    ahead = np.repeat(ahead[ahead <= 1.0], 2)
+    ahead = last.s + np.array(LOOK_AHEAD)
+    ahead = np.repeat(ahead[ahead <= 1.0], 2)  # each twice, for both directions
     if not len(ahead):
         return False
     nudge = np.full((len(ahead), len(robot.moving)), LOOK_AHEAD_NUDGE)
     nudge[1::2] *= -1.0
-    guess = integrate_columns(robot, np.repeat(q[None], len(ahead), axis=0), robot.moving, nudge)
+    guess = integrate_columns(robot, last.q, robot.moving, nudge)
     return bool(close_each(robot, path(ahead), guess).closed.any())
 
 
-def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, what: str) -> UncontrolledMotions:
+def escape_error(robot: ParallelRobot, s: float, x: Array, count: int, reason: str) -> UncontrolledMotions:
     """Return the error for `count` uncontrolled motions at s, platform x (n,)."""
     words = {1: "one uncontrolled motion", 2: "two uncontrolled motions at once"}
     return UncontrolledMotions(
         f"{robot.name}: {words.get(count, f'{count} uncontrolled motions at once')} at s = {s:.6g}, "
-        f"{robot.place(x)}: {what}",
+        f"{robot.place(x)}: {reason}",
         s=s,
         platform=x,
         count=count,

@@ -1,16 +1,16 @@
-"""The turning point in which a branch ends at a singularity, by a direct root.
+"""The turning point at which a branch ends on a singularity, as the root of an equation.
 
 While the motors turn, or the platform follows its path, the loop equations F(y, s) = 0 define a curve in the
-joints y that follow and the share s of the prescribed motion. The curve is smooth where M = dF/dy loses rank
-if the prescribed motion drives the escaping one: only s turns back. So the curve is followed by t = c . y, c
-along its tangent at the start, and
+joints y that follow and the share s of the prescribed motion. If the prescribed motion drives the escaping
+motion, the curve remains smooth where M = dF/dy loses rank: only s turns back. So the curve is parametrised
+by t = c . y instead of s, with c along the tangent at the start, and
 
     [M  b] [dy/dt]   [0]
     [c' 0] [ds/dt] = [1],    b = dF/ds,
 
-whose last number is the bordered measure of singularity with b as its border (Govaerts 2000, chapter 3): the
-slope of s, positive up to the turning point and zero there. Its root is found by secants in t, each with a
-Newton step back to the curve; to first order in t the slope is a line, so a few are enough.
+The slope ds/dt is the bordered measure of singularity with b as its border (Govaerts 2000, chapter 3). It is
+positive before the turning point and zero at it. The secant method in t finds this root; each iterate also
+takes a Newton step back to the curve. Near the root ds/dt is nearly linear in t, so a few secants suffice.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import solve
 from framework.tolerances import NEWTON_STEP
 
-MAX_BEND, MAX_SKEW = 0.1, 0.25  # deviations from a parabola, of the chord and of the parameter's gain
-FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first slope of the slope
-MAX_ARC_LENGTH = 2.0  # [rad, lengths] by all joints together: a farther end is for a nearer start
+MAX_BEND, MAX_SKEW = 0.1, 0.25  # relative deviations from a parabola, of its chord and of the gain in s
+FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
+MAX_ARC_LENGTH = 2.0  # [rad, lengths] of all joints together: a farther end needs a nearer start
 MAX_SECANTS = 12
 
 
@@ -40,19 +40,19 @@ class CurveEquations(NamedTuple):
     matrix: Array  # (T, k, k) M
     by_share: Array  # (T, k) b
     residual: Array  # (T, k)
-    linearised: LinearisedLoops  # the same with dimensions
+    linearised: LinearisedLoops  # the same equations with dimensions
 
 
 class CurveEnds(NamedTuple):
-    """The turning points of T curves; where none is found the other values mean nothing."""
+    """The turning points of T curves; unless one is `found` the other values mean nothing."""
 
     found: BoolArray  # (T,)
     share: Array  # (T,) of the prescribed motion
     q: Array  # (T, nq)
-    linearised: LinearisedLoops  # the equations there
+    linearised: LinearisedLoops  # at q
     length: Array  # (T,) t along the curve [rad, lengths]
-    first_tangent: Array  # (T, k + 1) at the start
-    last_tangent: Array  # (T, k + 1) at the end
+    first_tangent: Array  # (T, k + 1) d(y, s)/dt at the start
+    last_tangent: Array  # (T, k + 1) d(y, s)/dt at the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +61,16 @@ class Curves:
 
     robot: ParallelRobot
     columns: IntArray  # (k,) of the joints that follow
-    turn: Array  # (T, nv) prescribed motion of the other joints, s = 0 to 1
-    evaluate: Callable[[Array, Array], CurveEquations]
+    turn: Array  # (T, nv) prescribed motion of the other joints from s = 0 to 1
+    evaluate: Callable[[Array, Array], CurveEquations]  # at q (T, nq) and s (T,)
 
     def find_turning_points(self, q: Array, share: Array) -> CurveEnds:
-        """Find the turning points of T curves ahead of configurations q (T, nq).
+        """Find the turning points of T curves ahead of configurations q (T, nq) at s = `share` (T,).
 
-        Of its prescribed motion each curve has done a `share` (T,). A turning point is found only if the
-        curve from q to the point is nearly a parabola in t: its chord is t times the mean of both end
-        tangents, and its share gains t/2 times the first slope ds/dt.
+        A turning point counts as found only if the curve from q to the point is nearly a parabola in t. Then
+        the chord is t times the mean of both end tangents, and s gains t/2 times its slope at the start.
         """
-        with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges, and is not found
+        with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges
             end = self._follow_to_turn(q, share)
             first = end.length[:, None] * self._joint_motions(end.first_tangent)  # (T, nv)
             last = end.length[:, None] * self._joint_motions(end.last_tangent)
@@ -83,30 +82,30 @@ class Curves:
         return end._replace(found=is_turning)
 
     def _joint_motions(self, step: Array) -> Array:
-        """Compute joint motions (T, nv) of steps (T, k + 1) in y and s."""
+        """Return joint motions (T, nv) for steps (T, k + 1) in y and s."""
         motion = step[:, -1:] * self.turn
         motion[:, self.columns] = step[:, :-1] * self.robot.column_scale[self.columns]
         return motion
 
     def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
-        """Follow T curves from q (T, nq) by secants to ds/dt = 0, ahead of the start; return their ends.
+        """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
-        `share` (T,) is s at the start. A curve that has converged, or has become too long, rests while the
-        others go on.
+        A curve that has converged or has become too long rests while the others go on.
         """
         equations = self.evaluate(q, share)
-        c = solve(equations.matrix, -equations.by_share)  # along dy/ds at the start
-        c = c / np.linalg.norm(c, axis=1, keepdims=True)
+        c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
+        c /= np.linalg.norm(c, axis=1, keepdims=True)
         correction, tangent = _newton_step_and_tangent(equations, c)
         first_tangent = tangent
         t, dt = np.zeros(len(q)), np.full(len(q), FIRST_SECANT_LENGTH)
         converged = np.zeros(len(q), dtype=bool)
         for _ in range(MAX_SECANTS):
-            step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve, and along
+            step = correction + dt[:, None] * tangent  # (T, k + 1) back to the curve and along it
             diverges = ~((np.abs(t + dt) < MAX_ARC_LENGTH) & np.isfinite(step).all(axis=1))
             rests = converged | diverges
             step = np.where(rests[:, None], 0.0, step)
-            q, share = integrate(self.robot, q, self._joint_motions(step)), share + step[:, -1]
+            q = integrate(self.robot, q, self._joint_motions(step))
+            share = share + step[:, -1]
             t = t + np.where(rests, 0.0, dt)
             converged |= ~diverges & (np.abs(step).max(axis=1) < NEWTON_STEP)
             last_slope = tangent[:, -1]  # ds/dt
@@ -114,20 +113,18 @@ class Curves:
             correction, tangent = _newton_step_and_tangent(equations, c)
             if (converged | diverges).all():
                 break
-            dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # the secant's zero of ds/dt
+            dt = -dt * tangent[:, -1] / (tangent[:, -1] - last_slope)  # to the secant's zero of ds/dt
         return CurveEnds(converged & (t > 0), share, q, equations.linearised, t, first_tangent, tangent)
 
 
 def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
     """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
 
-    They solve [M b; c' 0] with the right sides [-F; 0] and [0; 1]: the step is normal to c.
+    The matrix is [M b; c' 0], the right sides are [-F; 0] and [0; 1]: Newton's step does not change c . y.
     """
     count, size = c.shape
-    bordered = np.zeros((count, size + 1, size + 1))
-    bordered[:, :-1, :-1] = equations.matrix
-    bordered[:, :-1, -1] = equations.by_share
-    bordered[:, -1, :-1] = c
+    top = [equations.matrix, equations.by_share[:, :, None]]
+    bordered = np.block([top, [c[:, None], np.zeros((count, 1, 1))]])
     newton_right, tangent_right = np.zeros((2, count, size + 1))
     newton_right[:, :-1] = -equations.residual
     tangent_right[:, -1] = 1.0

@@ -1,21 +1,20 @@
-"""Search closed poses of a robot from several starts, within the joints' limits, where its reference is none.
+"""Search for closed poses within the joints' limits from several starts, if the reference is not closed.
 
-Loops that share a joint are closed together and all others apart, so that two legs do not have to succeed at
-once. For each such group the starts are the reference itself, then poses drawn around it from a fixed seed:
-from a quarter, a half, all of the range of each joint. The range is that of its limits, or a half turn or a
-length of the robot either way. From each start bounded trust-region least squares (`scipy.optimize`) nearly
-closes the loops with joints near the reference, then closes them. The nearest of the first few closed poses
-is returned.
+Loops that share a joint form a group. Groups are closed independently, so that two legs do not have to
+succeed from the same start. The first start of a group is the reference itself; the others are drawn around
+it with a fixed seed, from a quarter, a half and all of the range of each joint in turn. The range is given by
+the limits, or else it is half a turn or a length of the robot either way. From each start bounded
+trust-region least squares (`scipy.optimize`) first nearly closes the loops with joints near the reference,
+then closes them. Of the first few closed poses the nearest to the reference is returned.
 
-The result closes the loops and keeps the limits. Parts may collide, and another way to assemble the robot may
-be meant.
+The result closes the loops and keeps the limits. But parts may collide, or the robot may be meant to be
+assembled in another way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,14 +35,22 @@ from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP
 
-MAX_STARTS = 32  # a group of loops, at most
+MAX_STARTS = 32  # for one group of loops
 ENOUGH_POSES = 8  # closed poses of a group to choose from
-MAX_EVALUATIONS = (100, 20)  # of the loop equations: in the search for nearly closed ones, and to close them
-START_SPREADS = (0.25, 0.5, 1.0)  # share of each joint's range that starts are drawn from, in turn
+START_SPREADS = (0.25, 0.5, 1.0)  # share of each joint's range from which starts are drawn, in turn
 RANDOM_SEED = 0
-MIN_JOINT_ROOM = 1e-9  # of a joint [rad, lengths of the robot], or of how far away its limits are
+MIN_JOINT_ROOM = 1e-9  # between limits [rad, robot lengths], or relative to their distance from the reference
 GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian from the reference
-ROUGH_TOLERANCE, FINE_TOLERANCE = 1e-6, 1e-12  # relative change, and slope, at which the two searches end
+# options of `scipy.optimize.least_squares` to nearly close the loops, and to close them: there by steps of
+# least norm (lsmr), because there are more joints than independent equations
+NEARLY: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
+CLOSELY: dict[str, Any] = {
+    "max_nfev": 20,
+    "tr_solver": "lsmr",
+    "xtol": 1e-12,
+    "ftol": 1e-12,
+    "gtol": 1e-12,
+}
 
 
 class ClosedPose(NamedTuple):
@@ -51,70 +58,68 @@ class ClosedPose(NamedTuple):
 
     q: Array  # (nq,)
     joint: str  # farthest from the reference
-    distance: str  # of that joint, "0.6 rad"
+    distance: str  # of that joint from the reference, such as "0.6 rad"
 
 
 def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     """Find a configuration that closes all loops within the joints' limits, springs at rest.
 
     Raises:
-        NotAssembled: no start leads to one; names a loop equation and the least gap.
+        NotAssembled: no start leads to a closed pose; names a loop equation and the least gap.
     """
     lower, upper = _joint_ranges(mechanism)
-    u = np.zeros(mechanism.nv)
+    u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
     for group in _group_loops(mechanism, lower, upper):
-        u[group.columns] = _nearest_closing(group)
-    farthest, step = int(np.argmax(np.abs(u))), u * mechanism.column_scale
-    distance = f"{abs(step[farthest]):.3g} {'m' if mechanism.sliding[farthest] else 'rad'}"
+        u[group.columns] = _find_nearest_offsets(group)
+    step = u * mechanism.column_scale
     q = integrate(mechanism, mechanism.q_near, step)
+    farthest = int(np.argmax(np.abs(u)))
+    distance = f"{abs(step[farthest]):.3g} {mechanism.unit_of(farthest)}"
     return ClosedPose(q, mechanism.coordinates.name_of(farthest), distance)
 
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """m loop equations as functions of offsets u (k,) of their joints from the reference.
+    """m loop equations of k joints as functions of offsets u (k,) from the reference.
 
     Offsets are in radians and lengths of the robot.
     """
 
     mechanism: Mechanism
     rows: LoopRows
-    directions: LockedDirections  # which the rows alone do not keep from turning over
+    directions: LockedDirections  # that tell a closed loop from a flipped one, see `closures`
     columns: IntArray  # (k,)
     lower: Array  # (k,) limits of the joints, else infinite
     upper: Array  # (k,)
 
-    def equations(self, u: Array) -> Array:
-        """Compute the loop equations (m,), in lengths of the robot and radians."""
-        residual = loop_equations(self.rows, self._frames(u)).residual[0]
-        return row_weights(self.mechanism, self.rows.rotation) * residual
-
     def gap(self, u: Array) -> Array:
-        """Compute the loop equations (m,), then the vectors (3 d,) that vanish unless a loop is flipped."""
-        vectors = direction_gaps(self.directions, self._frames(u))[0]
-        return np.concatenate([self.equations(u), vectors.ravel()])
+        """Compute the loop equations (m,) [robot lengths or rad], then the direction gaps (3 d,)."""
+        frames = self._frames(u)
+        residual = loop_equations(self.rows, frames).residual[0]
+        equations = row_weights(self.mechanism, self.rows.rotation) * residual
+        return np.concatenate([equations, direction_gaps(self.directions, frames).ravel()])
 
     def slope(self, u: Array) -> Array:
         """Compute the derivative (m + 3 d, k) of `gap` along the k joints."""
         frames = self._frames(u)
         jacobian = loop_equations(self.rows, frames).jacobian
         rows = scale_jacobian(self.mechanism, jacobian, self.rows.rotation)[0]  # (m, nv)
-        vectors = (
-            direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
-        )  # (d, 3, nv)
-        return np.concatenate([rows, vectors.reshape(-1, rows.shape[1])])[:, self.columns]
+        vectors = direction_gap_derivatives(self.directions, frames)[0] * self.mechanism.column_scale
+        return np.concatenate([rows, vectors.reshape(-1, self.mechanism.nv)])[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
         """Find offsets (k,) near a start that close the loops best, and their largest gap."""
-        # steps of least norm: there are more joints than independent equations
-        u, gap = self._least_squares(self.gap, self.slope, start, MAX_EVALUATIONS[1], FINE_TOLERANCE, "lsmr")
-        return u, float(np.abs(gap).max())
+        from scipy.optimize import least_squares
+
+        answer = least_squares(self.gap, start, self.slope, bounds=(self.lower, self.upper), **CLOSELY)
+        return answer.x, float(np.abs(answer.fun).max())
 
     def nearly_close(self, start: Array) -> Array:
         """Find the smallest offsets u (k,) that nearly close the loops.
 
-        The sum of squares of gap / `GAP_PER_RADIAN` and of u is least.
+        They minimise the sum of squares of gap / `GAP_PER_RADIAN` and of u.
         """
+        from scipy.optimize import least_squares
 
         def residual(u: Array) -> Array:
             return np.concatenate([self.gap(u) / GAP_PER_RADIAN, u])
@@ -122,30 +127,8 @@ class _Group:
         def slope(u: Array) -> Array:
             return np.concatenate([self.slope(u) / GAP_PER_RADIAN, np.eye(len(u))])
 
-        return self._least_squares(residual, slope, start, MAX_EVALUATIONS[0], ROUGH_TOLERANCE)[0]
-
-    def _least_squares(
-        self,
-        residual: Callable[[Array], Array],
-        slope: Callable[[Array], Array],
-        start: Array,
-        evaluations: int,
-        tolerance: float,
-        solver: str | None = None,
-    ) -> tuple[Array, Array]:
-        """Find offsets (k,) within bounds with the least residual, and that residual."""
-        from scipy.optimize import least_squares
-
-        answer = least_squares(
-            residual,
-            start,
-            slope,
-            bounds=(self.lower, self.upper),
-            tr_solver=solver,
-            max_nfev=evaluations,
-            **dict.fromkeys(("xtol", "ftol", "gtol"), tolerance),
-        )
-        return answer.x, answer.fun
+        answer = least_squares(residual, start, slope, bounds=(self.lower, self.upper), **NEARLY)
+        return np.asarray(answer.x)
 
     def configuration(self, u: Array) -> Array:
         """Return the configuration (nq,) at offsets u (k,)."""
@@ -158,48 +141,46 @@ class _Group:
 
 
 def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
-    """Split the loops of a robot into groups that share no joint.
+    """Split the loops of a robot into groups that share no joint, springs at rest.
 
-    Springs rest. Rows of one group are a connected component of the graph of rows that share joints.
+    A group is a connected component of the graph of rows that share joints.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
     carried = scratch_of(mechanism).carried
     depends = mechanism.rows.joint_signs(carried) != 0.0  # (m, nv) whether a row changes with a joint
-    depends |= mechanism.rows.coupling_jacobian(depends.shape[1]) != 0.0
+    depends |= mechanism.rows.coupling_jacobian(mechanism.nv) != 0.0
     depends[:, mechanism.elastic] = False
     pattern = csr_array(depends.astype(float))
-    label = connected_components(pattern @ pattern.T, directed=False)[1]  # (m,) rows that share joints
+    count, label = connected_components(pattern @ pattern.T, directed=False)  # (m,) group of each row
     groups, directions = [], mechanism.directions
-    for k in range(int(label.max()) + 1):
+    for k in range(count):
         rows = np.flatnonzero(label == k)
         columns = np.flatnonzero(depends[rows].any(axis=0))
         table = mechanism.rows.take(rows)
-        names = {name.rpartition(".")[0] for name in table.names}
-        leg_directions = directions.take(np.flatnonzero([name in names for name in directions.closures]))
-        groups.append(_Group(mechanism, table, leg_directions, columns, lower[columns], upper[columns]))
+        closures = {name.rpartition(".")[0] for name in table.names}  # names of rows are closure.axis
+        own = np.flatnonzero([closure in closures for closure in directions.closures])
+        groups.append(_Group(mechanism, table, directions.take(own), columns, lower[columns], upper[columns]))
     return groups
 
 
 def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
-    lower, upper = np.full(mechanism.nv, -np.inf), np.full(mechanism.nv, np.inf)
-    for limit in mechanism.limits:
-        reference = mechanism.q_near[limit.coordinate]
-        lower[limit.column], upper[limit.column] = limit.lower - reference, limit.upper - reference
-    lower, upper = lower / mechanism.column_scale, upper / mechanism.column_scale
-    # the solver's bounds may not meet: leave a little room between limits that do
+    reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
+    lower, upper = (mechanism.joint_ranges - reference) / mechanism.column_scale
+    # the solver refuses equal bounds: leave a little room between equal limits
     limited = np.isfinite(lower)
     room = MIN_JOINT_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
     upper[limited] = np.maximum(upper[limited], lower[limited] + room)
     return lower, upper
 
 
-def _nearest_closing(group: _Group) -> Array:
-    """Find the smallest offsets (k,) that close a group's loops from several starts.
+def _find_nearest_offsets(group: _Group) -> Array:
+    """Find the smallest offsets (k,) that close a group's loops, from several starts.
 
-    The first start is the reference; others are drawn around it, within limits or half a turn or a length.
+    Raises:
+        NotAssembled: no start leads to a closed pose.
     """
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
@@ -209,9 +190,9 @@ def _nearest_closing(group: _Group) -> Array:
     reference = np.clip(0.0, low, high)
     rng = np.random.default_rng(RANDOM_SEED)
     poses: list[Array] = []
-    best, least = reference, np.inf
+    best, least = reference, np.inf  # the offsets with the least gap
     for k in range(MAX_STARTS):
-        spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0
+        spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0  # the first start is the reference
         start = reference + spread * (rng.uniform(low, high) - reference)
         u, gap = group.close(group.nearly_close(start))
         if gap < least:
@@ -226,13 +207,14 @@ def _nearest_closing(group: _Group) -> Array:
 
 
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
-    """Return the error for a group that no start has closed; `u` (k,) came nearest."""
-    gap, mechanism = np.abs(group.equations(u)), group.mechanism
-    row, q = np.argmax(gap), group.configuration(u)
-    turning = bool(group.rows.rotation[row])
-    residual = float(gap[row]) * (1.0 if turning else mechanism.length)
-    best = f"{group.rows.names[row]} stays {residual:.3g} {'rad' if turning else 'm'} apart"
-    if gap[row] < LOOP_GAP:
+    """Return the error for a group that no start has closed; offsets `u` (k,) came nearest."""
+    mechanism, q = group.mechanism, group.configuration(u)
+    gap = np.abs(group.gap(u))[: len(group.rows.names)]  # without directions
+    row = np.argmax(gap)
+    length, unit = (1.0, "rad") if group.rows.rotation[row] else (mechanism.length, "m")
+    residual = float(gap[row]) * length
+    best = f"{group.rows.names[row]} stays {residual:.3g} {unit} apart"
+    if gap[row] < LOOP_GAP:  # the equations are closed, so a closure must be flipped
         best = f"{find_flipped_closure(mechanism, frames_at(mechanism, q[None]))} is turned over"
     return NotAssembled(
         f"{mechanism.name}: the loops do not close: of {MAX_STARTS} starts within the joints' limits none "

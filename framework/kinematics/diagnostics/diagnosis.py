@@ -1,7 +1,8 @@
-"""The diagnosis of a robot before anything is planned: mobility, rank, masses, closure, mode."""
+"""Diagnosis of a robot before anything is planned: mobility, rank, masses, closure, modes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,12 +29,12 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import Names
 from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
-MOVED_REFERENCE = 1e-3  # [rad, robot lengths] of a joint: a file of four digits is nearer
+MOVED_REFERENCE = 1e-3  # [rad, robot lengths] motion of a joint that rounding to four digits cannot explain
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Findings on one robot, with `advice` on each fault."""
+    """Findings on one robot, with `advice` on faults."""
 
     robot: str
     flexibility: str
@@ -41,38 +42,38 @@ class Diagnosis:
     actuators: Names
     passive_joints: Names
     idle_joints: Names  # a passive joint for each motion that moves no centre of mass
-    loose_joints: Names  # one for each that moves masses without a motor and a platform axis
+    loose_joints: Names  # a joint for each motion that moves masses without any motor or platform axis
     springs: Names
     mobility: int  # degrees of freedom with all springs locked, idle ones included
-    redundant_motors: int  # actuators beyond the mobility less the idle ones
+    redundant_motors: int  # actuators beyond the mobility without idle freedoms
     loop_equations: int
     rank: int
     redundant_rows: Names  # closure.axis
     mass: float  # [kg]
-    massless_joints: Names  # joints that carry no mass of their own
+    massless_joints: Names  # joints whose own body has no mass
     closure_error: float  # [m or rad] at the reference
-    reference: dict[str, float]  # joint angles of the assembled reference [rad, m]
+    reference: dict[str, float]  # positions of the assembled reference [rad, m]
     platform: tuple[float, ...]
-    working_mode: int  # sign; changes at Type 1
-    assembly_mode: int  # sign; changes at Type 2
-    smallest_singular_value: float | None  # of P, without dimension; None without square A or passive joints
-    square: bool  # as many platform axes as degrees of freedom, all of them moving, and no fewer actuators
-    stuck_axes: str  # along which the platform cannot move; empty if there are none
+    working_mode: int  # sign, which changes at Type 1; 0 unless `square`
+    assembly_mode: int  # sign, which changes at Type 2; 0 unless `square`
+    smallest_singular_value: float | None  # of P, dimensionless; None unless `square` and P has columns
+    square: bool  # as many platform axes as degrees of freedom, all able to move, and no fewer actuators
+    stuck_axes: str  # along which the platform cannot move; empty without any
     axes_that_do: tuple[Names, ...]  # sufficient platform axes, if the stated ones are not
-    assembled: bool  # whether the loops close near the reference of the file; if not, a pose was searched
-    gap_at_reference: float  # [m or rad] of the loops near the reference of the file; 0 if it is assembled
+    assembled: bool  # whether the loops close near the reference of the file, without a search
+    gap_at_reference: float  # [m or rad] of the loops near the reference of the file; 0 if `assembled`
     advice: tuple[str, ...]
 
 
 def check_robot(mechanism: Mechanism) -> Diagnosis:
-    """Examine a mechanism at its assembled reference, else at a closed pose nearby.
+    """Examine a mechanism at its assembled reference, else at another closed pose.
 
-    If the loops do not close near the reference, another pose is searched; if the reference is on a
+    If the loops do not close near the reference, a search looks for another pose. If the reference is on a
     singularity of the loops, a pose beside it is examined. `advice` reports both.
 
     Raises:
         NotAssembled: the loops do not close near the reference, and `find_closed_pose` finds no other pose.
-        SingularReference: the loops are nearly singular at the reference and beside it.
+        SingularReference: the loops are nearly singular both at the reference and beside it.
     """
     expect("robot", mechanism, Mechanism, 'load_robot("five_bar") or Mechanism.from_file("my_robot.yaml")')
     robot, gap, remarks = _robot_to_examine(mechanism)
@@ -111,7 +112,7 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         massless_joints=tuple(name for name, body in bodies.items() if body.mass == 0.0),
         closure_error=robot.reference.residual,
         reference=robot.reference_values(robot.reference.q),
-        platform=tuple(map(float, robot.reference.x)),
+        platform=tuple(robot.reference.x.tolist()),
         working_mode=working,
         assembly_mode=assembly,
         smallest_singular_value=least if least < np.inf else None,
@@ -128,13 +129,16 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
     """Return the robot at a closed pose, the gap at its reference, and remarks.
 
     The gap [m or rad] is None if the loops close near the reference of the file.
+
+    Raises:
+        NotAssembled, SingularReference: see `check_robot`.
     """
     gap, remarks = None, list[str]()
     try:
         mechanism, closing = assemble_mechanism(mechanism)
     except NotAssembled as failure:
         if remark_on_turns(mechanism, mechanism.description.reference):
-            raise
+            raise  # the angles seem to be in degrees: a search would only hide this
         gap = failure.residual
         pose = find_closed_pose(mechanism)
         remarks.append(
@@ -157,121 +161,113 @@ def _robot_to_examine(mechanism: Mechanism) -> tuple[ParallelRobot, float | None
 
 
 def reference_in_words(mechanism: Mechanism) -> str:
-    """Say in words whether a robot's reference is given or the default."""
+    """Name the reference of a robot in words: the one in its file or the default."""
     stated = mechanism.description.reference
     return "the reference that is given" if stated else "the default reference (all zero)"
 
 
 def _reference_modes(robot: ParallelRobot) -> tuple[int, int, float]:
-    """Compute the signs of both modes of the reference, and its clearance from Type 2."""
+    """Compute the signs of working and assembly mode of the reference, and its clearance."""
     linearised = linearised_at_reference(robot)
-    working, assembly = (int(sign[0]) for sign in mode_signs(robot, linearised))
-    return working, assembly, float(clearance(robot, linearised)[0])
+    working, assembly = mode_signs(robot, linearised)
+    return int(working[0]), int(assembly[0]), float(clearance(robot, linearised)[0])
 
 
-def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> list[str]:
-    """Return advice on a robot's freedoms and its platform's axes."""
-    advice, mobility = [], motions.working
+def _advice_on_motions(robot: ParallelRobot, motions: Mobility, axes: PlatformAxes) -> Iterator[str]:
+    """Yield advice on a robot's freedoms and its platform's axes."""
+    mobility = motions.working
     listed = " or ".join(f"[{', '.join(proposal)}]" for proposal in axes.proposals)
     instead = f"; axes that would do: {listed}" if listed else ""
     if axes.stuck:
-        advice.append(
+        yield (
             f"the platform's frame {robot.description.platform.frame} cannot move along {axes.stuck}: it has "
             f"{axes.velocities} independent velocit{'y' if axes.velocities == 1 else 'ies'}"
             f"{instead or '; choose another frame'}"
         )
     elif axes.stuck_here:
-        advice.append(
+        yield (
             f"at the reference the platform cannot move along {axes.stuck_here}, but it can beside it: a "
             f"Type 1 singularity; give another reference"
         )
     if robot.n != mobility:
-        advice.append(
+        yield (
             f"{robot.n} platform axes for {mobility} degrees of freedom: planning needs as many; change the "
             f"platform's axes or the closures{_name_suspect_closures(robot, mobility)}"
             f"{'' if axes.stuck else instead}"
         )
     if robot.n_a < mobility:
-        advice.append(
+        yield (
             f"{robot.n_a} actuators for {mobility} degrees of freedom: nothing holds the rest; add actuators"
         )
     if robot.n_a > mobility:
-        advice.append(
+        yield (
             f"{robot.n_a} actuators for {mobility} degrees of freedom: torques will be those of least norm; "
             f"drop actuators if that is not meant"
         )
     if motions.loose:
-        advice.append(
+        yield (
             f"{', '.join(motions.loose)}: masses move there by themselves, without a motor and without the "
             f"platform's axes: add a motor, or lock them (locked, a closure)"
         )
     if motions.idle:
-        advice.append(
+        yield (
             f"{', '.join(motions.idle)} may turn without moving any centre of mass; planning holds it "
             f"still, or turns it as its balls' damping or armature does, says what torque is left to hold "
             f"it, and refuses more than {HELD_IDLE:g} of the motors' peak"
         )
-    return advice
 
 
-def _advice_on_loops(robot: ParallelRobot, redundant: tuple[str, ...]) -> list[str]:
-    """Return advice on loops, springs and dry friction of a robot."""
-    advice = []
+def _advice_on_loops(robot: ParallelRobot, redundant: Names) -> Iterator[str]:
+    """Yield advice on loops, springs and dry friction of a robot."""
     if robot.rounded.names:
         gap = rounded_gap(robot, robot.reference.q[None])
-        advice.append(
+        yield (
             f"rounded and overconstrained by {gap:.2g} m or rad: {', '.join(robot.rounded.names)} repeat "
             f"other loop equations but for that; they stay open by it, all others close"
         )
     if redundant:
-        advice.append(
+        yield (
             f"{', '.join(redundant)}: other loop equations say the same at the reference, as it should be in "
             f"a planar or overconstrained mechanism; where they are needed elsewhere, lock only what it "
             f"takes (axes: [...])"
         )
     alone = robot.structure.springs_alone
     if alone:
-        advice.append(
+        yield (
             f"{', '.join(alone)} can only be closed by springs, which planning refuses: lock fewer axes "
             f"there (axes: [...]) or leave those axes out of the springs' motion"
         )
     friction = robot.friction_sizes(robot.passive)
     if friction:
-        advice.append(f"dry friction, which no plan counts with: {friction}")
-    return advice
+        yield (f"dry friction, which no plan counts with: {friction}")
 
 
-def _advice_on_reference(robot: ParallelRobot) -> list[str]:
-    """Return advice on a reference away from the one that is given, or beyond the joints' limits."""
-    advice = []
-    offset = difference(robot, robot.q_near, robot.reference.q[None])[0]
-    columns = velocity_columns(robot.model, robot.description.reference)
-    sizes = np.abs(offset / robot.column_scale)
-    farthest = max(columns, key=lambda column: sizes[column], default=None)
-    if farthest is not None and sizes[farthest] > MOVED_REFERENCE:
-        unit = "m" if robot.sliding[farthest] else "rad"
-        advice.append(
+def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:
+    """Yield advice on a reference that differs from the stated one, or exceeds joint limits."""
+    offset = difference(robot, robot.q_near, robot.reference.q)
+    stated = velocity_columns(robot.model, robot.description.reference)
+    sizes = np.abs(offset / robot.column_scale)[stated]
+    if sizes.max(initial=0.0) > MOVED_REFERENCE:
+        farthest = stated[sizes.argmax()]
+        yield (
             f"the loops close beside the reference that is given, {robot.coordinates.name_of(farthest)} by "
-            f"{offset[farthest]:+.3g} {unit}"
+            f"{offset[farthest]:+.3g} {robot.unit_of(farthest)}"
         )
     excesses = positions_beyond_limits(robot.limits, robot.reference.q[None])
     if excesses:
         listed = "; ".join(f"{joint}: {position}" for joint, position in excesses.items())
-        advice.append(f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
-    return advice
+        yield (f"the reference leaves the URDF's limits ({listed}): change the pose or the limits")
 
 
 def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
-    """Name, in words, closures that may be one too many.
-
-    Without one of them the freedoms are as many as the platform axes.
-    """
+    """Describe the closures without which the freedoms suffice for the platform axes; empty without any."""
     if mobility >= robot.n:
         return ""
     names, loops = [], joint_loops_matrix(robot, robot.reference.q)
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         rank = len(independent_rows(loops[others])) if others else 0
-        if mobility + len(robot.structure.independent) - rank >= robot.n:
+        gained = len(robot.structure.independent) - rank  # freedoms that the closure takes
+        if mobility + gained >= robot.n:
             names.append(closure.name)
     return f" (look at {', '.join(names)} first: without one of them the freedom is there)" if names else ""

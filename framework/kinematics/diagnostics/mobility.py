@@ -1,19 +1,19 @@
-"""The freedoms of a robot, idle and loose motions among them, and proposals for the platform's axes.
+"""The freedoms of a robot, with idle and loose motions, and proposals for the platform's axes.
 
 At a configuration the joints have f freedoms: joints less independent loop equations, springs locked. A
-motion in which no motor and no platform coordinate takes part is one of two kinds:
+motion that moves neither a motor nor a platform coordinate is of one of two kinds:
 
 * idle: no centre of mass moves, as when a rod turns about its own axis between two balls. Weight does not
-  turn it. Planning holds it at rest, or turns it by the damping or armature of its balls;
-* loose: masses move, as with a pendulum on the platform or a linkage without a motor. No plan determines it.
+  drive the motion. Planning holds it at rest, or lets damping or armature of the balls drive it;
+* loose: masses move, as with a pendulum on the platform or a linkage without a motor. No plan determines the
+  motion.
 
-An axis along which the platform cannot move at one pose alone is a singularity and no property of the
-mechanism: axes count as stuck only if they are stuck at neighbouring closed poses, too.
+If the platform cannot move along an axis at one pose only, that is a singularity and no property of the
+mechanism. So an axis counts as stuck only if it is also stuck at neighbouring closed poses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -40,32 +40,29 @@ class Mobility(NamedTuple):
 
     freedoms: int  # all of them, springs locked
     idle: Names  # a joint for each motion that moves no centre of mass
-    loose: Names  # a joint for each that moves masses without a motor or a platform coordinate
+    loose: Names  # a joint for each motion that moves masses without any motor or platform coordinate
 
     @property
     def working(self) -> int:
-        """Degrees of freedom of a motion of the robot: all except the idle ones."""
+        """Number of degrees of freedom without the idle ones."""
         return self.freedoms - len(self.idle)
 
 
 class PlatformAxes(NamedTuple):
-    """The platform's axes without motion, as "x, rz" or "x and rz independently of each other"."""
+    """Platform axes that are stuck, as "x, rz" or "x and rz independently of each other"."""
 
-    stuck: str  # axes stuck at the reference and at nearby poses; empty if there are none
+    stuck: str  # axes stuck at the reference and at nearby poses; empty without any
     stuck_here: str  # axes stuck at the reference
-    velocities: int  # independent ones among all six of the frame
+    velocities: int  # number of independent twists of the platform's frame, 0..6
     proposals: tuple[Names, ...]  # sufficient axes, if the stated ones are not
 
 
 def count_freedoms(robot: ParallelRobot) -> Mobility:
-    """Count the degrees of freedom at the assembled reference.
-
-    A joint is named for each idle and each loose one.
-    """
+    """Count the degrees of freedom at the assembled reference; name a joint for idle and loose ones."""
     q = robot.reference.q
     motions = _free_motions(robot, q)  # (nv, f)
-    driven_rates = [_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]]
-    undriven = motions @ null_space(np.concatenate(driven_rates) @ motions)  # (nv, k)
+    driven_rates = np.concatenate([_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]])
+    undriven = motions @ null_space(driven_rates @ motions)  # (nv, k) neither motors nor platform move
     mass_velocities = mass_centre_jacobian(robot, q) @ undriven  # (3 b, k)
     with_mass, without_mass = row_and_null_space(mass_velocities, NEARLY_AT_REST)
     idle = _choose_joints(undriven @ without_mass)
@@ -78,47 +75,51 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
 
 
 def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
-    """Find axes along which the platform cannot move, and axes that would do.
+    """Find axes along which the platform cannot move, and sets of sufficient axes.
 
-    An axis counts as stuck if the platform cannot move along it at any of some poses: the assembled reference
-    and closed poses nearby. `stuck_here` are those of the reference alone.
+    An axis counts as stuck if the platform cannot move along it at the assembled reference, nor at any of
+    some closed poses nearby. `stuck_here` is about the reference alone.
     """
-    q = robot.reference.q
+    q, names = robot.reference.q, robot.axis_names
     stuck_here = _immovable_combinations(robot, q)
     if not stuck_here.shape[1] and robot.n == freedoms:
         return PlatformAxes(stuck="", stuck_here="", velocities=freedoms, proposals=())
-    poses = [q, *nearby_configurations(robot, q)]
-    twists = [_platform_twists(robot, pose) for pose in poses]  # (6, f) each
-    stuck = min((_immovable_combinations(robot, pose) for pose in poses), key=lambda found: found.shape[1])
+    poses = nearby_configurations(robot, q)
+    combinations_at_poses = [stuck_here, *(_immovable_combinations(robot, pose) for pose in poses)]
+    stuck = min(combinations_at_poses, key=lambda immovable: immovable.shape[1])
+    twists = [_platform_twists(robot, pose) for pose in (q, *poses)]  # (6, f) each
     velocities = max(int(np.linalg.matrix_rank(matrix, tol=FILE_ROUNDING)) for matrix in twists)
     return PlatformAxes(
-        stuck=_name_stuck_axes(stuck, robot.axis_names),
-        stuck_here=_name_stuck_axes(stuck_here, robot.axis_names),
+        stuck=_name_stuck_axes(stuck, names),
+        stuck_here=_name_stuck_axes(stuck_here, names),
         velocities=velocities,
-        proposals=_propose_axes(twists, freedoms, robot.axis_names) if velocities == freedoms else (),
+        proposals=_propose_axes(twists, freedoms, names) if velocities == freedoms else (),
     )
 
 
-def _propose_axes(twists: list[Array], freedoms: int, stated: Sequence[str]) -> tuple[Names, ...]:
+def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Names, ...]:
     """Return sets of axes along which a frame can move, by number of turns.
 
-    A set will do if the frame's twists move it independently along all of its axes, at one pose at least.
-    Two turns are coordinates in series, and their order matters: if the `stated` axes are two turns that do
-    not do, the other order is proposed.
+    A set is sufficient if the frame can move independently along all of its axes, at one pose at least. Two
+    turns are coordinates in series, and their order matters: if the `stated` axes are two turns that are not
+    sufficient, the reverse order is proposed.
 
     Args:
-        twists: (6, f) of the frame at each pose, by the f motions of the loops.
+        twists: (6, f) of the frame at each pose, for the f motions that the loops allow.
     """
+    if not freedoms:
+        return ()
     proposals: list[Names] = []
     by_turns = sorted(combinations(range(6), freedoms), key=lambda axes: sum(axis >= 3 for axis in axes))
-    for axes in by_turns if freedoms else ():
+    for axes in by_turns:
         least = max(singular_values(matrix[list(axes)])[-1] for matrix in twists)
-        if least > PROPOSED_AXES_CLEARANCE:
-            names = tuple(AXES[axis] for axis in axes)
-            if set(names) != set(stated):
-                proposals.append(names)
-            elif freedoms == 2 and min(axes) >= 3:
-                proposals.append(tuple(reversed(stated)))
+        if least <= PROPOSED_AXES_CLEARANCE:
+            continue
+        names = tuple(AXES[axis] for axis in axes)
+        if set(names) != set(stated):
+            proposals.append(names)
+        elif freedoms == 2 and min(axes) >= 3:
+            proposals.append(stated[::-1])
     return tuple(proposals[:MAX_PROPOSALS])
 
 
@@ -139,10 +140,7 @@ def _immovable_combinations(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _platform_twists(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the twists (6, f) of the platform's frame at q (nq,).
-
-    They are those of the f motions that the loops allow.
-    """
+    """Compute twists (6, f) of the platform's frame at q (nq,) for the motions that loops allow."""
     jacobian = frames_at(robot, q[None]).frame_jacobian(0)[0]  # (6, nv)
     return scaled_twists(robot, jacobian) @ _free_motions(robot, q)
 
@@ -153,8 +151,8 @@ def _platform_rates(robot: ParallelRobot, q: Array) -> Array:
 
 
 def scaled_twists(robot: Mechanism, twists: Array) -> Array:
-    """Return twists (6, nv) of a frame in radians and lengths of the robot."""
-    units = np.repeat([robot.length, 1.0], 3)  # of velocities [m], of angular velocities [rad]
+    """Return twists (6, nv) of a frame made dimensionless: radians and lengths of the robot."""
+    units = np.repeat([robot.length, 1.0], 3)  # of the linear and the angular parts
     return twists / units[:, None] * robot.column_scale
 
 
@@ -172,32 +170,32 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
 
 
 def _name_stuck_axes(stuck: Array, names: Names) -> str:
-    """Name the axes of immovable combinations (n, k): alone, or several together."""
-    sizes = np.linalg.norm(stuck, axis=1)  # (n,) 1 for an axis that is itself a combination
-    alone = [name for name, size in zip(names, sizes, strict=True) if size > 1.0 - FILE_ROUNDING]
+    """Name the axes of immovable combinations (n, k): single axes first, then the mixed ones."""
+    sizes = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))  # 1 if immovable by itself
+    alone = [name for name, size in sizes.items() if size > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
         return ", ".join(alone)
-    involved = [name for name, size in zip(names, sizes, strict=True) if size > FILE_ROUNDING]
+    involved = [name for name, size in sizes.items() if size > FILE_ROUNDING]
     together = " and ".join(name for name in involved if name not in alone)
     return ", ".join([*alone, f"{together} independently of each other"])
 
 
 def null_space(matrix: Array) -> Array:
-    """Compute orthonormal columns (c, k) of the null space of a matrix (r, c)."""
+    """Compute an orthonormal basis (c, k) of the null space of a matrix (m, c)."""
     return row_and_null_space(matrix, FILE_ROUNDING)[1]
 
 
 def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
-    """Compute orthonormal columns (c, r) of a matrix's row space, (c, c - r) of its null space.
+    """Compute orthonormal bases (c, r) of a matrix's row space and (c, c - r) of its null space.
 
-    The rank r counts singular values above a level.
+    The rank r counts the singular values above `level`.
     """
     span, null = split_row_space(matrix, level, scale=(1.0, 1.0))
     return span.T, null.T
 
 
 def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
-    """Choose k joints, ascending, whose rates determine k motions (nv, k); none of the excluded ones."""
+    """Choose k ascending joints, except excluded ones, whose rates determine k motions (nv, k)."""
     if not motions.shape[1]:
         return ()
     joints = np.setdiff1d(np.arange(len(motions)), excluded)

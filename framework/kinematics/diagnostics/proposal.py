@@ -1,11 +1,11 @@
-"""Propose platform, axes, motors and reference of a mechanism whose file leaves them out.
+"""Propose platform, axes, motors and reference of a mechanism if its file states none.
 
-Proposals follow from the motions that the loops allow at a closed pose. Motors are the file's, else the
-joints nearest to the base that determine the motions. The platform is a body that every motor moves. Its
-coordinates are the joints that carry it alone if these are as many as the freedoms and have no motor (an
-ankle's pitch and roll); its turns if the motors turn it about one point; else the axes of a frame on it along
-which it moves best. Each proposal is tried first: the robot must assemble, its platform move along each axis,
-and its motors drive all motions.
+Proposals follow from the motions that the loops allow at a closed pose. Motors are those of the file, else
+the joints nearest to the base that determine the motions. The platform is a body that every motor moves. Its
+coordinates are the joints that carry it, if these are as many as the freedoms and have no motor (an ankle's
+pitch and roll). They are its turns if the motors turn it about one point. Otherwise they are the axes of a
+frame on it along which it moves best. Each proposal is tried before it is made: the robot must assemble, its
+platform must move along each axis, and its motors must drive all motions.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.model.description import AXES, Actuator, Closure, Platform, RobotDescription
 from framework.model.readers.describe import Options, PartialRobot
 from framework.model.readers.urdf_tree import UrdfTree, merge_overlapping
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import Array, Names
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
-MAX_TRIED = 12  # proposals of a platform, at most
-MAX_SHOWN = 6  # joints that a message names
-MAX_CHOICES = 20_000  # of motors, that are compared one by one
+MAX_TRIED = 12  # number of platforms that are tried
+MAX_SHOWN = 6  # number of joints that a message names
+MAX_CHOICES = 20_000  # sets of motors that are compared one by one; more are chosen by pivoting
 IN_NO_LOOP = "in no loop; --motors or --platform say otherwise"
 BESIDE_SINGULARITY = "reference: a pose beside the file's, which is on a singularity of the loops"
-# parts of names that people give to what a robot works with
+# parts of names that people give to tools and platforms
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
 
 
@@ -60,8 +60,8 @@ class _Motions(NamedTuple):
 
     mechanism: Mechanism
     q: Array  # (nq,)
-    basis: Array  # (nv, f) orthonormal, in radians and lengths of the robot
-    working: Array  # (nv, w) of the motions of a centre of mass or a motor
+    basis: Array  # (nv, f) all motions, orthonormal in radians and lengths of the robot
+    working: Array  # (nv, w) the motions that move a mass or a motor
     remarks: tuple[str, ...]  # on the pose
 
     @property
@@ -70,11 +70,11 @@ class _Motions(NamedTuple):
         return self.working.shape[1]
 
     def rates(self, names: Iterable[str]) -> Array:
-        """Return the rates (k, w) of k joints, by name, in the working motions."""
+        """Return the rates (k, w) of k named joints in the working motions."""
         return self.working[velocity_columns(self.mechanism.model, names)]
 
-    def independent(self, motions: Array, names: Iterable[str]) -> list[str]:
-        """Choose joints out of names, in their order, whose rates determine motions (nv, k)."""
+    def choose_independent(self, motions: Array, names: Iterable[str]) -> list[str]:
+        """Choose the first joints by name with independent rates in motions (nv, k)."""
         chosen: list[str] = []
         for name in names:
             rows = motions[velocity_columns(self.mechanism.model, [*chosen, name])]
@@ -84,21 +84,21 @@ class _Motions(NamedTuple):
 
 
 class _UndrivenMotions(RobotFileError):
-    """Motions without a motor, and `joints` to hold in the closed pose, for the reason `why`."""
+    """Motions that no motor drives; `joints` can be held at the closed pose for the reason `why`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
-        """Keep the joints to hold, the reason, and the closed pose as reference values by name."""
+        """Store the joints to hold, the reason, and the closed pose as reference values by name."""
         super().__init__(message)
         self.joints, self.why, self.remarks = joints, why, motions.remarks
         self.reference = motions.mechanism.reference_values(motions.q)
 
 
 def propose(options: Options, known: PartialRobot) -> PartialRobot:
-    """Complete the description by missing platform, motors and reference, with a remark on each.
+    """Complete the description with missing platform, motors and reference; remark on each.
 
-    Free bases are held, and serial joints that carry no loop (a wrist on a delta), unless the options name
-    them or the platform is on them. Without options, serial joints that carry loops (the hip of a leg) are
-    held, too, if the whole robot cannot be planned; so are springs and idle turns that no motor drives.
+    Free bases are held. So are serial joints that carry no loop (a wrist on a delta), unless the options name
+    them or the platform is on them. If the whole robot cannot be planned, springs and idle turns without a
+    motor are held, too, and, unless options say otherwise, serial joints that carry loops (the hip of a leg).
 
     Raises:
         NotAssembled: the loops close nowhere.
@@ -108,15 +108,17 @@ def propose(options: Options, known: PartialRobot) -> PartialRobot:
     serial = _serial_joints(known)
     free = [name for name in serial if known.tree.joints[name].kind == "floating"]
     known = _hold_joints(known, free, "a free base, which no motor drives")
-    tails, heads = _split_serial_joints(known, options)
-    known = _hold_joints(known, tails, IN_NO_LOOP)
+    without_loops, before_loops = _split_serial_joints(known, options)
+    known = _hold_joints(known, without_loops, IN_NO_LOOP)
     if known.platform is not None and options.motors is not None:
         return known.with_platform(known.platform)
+
+    may_hold = bool(before_loops) and options.is_silent  # the serial joints that carry loops
     try:
-        return _complete_description(known, by_joints=not heads or not options.is_silent)
+        return _complete_description(known, by_joints=not may_hold)
     except RobotFileError as error:
-        if heads and options.is_silent:
-            known = _hold_joints(known, heads, IN_NO_LOOP)
+        if may_hold:
+            known = _hold_joints(known, before_loops, IN_NO_LOOP)
         elif not isinstance(error, _UndrivenMotions):
             raise
     return _complete_with_holding(known)
@@ -126,16 +128,19 @@ def _complete_with_holding(known: PartialRobot) -> PartialRobot:
     """Complete the description; hold springs and idle turns without a motor."""
     try:
         return _complete_description(known, by_joints=True)
-    except _UndrivenMotions as loose:
-        description = replace(known.description, reference=loose.reference)
-        known = known._replace(description=description, remarks=(*known.remarks, *loose.remarks))
-        return _complete_description(_hold_joints(known, loose.joints, loose.why), by_joints=True)
+    except _UndrivenMotions as undriven:
+        description = replace(known.description, reference=undriven.reference)
+        known = known._replace(description=description, remarks=(*known.remarks, *undriven.remarks))
+        return _complete_description(_hold_joints(known, undriven.joints, undriven.why), by_joints=True)
 
 
 def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
     """Complete the description as `propose` does, without holding more joints.
 
-    If nothing can be proposed at a pose of the file beyond the joints' limits, a pose within them is tried.
+    If nothing can be proposed at the file's pose and this is beyond joint limits, a pose within is tried.
+
+    Args:
+        by_joints: whether positions of joints may become the platform's coordinates.
     """
     urdf = ElementTree.tostring(known.tree.root, encoding="unicode")
     known = known._replace(description=replace(known.description, urdf_text=urdf))
@@ -153,53 +158,50 @@ def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRob
 
 
 def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool) -> PartialRobot:
-    """Complete the description at a closed pose: motors, then a platform.
-
-    The first proposed platform that is driven is taken.
-    """
+    """Complete the description at a closed pose: motors, then the first proposed platform that is driven."""
     if not motions.freedoms:
-        raise _no_freedom(motions, known)
+        raise _no_freedom_error(motions, known)
     known = _choose_motors(motions, known)
-    tree, description = known.tree, known.description
-    _check_driven(motions, description, tree)
+    _check_driven(motions, known)
     if known.platform is not None:
         return known.with_platform(known.platform)
-    for platform in _likely_platforms(motions, description, tree):
-        if _is_driven(description, platform):
+    for platform in _likely_platforms(motions, known):
+        if _is_driven(known.description, platform):
             remark = f"platform: {', '.join(platform.names)} of {platform.frame} (proposed)"
             return known.with_platform(platform, remark)
-    part = _part_option(description, tree)
-    joint_platforms = list(_joint_platforms(motions, description, tree)) if by_joints else []
+
+    part = _advise_on_parts(known)
+    joint_platforms = list(_joint_platforms(motions, known)) if by_joints else []
     for platform in joint_platforms:
-        if _is_driven(description, platform):
+        if _is_driven(known.description, platform):
             why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
             remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
             return known.with_platform(platform, remark)
-    if joint_platforms:  # raises the more precise error, if there is one
-        ParallelRobot.from_description(replace(description, platform=joint_platforms[-1]))
+    if joint_platforms:  # the construction of the robot may raise a more precise error
+        ParallelRobot.from_description(replace(known.description, platform=joint_platforms[-1]))
     idle = motions.basis @ null_space(motions.working.T @ motions.basis)  # (nv, k)
-    holding = _choose_joints_to_hold(motions, idle, description, tree)
+    holding = _choose_joints_to_hold(motions, idle, known)
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     raise RobotFileError(
-        f"no body is moved by all of the motors {', '.join(description.motor_joints)} along "
+        f"no body is moved by all of the motors {', '.join(known.description.motor_joints)} along "
         f"{motions.freedoms} axes, and by them alone; {part}{'or ' * bool(part)}{remedy}"
     )
 
 
 def _choose_motors(motions: _Motions, known: PartialRobot) -> PartialRobot:
-    """Return the content of the file with the closed pose and chosen motors.
+    """Return the content of the file with the closed pose as reference and with motors.
 
-    Motors of the file stay if they are no more than the freedoms.
+    The file's motors are kept if they are no more than the freedoms.
     """
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
     actuators, remarks = description.actuators, [*motions.remarks]
     if not actuators:
-        motors = _choose_driving_joints(motions, known.tree, known.tree.likely_motors)
+        motors = _choose_driving_joints(motions, known.tree)
         actuators = tuple(map(Actuator, motors))
         remarks.append(f"motors: {', '.join(motors)} (proposed: nearest to the base)")
     elif known.chooses_motors and len(actuators) > motions.freedoms:
-        motors = _choose_best_motors(motions, description)
+        motors = _choose_best_motors(motions, description.motor_joints)
         remarks.append(
             f"motors: {', '.join(motors)} (of {len(actuators)} in the file, for {motions.freedoms} freedoms: "
             f"these tell them apart best at the reference)"
@@ -209,32 +211,38 @@ def _choose_motors(motions: _Motions, known: PartialRobot) -> PartialRobot:
     return known._replace(description=description, remarks=(*known.remarks, *remarks))
 
 
-def _no_freedom(motions: _Motions, known: PartialRobot) -> RobotFileError:
-    """Return the error where no motion of the loops moves a mass."""
-    if motions.basis.shape[1] and not any(i.mass for i in list(motions.mechanism.model.inertias)[1:]):
+def _no_freedom_error(motions: _Motions, known: PartialRobot) -> RobotFileError:
+    """Return the error for loops that allow no motion of a mass."""
+    if motions.basis.shape[1] and not motions.mechanism.mass:
         return RobotFileError("no link that moves has a mass: an inertia is missing")
     names = sorted(_loop_joint_names(known))
-    shown = ", ".join(names[:MAX_SHOWN]) + (
-        f" and {len(names) - MAX_SHOWN} more" if names[MAX_SHOWN:] else ""
-    )
+    shown = ", ".join(names[:MAX_SHOWN])
+    if len(names) > MAX_SHOWN:
+        shown += f" and {len(names) - MAX_SHOWN} more"
     return RobotFileError(f"the loops leave no freedom that moves a mass to their joints {shown}")
 
 
-def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
+def _advise_on_parts(known: PartialRobot) -> str:
     """Return advice to select one of several parts with loops, such as a leg; empty without several.
 
-    A part is what a joint carries if that includes several motors, not all, and whole loops only. Without
-    such a joint, the advice is to lock all loops but those that share joints with the first.
+    A part is what a joint carries if that includes several motors, but not all, and only whole loops.
     """
+    tree, description = known.tree, known.description
     motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
-    loop_paths = [
-        [tree.path_to_base(tree.link_of(frame)) for frame in loop.frames] for loop in description.closures
-    ]
+    loop_paths = []  # the paths from both ends of each loop
+    for closure in description.closures:
+        loop_paths.append([tree.path_to_base(tree.link_of(frame)) for frame in closure.frames])
     for joint in sorted(tree.joints.values(), key=lambda joint: len(tree.path_to_base(joint.child))):
-        carried_ends = {sum(joint in path for path in ends) for ends in loop_paths}  # of each loop 0, 1 or 2
+        carried_ends = {sum(joint in path for path in paths) for paths in loop_paths}  # 0, 1 or 2 of a loop
         carried_motors = sum(joint in path for path in motor_paths)
         if 1 < carried_motors < len(motor_paths) and carried_ends == {0, 2}:
             return f"take a part of the robot (such as --base {joint.child}), "
+    return _advise_on_other_loops(known)
+
+
+def _advise_on_other_loops(known: PartialRobot) -> str:
+    """Return advice to lock all loops that share no joint with the first; empty without any."""
+    tree, description = known.tree, known.description
     first, *others = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures) or [[]]
     other_joints = [name for joints in others for name in joints]
     to_lock = [name for name in other_joints if name in description.motor_joints] or other_joints
@@ -244,16 +252,16 @@ def _part_option(description: RobotDescription, tree: UrdfTree) -> str:
 
 
 def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
-    """Return the names of the joints between the frames of a closure."""
+    """Return the names of the joints between the two frames of a closure."""
     chains = tree.moving_chains(*map(tree.link_of, closure.frames))
     return [joint.name for chain in chains for joint in chain]
 
 
 def _close_within_limits(description: RobotDescription) -> _Motions | None:
-    """Return motions at the nearest closed pose within the joints' limits.
+    """Return the motions at the nearest closed pose within the joints' limits.
 
     Returns:
-        None if the file's is within, or no closed pose within is found.
+        None if the reference of the file is within the limits, or no closed pose within them is found.
     """
     mechanism = Mechanism.from_description(description)
     if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
@@ -273,13 +281,13 @@ def _close_within_limits(description: RobotDescription) -> _Motions | None:
 def _motions_near_reference(description: RobotDescription) -> _Motions:
     """Return the motions at the closed reference, or at a nearby pose with more independent loops."""
     mechanism, remarks = _assemble(Mechanism.from_description(description))
-    reference = mechanism.q_near  # closed
-    poses = [reference, *nearby_configurations(mechanism, reference)]
+    poses = [mechanism.q_near, *nearby_configurations(mechanism, mechanism.q_near)]
     ranks = [len(independent_rows(joint_loops_matrix(mechanism, pose))) for pose in poses]
     rank = max(ranks)
-    q = poses[ranks.index(rank)]  # the first, which is the reference unless that is singular
-    if q is not reference:
+    chosen = ranks.index(rank)  # the first, which is the reference unless that is singular
+    if chosen > 0:
         remarks.append(BESIDE_SINGULARITY)
+    q = poses[chosen]
     basis = find_free_motions(mechanism, q, rank)
     return _Motions(mechanism, q, basis, _working_motions(mechanism, q, basis), tuple(remarks))
 
@@ -287,7 +295,7 @@ def _motions_near_reference(description: RobotDescription) -> _Motions:
 def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     """Return the mechanism with a closed pose as `q_near`, and remarks on the pose.
 
-    The pose is searched if the loops do not close near the reference.
+    If the loops do not close near the reference, the nearest closed pose is searched.
     """
     try:
         assembled, closing = assemble_mechanism(mechanism)
@@ -307,9 +315,9 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
 
 
 def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
-    """Return the motions (nv, w) of a basis (nv, f) that move masses or turn a motor.
+    """Return the motions (nv, w) of a basis (nv, f) that move a mass or a motor.
 
-    Joints of couplings count as motors, such as a thread, unless nothing has mass.
+    Joints of couplings, such as a thread, count as motors unless nothing has mass.
     """
     description = mechanism.description
     velocities = mass_centre_jacobian(mechanism, q) @ basis
@@ -317,148 +325,149 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
     idle = basis @ without_mass
     motors = list(description.motor_joints)
     if velocities.any():
-        motors += [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
-    with_motor = row_and_null_space(idle[velocity_columns(mechanism.model, motors)], NEARLY_AT_REST)[0]
+        motors += _coupled_joints(description)
+    with_motor, _ = row_and_null_space(idle[velocity_columns(mechanism.model, motors)], NEARLY_AT_REST)
     return np.concatenate([basis @ with_mass, idle @ with_motor], axis=1)
 
 
-def _choose_driving_joints(motions: _Motions, tree: UrdfTree, likely: Sequence[str]) -> list[str]:
+def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
     """Choose joints whose rates determine the working motions.
 
-    Likely ones by the file come first, then the nearest to the base.
+    Joints that the file suggests come first, then those nearest to the base.
     """
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
-    names = dict.fromkeys([*(name for name in likely if name in by_depth), *by_depth])
-    return motions.independent(motions.working, names)
+    suggested = [name for name in tree.likely_motors if name in by_depth]
+    return motions.choose_independent(motions.working, dict.fromkeys([*suggested, *by_depth]))
 
 
-def _choose_best_motors(motions: _Motions, description: RobotDescription) -> list[str]:
-    """Choose as many of the file's motors as freedoms, with the best conditioned rates.
+def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
+    """Choose the set of as many motors as freedoms with the best conditioned rates, out of more names.
 
     Raises:
-        RobotFileError: two choices are alike.
+        RobotFileError: two choices are equally good.
     """
-    names, count = description.motor_joints, motions.freedoms
+    count = motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
     if comb(len(names), count) > MAX_CHOICES:
         order = qr(rates.T, pivoting=True)[2][:count]
         return [names[i] for i in sorted(order)]
-    choices = list(combinations(range(len(names)), count))
-    clearances = singular_values(rates[np.array(choices)])[:, -1]  # (choices,) least singular values
-    best, *others = np.argsort(-clearances, kind="stable").tolist()
-    if others and clearances[best] > FILE_ROUNDING:
-        second = others[0]
-        if clearances[second] > (1.0 - ALIKE_CHOICES) * clearances[best]:
-            first_names, second_names = (" ".join(names[i] for i in choices[k]) for k in (best, second))
-            raise RobotFileError(
-                f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
-                f"{first_names} or --motors {second_names}"
-            )
-    return [names[i] for i in choices[best]]
+
+    choices = list(combinations(names, count))
+    indices = np.array(list(combinations(range(len(names)), count)))  # (choices, count)
+    clearances = singular_values(rates[indices])[:, -1]  # (choices,) least singular values
+    best, second, *_ = np.argsort(-clearances, kind="stable").tolist()
+    alike = (1.0 - ALIKE_CHOICES) * clearances[best]
+    if clearances[best] > FILE_ROUNDING and clearances[second] > alike:
+        raise RobotFileError(
+            f"{len(names)} motors for {count} freedoms, and none are better than others: give --motors "
+            f"{' '.join(choices[best])} or --motors {' '.join(choices[second])}"
+        )
+    return list(choices[best])
 
 
-def _choose_joints_to_hold(
-    motions: _Motions, undriven: Array, description: RobotDescription, tree: UrdfTree
-) -> list[str]:
-    """Choose joints to lock that stop all of some motions (nv, k).
+def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRobot) -> list[str]:
+    """Choose joints to lock that stop all of some unwanted motions (nv, k); empty if none can.
 
     Joints with springs come first, then those far from the base.
     """
+    tree, description = known.tree, known.description
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
     names = dict.fromkeys([*springs, *reversed(tree.movable)])
     passive = [name for name in names if name in tree.movable and name not in description.motor_joints]
-    to_lock = motions.independent(undriven, passive)
-    if len(to_lock) == undriven.shape[1]:
+    to_lock = motions.choose_independent(unwanted, passive)
+    if len(to_lock) == unwanted.shape[1]:
         return to_lock
-    serial = _serial_joints(PartialRobot(tree, description))
+    serial = _serial_joints(known)
     freedoms = [name for joint in serial for name in tree.joints[joint].coordinates]
-    return serial if len(freedoms) == undriven.shape[1] else []
+    return serial if len(freedoms) == unwanted.shape[1] else []
 
 
-def _check_driven(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> None:
+def _check_driven(motions: _Motions, known: PartialRobot) -> None:
     """Refuse a mechanism with motions that no motor determines; name joints to hold.
 
     Raises:
-        _UndrivenMotions: with joints to hold. They have springs; or the motions without a motor leave a body
-            at rest that all motors move, which can be the platform.
-        RobotFileError: no joints can be held so.
+        _UndrivenMotions: with joints to hold. Either these joints have springs; or the undriven motions leave
+            a body at rest that all motors move, and this body can be the platform.
+        RobotFileError: no joints can be held for these reasons.
     """
+    description = known.description
     motors = description.motor_joints
     undriven = motions.working @ null_space(motions.rates(motors))  # (nv, k) motions with motors at rest
     if not undriven.shape[1]:
         return
     if not motors:
         raise RobotFileError("no joint of one freedom says where the mechanism is: a motor needs one")
-    to_hold = _choose_joints_to_hold(motions, undriven, description, tree)
+
+    to_hold = _choose_joints_to_hold(motions, undriven, known)
     advice = f"hold joints (such as --lock {' '.join(to_hold)}), or name" if to_hold else "name"
     message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
         f"({', '.join(motors)}): nothing says how {undriven.shape[1]} of them go; {advice} more motors"
     )
-    if to_hold and all(name in description.joints and description.joints[name].stiffness for name in to_hold):
-        raise _UndrivenMotions(
-            message, motions, to_hold, "springs that no motor drives, as if rigid; --motors says otherwise"
-        )
-    driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a)
-    for _, twists in _frame_twists(motions, tree) if to_hold else ():
+    if not to_hold:
+        raise RobotFileError(message)
+    if all(name in description.joints and description.joints[name].stiffness for name in to_hold):
+        why = "springs that no motor drives, as if rigid; --motors says otherwise"
+        raise _UndrivenMotions(message, motions, to_hold, why)
+    driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a) by unit rates of motors
+    for _, twists in _frame_twists(motions, known.tree):
         speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame by each motor
-        undriven_twists = twists @ undriven
-        if np.all(speeds > FILE_ROUNDING) and np.abs(undriven_twists).max() < FILE_ROUNDING:
+        if np.all(speeds > FILE_ROUNDING) and np.abs(twists @ undriven).max() < FILE_ROUNDING:
             why = (
                 "no motor drives them, and what all motors move stands still when they turn; --motors says "
                 "otherwise"
             )
-            raise _UndrivenMotions(message, motions, to_hold, why)  # the frame may be the platform
+            raise _UndrivenMotions(message, motions, to_hold, why)
     raise RobotFileError(message)
 
 
 # ------------------------------------------------------------------ the platform
 
 
-def _likely_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> list[Platform]:
-    """Return platforms to try, the likeliest first.
-
-    They are on frames that every motor moves; tools come first.
-    """
-    count, motors = motions.freedoms, description.motor_joints
-    motions_by_motor = np.linalg.pinv(motions.rates(motors))  # (w, n_a)
+def _likely_platforms(motions: _Motions, known: PartialRobot) -> list[Platform]:
+    """Return platforms to try, the likeliest first, on frames that every motor moves."""
+    motions_by_motor = np.linalg.pinv(motions.rates(known.description.motor_joints))  # (w, n_a)
     scored: list[tuple[float, Platform]] = []
-    for number, (frame, joint_twists) in enumerate(_frame_twists(motions, tree)):
+    for number, (frame, joint_twists) in enumerate(_frame_twists(motions, known.tree)):
         twists = joint_twists @ motions.working  # (6, w)
         speeds = np.linalg.norm(twists @ motions_by_motor, axis=0)  # (n_a,)
         if not np.all(speeds > FILE_ROUNDING):
             continue
-        frame_score = -0.001 * number + any(tool in frame.lower() for tool in NAMES_OF_TOOLS)
-        for axes_score, platform in _frame_platforms(twists, frame, count, tree, motors):
+        # frames with the name of a tool come first, otherwise early frames of the file
+        frame_score = any(tool in frame.lower() for tool in NAMES_OF_TOOLS) - 0.001 * number
+        for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, known):
             scored.append((axes_score + frame_score, platform))
     scored.sort(key=lambda entry: -entry[0])
     return [platform for _, platform in scored[:MAX_TRIED]]
 
 
-def _joint_platforms(motions: _Motions, description: RobotDescription, tree: UrdfTree) -> Iterator[Platform]:
-    """Yield platforms of as many joints as freedoms, joints without motors first."""
-    motors, count = description.motor_joints, motions.freedoms
+def _joint_platforms(motions: _Motions, known: PartialRobot) -> Iterator[Platform]:
+    """Yield platforms of as many joints as freedoms, first of joints without motors."""
+    tree, motors, count = known.tree, known.description.motor_joints, motions.freedoms
     without_motors = [name for name in tree.movable if name not in motors]
     for names in (without_motors, motors):
         if len(names) < count:
             continue
         rates = motions.rates(names)
-        chosen = sorted(qr(rates.T, pivoting=True)[2][:count])  # whose rates are most independent
+        chosen = sorted(qr(rates.T, pivoting=True)[2][:count])  # the joints with the most independent rates
         if singular_values(rates[chosen])[-1] > PROPOSED_AXES_CLEARANCE:
             joints = tuple(names[i] for i in chosen)
             yield Platform(tree.joints[joints[-1]].child, (), joints)
 
 
 def _frame_platforms(
-    twists: Array, frame: str, count: int, tree: UrdfTree, motors: Sequence[str]
+    twists: Array, frame: str, count: int, known: PartialRobot
 ) -> Iterator[tuple[float, Platform]]:
     """Yield platforms of `count` coordinates on one frame, each with a score of likelihood.
 
-    First the joints that carry the frame, if passive, with score 3. Then axes of the frame, with the least
-    singular value of its twists (6, w) along them, and up to 2 more for translations.
+    The joints that carry the frame come first, if passive, with score 3. Then come axes of the frame. Their
+    score is the least singular value of the frame's twists (6, w) along them, at most 1, plus up to 2 for
+    translations.
     """
+    tree = known.tree
     names = tuple(joint.name for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves)
-    if len(names) == count and set(names) <= set(tree.movable).difference(motors):
+    passive = set(tree.movable).difference(known.description.motor_joints)
+    if len(names) == count and passive.issuperset(names):
         yield 3.0, Platform(frame, (), names)
     turns_about_a_point = _turns_about_a_point(twists)
     for axes in combinations(range(6), count):
@@ -469,7 +478,7 @@ def _frame_platforms(
         score = min(least, 1.0) + 2.0 * translations / count
         axis_names = tuple(AXES[axis] for axis in axes)
         yield score, Platform(frame, axis_names)
-        if count == 2 and not translations:  # two turns in series are other coordinates the other way round
+        if count == 2 and not translations:  # the reverse order of two turns gives other coordinates
             yield score, Platform(frame, axis_names[::-1])
 
 
@@ -478,7 +487,7 @@ def _turns_about_a_point(twists: Array) -> bool:
     linear, angular = twists[:3], twists[3:]
     if twists.shape[1] < 2:
         return False
-    # the point p rests in all motions: v + w x p = 0 for all columns
+    # the point p rests in all motions: v + w x p = 0 for all columns, in the sense of least squares
     cross_matrices = np.concatenate([pin.skew(np.ascontiguousarray(w)) for w in angular.T])  # (3 w, 3)
     v = linear.T.ravel()
     p = np.linalg.lstsq(cross_matrices, -v, rcond=None)[0]
@@ -487,23 +496,23 @@ def _turns_about_a_point(twists: Array) -> bool:
 
 
 def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Array]]:
-    """Yield each frame with its twists (6, nv), in radians and lengths of the robot."""
-    mechanism = motions.mechanism
-    data = mechanism.model.createData()
-    pin.computeJointJacobians(mechanism.model, data, motions.q)
-    pin.updateFramePlacements(mechanism.model, data)
+    """Yield each frame with its twists (6, nv) for unit joint rates [rad, robot lengths]."""
+    mechanism, model = motions.mechanism, motions.mechanism.model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, motions.q)
+    pin.updateFramePlacements(model, data)
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for frame in tree.frames:
-        twist = pin.getFrameJacobian(mechanism.model, data, frame_index(mechanism.model, frame), axes)
-        yield frame, scaled_twists(mechanism, twist.reshape(6, mechanism.nv))
+        twists = pin.getFrameJacobian(model, data, frame_index(model, frame), axes).reshape(6, model.nv)
+        yield frame, scaled_twists(mechanism, twists)
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:
-    """Whether the robot moves along all axes of a platform, and in no other way."""
+    """Whether the robot moves along all axes of a platform and in no other way."""
     try:
         robot = ParallelRobot.from_description(replace(description, platform=platform))
         mobility = count_freedoms(robot)
-        driven = mobility.working - len(mobility.loose)  # a loose one is idle, or nearly: see `_check_driven`
+        driven = mobility.working - len(mobility.loose)  # loose motions passed `_check_driven`: nearly idle
         stuck = examine_platform_axes(robot, driven).stuck_here
     except FrameworkError:
         return False
@@ -513,17 +522,21 @@ def _is_driven(description: RobotDescription, platform: Platform) -> bool:
 # ------------------------------------------------------------------ joints in no loop
 
 
+def _coupled_joints(description: RobotDescription) -> list[str]:
+    """Return the names of the joints of all couplings."""
+    return [name for coupling in description.couplings for name in (coupling.joint, coupling.of)]
+
+
 def _loop_joint_names(known: PartialRobot) -> set[str]:
-    """Return the names of the joints that loops and couplings need."""
-    tree, description = known.tree, known.description
-    needed = {name for coupling in description.couplings for name in (coupling.joint, coupling.of)}
-    for closure in description.closures:
-        needed.update(_loop_joints(tree, closure))
+    """Return the names of the joints in loops and couplings."""
+    needed = set(_coupled_joints(known.description))
+    for closure in known.description.closures:
+        needed.update(_loop_joints(known.tree, closure))
     return needed
 
 
 def _serial_joints(known: PartialRobot) -> list[str]:
-    """Return the names of moving joints that no loop needs."""
+    """Return the names of moving joints in no loop."""
     needed = _loop_joint_names(known)
     return [joint.name for joint in known.tree.joints.values() if joint.moves and joint.name not in needed]
 
@@ -531,38 +544,33 @@ def _serial_joints(known: PartialRobot) -> list[str]:
 def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
     """Return the serial joints without and with loops behind.
 
-    Joints that an option names are left out.
+    Joints that the options name or that carry the platform are left out.
     """
     tree = known.tree
     used = {*(options.motors or ()), *(options.platform_joints or ())}
-    if known.platform is not None or options.platform is not None:
-        frame = options.platform or (known.platform.frame if known.platform else "")
+    frame = options.platform or (known.platform.frame if known.platform else None)
+    if frame is not None:
         used |= {joint.name for joint in tree.path_to_base(tree.link_of(frame))}
-    carrying = {
-        above.name
-        for name in _loop_joint_names(known)
-        for above in tree.path_to_base(tree.joints[name].parent)
-    }
+    carrying: set[str] = set()
+    for name in _loop_joint_names(known):
+        carrying.update(joint.name for joint in tree.path_to_base(tree.joints[name].parent))
     serial = [name for name in _serial_joints(known) if name not in used]
     return [name for name in serial if name not in carrying], [name for name in serial if name in carrying]
 
 
 def _hold_joints(known: PartialRobot, joints: Sequence[str], why: str) -> PartialRobot:
-    """Lock joints of the file at the reference, with a remark.
-
-    They are left out of the description.
-    """
+    """Lock joints at the reference, edit the description accordingly, and add a remark."""
     if not joints:
         return known
     tree, description = known.tree, known.description
     for name in joints:
         tree.fix_at_reference(tree.joints[name], description.reference)
-    rest = set(tree.coordinates)
+    remaining = set(tree.coordinates)
     description = replace(
         description,
-        actuators=tuple(a for a in description.actuators if a.joint in rest),
-        joints={name: acting for name, acting in description.joints.items() if name in rest},
-        reference={name: value for name, value in description.reference.items() if name in rest},
+        actuators=tuple(actuator for actuator in description.actuators if actuator.joint in remaining),
+        joints={name: joint for name, joint in description.joints.items() if name in remaining},
+        reference={name: value for name, value in description.reference.items() if name in remaining},
     )
     remark = f"held: {', '.join(joints)} ({why})"
     return known._replace(description=description, remarks=(*known.remarks, remark))
