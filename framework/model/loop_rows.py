@@ -9,7 +9,7 @@ needs an entry in `ROW_KINDS` and nothing else; `description.locked_axes` says w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -145,7 +145,7 @@ class LoopRows(ReadOnlyArrays):
     def take(self, rows: IntArray) -> LoopRows:
         """Return the table of the rows at indices (k,)."""
         *columns, names = (getattr(self, field.name) for field in fields(self))
-        return LoopRows(*(column[rows] for column in columns), names=tuple(names[i] for i in rows))
+        return LoopRows(*(column[rows] for column in columns), tuple(names[i] for i in rows))
 
 
 class CoupledJoints(NamedTuple):
@@ -174,7 +174,8 @@ def loop_rows(
         product = (False, coupling.turns, 0, 1, 0.0, 0.0)
         rows.append((f"{coupling.name}.q", 0, 0, *product, True, *coupling[1:5]))
     names, *columns = zip(*rows, strict=True)
-    return LoopRows(*map(np.array, columns), names=names)
+    arrays: Iterator[Any] = map(np.array, columns)
+    return LoopRows(*arrays, names)
 
 
 def _product_entries(closure: Closure, axis: str) -> tuple[Any, ...]:

@@ -26,6 +26,11 @@ def invert_placement(matrix: Array) -> Array:
     return placement(turn, -turn @ matrix[:3, 3])
 
 
+def unit_vector(axis: str) -> Array:
+    """Return the unit vector (3,) of an axis x, y or z."""
+    return np.eye(3)["xyz".index(axis)]
+
+
 def rotation_about(axis: Sequence[float] | Array, angle: float) -> Array:
     """Compute the rotation (3, 3) by an angle [rad] about an axis of any length.
 
