@@ -56,6 +56,7 @@ class LoopRows(ReadOnlyArrays):
     equation that always holds.
     """
 
+    names: Names  # closure.axis
     first: IntArray  # (m,) frame, as index into Mechanism.frames
     second: IntArray  # (m,)
     square: BoolArray  # (m,) whether the product is d.d
@@ -69,7 +70,6 @@ class LoopRows(ReadOnlyArrays):
     places: IntArray  # (m, 2) the same joints, as indices into the configuration vector
     ratio: Array  # (m,)
     offset: Array  # (m,) [rad or m]
-    names: Names  # closure.axis
 
     @cached_property
     def translation(self) -> BoolArray:
@@ -144,8 +144,8 @@ class LoopRows(ReadOnlyArrays):
 
     def take(self, rows: IntArray) -> LoopRows:
         """Return the table of the rows at indices (k,)."""
-        *columns, names = (getattr(self, field.name) for field in fields(self))
-        return LoopRows(*(column[rows] for column in columns), tuple(names[i] for i in rows))
+        names, *columns = (getattr(self, field.name) for field in fields(self))
+        return LoopRows(tuple(names[i] for i in rows), *(column[rows] for column in columns))
 
 
 class CoupledJoints(NamedTuple):
@@ -163,7 +163,7 @@ def loop_rows(
     closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
 ) -> LoopRows:
     """Make a row for each locked axis and each coupling, on a mechanism's frames."""
-    rows: list[tuple[Any, ...]] = []  # the entries of LoopRows in their order, the name first
+    rows: list[tuple[Any, ...]] = []  # the fields of LoopRows in their order
     no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)
     for closure in closures:
         ends = [frames.index(frame) for frame in closure.frames]
@@ -175,7 +175,7 @@ def loop_rows(
         rows.append((f"{coupling.name}.q", 0, 0, *product, True, *coupling[1:5]))
     names, *columns = zip(*rows, strict=True)
     arrays: Iterator[Any] = map(np.array, columns)
-    return LoopRows(*arrays, names)
+    return LoopRows(names, *arrays)
 
 
 def _product_entries(closure: Closure, axis: str) -> tuple[Any, ...]:

@@ -43,7 +43,7 @@ PACKAGE = "package://"
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
 
 
-@dataclass
+@dataclass(eq=False)
 class Joint:
     """A joint of the tree, with its XML element.
 
