@@ -32,7 +32,6 @@ from framework.model.urdf_elements import (
 )
 from framework.numerics.arrays import Array
 
-AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 # the children that pinocchio reads, by tag and by type of joint

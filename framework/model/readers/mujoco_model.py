@@ -81,7 +81,6 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
     """Zero the effects that flags of the file disable; refuse disabled loops."""
-
     disabled = [
         name.removeprefix("mjDSBL_")
         for name, flag in mujoco.mjtDisableBit.__members__.items()
