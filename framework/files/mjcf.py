@@ -47,7 +47,8 @@ START = (
     "start from the keyframe `reference`, where the loops are closed: "
     "mj_resetDataKeyframe(model, data, 0); at zero they are torn"
 )
-HARD = "0.9999 0.9999 0.001 0.5 2"  # solimp of the stiffest loop that MuJoCo can solve
+# the stiffest equality that MuJoCo can solve
+HARD = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 CLOSING_POINT_DISTANCE = 0.1  # [robot lengths] between the points that close a hinge or a weld
 
 
@@ -87,9 +88,9 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
 
 
 def convert_to_qpos(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
-    """Convert q (nq,) to MuJoCo's qpos: quaternions (w, x, y, z), or hinges at 0.
+    """Convert q (nq,) to MuJoCo's qpos.
 
-    Pinocchio's quaternions are (x, y, z, w). Hinges that replace a ball are zero in the reference.
+    MuJoCo's quaternions are (w, x, y, z), pinocchio's are (x, y, z, w). Hinges that replace a ball are zero.
     """
     parts = []
     for joint in list(model.joints)[1:]:
@@ -123,7 +124,7 @@ def _add_motors(robot: ParallelRobot, root: Element) -> None:
 
 
 def _add_body(robot: ParallelRobot, data: pin.Data, j: int, parent: Element, *, hinges: bool) -> Element:
-    """Add the body behind joint j to the body of its parent; return the element."""
+    """Add the body behind joint j to the parent's body; return the element."""
     model, inertia = robot.model, robot.model.inertias[j]
     is_split = hinges and is_ball(model.joints[j])
     # three hinges are zero in the reference, so their placement is that of the ball in the reference
@@ -144,7 +145,7 @@ def _add_body(robot: ParallelRobot, data: pin.Data, j: int, parent: Element, *, 
 
 
 def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, is_split: bool) -> None:
-    """Add joint j with the motion subspace `screws` (6, k), or three hinges for a ball."""
+    """Add joint j with motion subspace `screws` (6, k), or three hinges."""
     name, joint = str(robot.model.names[j]), robot.model.joints[j]
     columns = range(joint.idx_v, joint.idx_v + joint.nv)
     if is_split and robot.all_stiffness[columns].any():
@@ -185,7 +186,7 @@ def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
 
 
 def _acceptable_inertia(inertia: Array) -> Array:
-    """Return an inertia (3, 3) [kg m^2] that MuJoCo accepts: that of a possible body.
+    """Return an inertia (3, 3) [kg m^2] that MuJoCo accepts.
 
     If the largest principal moment exceeds the sum of the others, both others grow by half of the excess. For
     a thin rod the excess is rounding. In planar robots often one moment is given and the others are zero;
@@ -199,31 +200,32 @@ def _acceptable_inertia(inertia: Array) -> Array:
 
 def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> None:
     """Add the equalities, and sites at the frames of the platform and the loops."""
-    model = robot.model
-    frames = {model.frames[k].name: model.frames[k] for k in robot.frames}
-    axes = equality_axes(robot)
-    equality = SubElement(root, "equality")
-    hard = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": HARD}
+    frames = {robot.model.frames[k].name: robot.model.frames[k] for k in robot.frames}
     for name, frame in frames.items():
         _add_site(bodies, name, frame, np.zeros(3))
+    axes = equality_axes(robot)
+    equality = SubElement(root, "equality")
     for closure in robot.description.closures:
-        first, second = closure.frames
-        SubElement(equality, "connect", {"name": closure.name, "site1": first, "site2": second} | hard)
+        _add_connect(equality, closure.name, *closure.frames)
         for axis in OFF_ORIGIN[axes[closure.name]]:
             name = f"{closure.name}_{axis}"
             offset = CLOSING_POINT_DISTANCE * robot.length * unit_vector(axis)
             for end in closure.frames:
                 _add_site(bodies, f"{end}_{name}", frames[end], offset)
-            sites = {"name": name, "site1": f"{first}_{name}", "site2": f"{second}_{name}"}
-            SubElement(equality, "connect", sites | hard)
+            _add_connect(equality, name, *(f"{end}_{name}" for end in closure.frames))
     for coupling in robot.description.couplings:
         joints = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
         polynomial = vector_text([coupling.offset, coupling.ratio, 0, 0, 0])
-        SubElement(equality, "joint", joints | {"polycoef": polynomial} | hard)
+        SubElement(equality, "joint", joints | {"polycoef": polynomial} | HARD)
+
+
+def _add_connect(equality: Element, name: str, site1: str, site2: str) -> None:
+    """Add the equality of two sites that coincide."""
+    SubElement(equality, "connect", {"name": name, "site1": site1, "site2": site2} | HARD)
 
 
 def _add_site(bodies: list[Element], name: str, frame: pin.Frame, offset: Array) -> None:
-    """Add a site at an offset (3,) [m] from the origin of a frame."""
+    """Add a site at an offset (3,) [m] from a frame's origin."""
     placement = _placement_attributes(frame.placement * pin.SE3(np.eye(3), offset))
     SubElement(bodies[frame.parentJoint], "site", {"name": name} | placement)
 
@@ -266,7 +268,7 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
 
 
 def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
-    """Choose the first axes of OFF_ORIGIN that lock a closure and nothing that moves.
+    """Choose the first axes of OFF_ORIGIN that close a closure and lock no motion.
 
     An equality that locks further axes changes nothing if its residual is zero at all of the poses (K, nq).
     """

@@ -111,7 +111,7 @@ class LoopRows(ReadOnlyArrays):
 
     @cached_property
     def vectors(self) -> IntArray:
-        """Indices (4, m) of u, w and both origins of each row, in a list of vectors.
+        """Indices (4, m) of u, w and both origins in a list of vectors.
 
         The list has four vectors of each frame: its three axes, then its origin.
         """
@@ -190,7 +190,7 @@ def _product_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
 
 
 def _perpendicular_axes(locked_axis: int, closure: Closure) -> tuple[int, int, float]:
-    """Return the axes of the two frames whose product locks a rotation, and its sign.
+    """Return the two axes whose product locks a rotation, and the sign.
 
     The axes are x_0, x_1, x_2. With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and
     x_k . (R x_j) = +phi_i, where i is the locked axis.

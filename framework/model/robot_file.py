@@ -78,7 +78,7 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
 
 
 def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Move the springs of URDF joints into `joints`, and drop those of locked joints."""
+    """Move springs of moving URDF joints into the entries of `joints`."""
     virtual_springs = []
     for spring in robot["springs"]:
         if isinstance(spring, Spring):

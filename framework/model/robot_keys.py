@@ -135,7 +135,7 @@ _read_axes = distinct("axis", AXES)
 
 
 def _frame_reader(urdf: Tree) -> Reader[str]:
-    """Return a reader of a frame's link; the name of a joint means the joint's child."""
+    """Return a reader of a frame's link; a joint means its child."""
     return lambda where, given: urdf.link_of(one_of("frame", urdf.frames)(where, given))
 
 
@@ -235,7 +235,7 @@ _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
 
 
 def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
-    """Return a reader of joint dynamics by name of a coordinate or of a whole joint."""
+    """Return a reader of joint dynamics, by coordinate or whole joint."""
     whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
@@ -272,7 +272,7 @@ def merge_joint_dynamics(
 
 
 def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a virtual spring, or of the values of a URDF joint's spring."""
+    """Return a reader of a virtual spring or a URDF joint's spring."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),

@@ -113,7 +113,7 @@ def chain_elements(
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Append underscores to a name until it is free, and mark the result as taken."""
+    """Append underscores to a name until free; add the result to `taken`."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)
@@ -225,7 +225,7 @@ def copy_without_shapes(root: Element) -> Element:
 
 
 def _copy_read_parts(element: Element) -> Element:
-    """Copy an element with those of its children that pinocchio reads."""
+    """Copy an element with the children that pinocchio reads."""
     copy = Element(element.tag, element.attrib)
     for key in _NUMBERS.get(element.tag, ()):
         if key in copy.attrib:

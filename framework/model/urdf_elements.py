@@ -363,7 +363,7 @@ def declared_dynamics(root: Element) -> dict[str, dict[str, float]]:
 
 
 def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupling]:
-    """Remove <mimic> from a URDF and return it as couplings.
+    """Remove each <mimic> from a URDF; return the couplings.
 
     A <mimic> is q = multiplier q_leader + offset. The leader may be one of the `locked` joints.
     """

@@ -124,7 +124,7 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
 
 
 def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
-    """Read the colour of a visual, from its material or from the robot's of that name."""
+    """Read the colour of a visual, from its material or the robot's."""
     if material is None:
         return DEFAULT_COLOR
     for element in (material, materials.get(material.get("name"), material)):

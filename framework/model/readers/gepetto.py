@@ -30,7 +30,7 @@ _JOINTS: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(te
 
 
 def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
-    """Read the robot in the content of a robot.yaml and the tree of its URDF."""
+    """Read the robot in a robot.yaml and the tree of a URDF."""
     _replace_joints(tree, **read_table("", content, _JOINTS, others=KEYS))  # changes the tree's frames
     table = {
         "closed_loop": required(entries(list_of(one_of("frame", tree.frames)))),
@@ -51,7 +51,7 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
 
 
 def _check_count(key: str, entries: Sequence[str], what: str, others: Sequence[Any]) -> None:
-    """Refuse lists of different lengths; `what` describes one of the `others`."""
+    """Refuse two lists of different lengths."""
     if len(entries) != len(others):
         raise RobotFileError(f"{key}: needs one entry a {what} ({len(others)}), got {len(entries)}")
 

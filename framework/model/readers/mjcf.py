@@ -84,7 +84,7 @@ def _placements(positions: Array, quaternions: Array) -> Iterator[Array]:
 
 
 class _Joint(NamedTuple):
-    """A joint with name and kind in the URDF, and MuJoCo's view of the joint."""
+    """A joint's name and kind in the URDF, and MuJoCo's view of the joint."""
 
     name: str
     kind: str
@@ -114,7 +114,7 @@ class _Joint(NamedTuple):
 
 
 def _placement_of_qpos(qpos: Array) -> Array:
-    """Return the placement (4, 4) of a free joint's qpos (7,), or of a ball's (4,)."""
+    """Return the placement (4, 4) of a free joint's or a ball's qpos."""
     return placement(from_quaternion(*qpos[-4:]), qpos[:-4] if len(qpos) == 7 else np.zeros(3))
 
 
@@ -148,11 +148,11 @@ class _Model:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element, with the bodies or joints on which it acts."""
+        """Report an unread element, with the bodies or joints under its action."""
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
     def _make_urdf(self, name: str, taken: set[str]) -> Element:
-        """Return the URDF, with a link for each body and between joints of one body."""
+        """Return the URDF, with a link for each body and between its joints."""
         model = self.compiled
         root = Element("robot", name=name)
         links = [SubElement(root, "link", name=body) for body in self.bodies]
@@ -178,7 +178,7 @@ class _Model:
         return root
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return d length / d q by joint, of a joint or tendon; None for a spatial tendon."""
+        """Return d length / d q by joint; None for a spatial tendon."""
         model = self.compiled
         if number < 0:
             return {}
@@ -292,7 +292,7 @@ class _Model:
             self._read_tendon(k)
 
     def _read_motor(self, k: int) -> None:
-        """Read motor k on a hinge, slide or fixed tendon; report any other as unread."""
+        """Read motor k, or report an actuator of another kind as unread."""
         model = self.compiled
         target = int(model.actuator_trnid[k, 0])
         gear = float(model.actuator_gear[k, 0])
@@ -319,7 +319,7 @@ class _Model:
             self.tree.transmissions.append(motor)
 
     def _read_tendon(self, k: int) -> None:
-        """Read inertia, damping, friction and spring of tendon k, if it is a fixed tendon."""
+        """Read the dynamics of tendon k if fixed."""
         model = self.compiled
         arms = self._moment_arms("tendon", k)
         if arms is None:
@@ -347,14 +347,7 @@ class _Model:
         """Report unread effects of joints, bodies, tendons and the fluid, with sizes."""
         model = self.compiled
         for joint in self.joints:
-            view, where = joint.view, f"joint {joint.name!r}"
-            if not joint.has_one_freedom and view.stiffness[0]:
-                text = f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad"
-                self.leave_out(text, [joint.name])
-            for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
-                if rows.any():
-                    powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
-                    self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
+            self._name_unread_effects_of_joint(joint)
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 self.leave_out(f"body {body!r}: mocap, so it stands still", [body])
@@ -369,6 +362,16 @@ class _Model:
         if density or viscosity:
             fluid = f"density {density:g}, viscosity {viscosity:g}"
             self.leave_out(f"<option> {fluid}: the drag of the fluid", self.all_joints)
+
+    def _name_unread_effects_of_joint(self, joint: _Joint) -> None:
+        """Report the spring of a ball, and higher powers in damping and stiffness."""
+        view, where = joint.view, f"joint {joint.name!r}"
+        if not joint.has_one_freedom and view.stiffness[0]:
+            self.leave_out(f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad", [joint.name])
+        for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
+            if rows.any():
+                powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
+                self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
 
     def _unread_effects_of_tendon(self, k: int) -> list[str]:
         """List the unread effects of a tendon: all of a spatial one, slack, ranges."""
@@ -386,7 +389,10 @@ class _Model:
 
 
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
-    """Return joint dynamics from values in the order of _ACTING; no spring without `rest`."""
+    """Return joint dynamics from values in the order of _ACTING.
+
+    Without a position `rest` the dynamics have no spring.
+    """
     dynamics = JointDynamics(*map(float, values))
     if rest is None:
         return replace(dynamics, stiffness=0.0)

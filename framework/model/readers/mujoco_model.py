@@ -157,7 +157,7 @@ def _delete_unused(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
 
 
 def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Give impossible bodies an inertia that MuJoCo compiles; yield these bodies."""
+    """Give impossible bodies an inertia that MuJoCo compiles, and yield each."""
     geoms_only = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies:
         # MuJoCo itself repairs or replaces such inertias
@@ -192,7 +192,7 @@ def _make_principal(body: Any) -> None:
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Delete meshes that add no mass or are missing; yield missing ones as decisive."""
+    """Delete meshes without mass and missing meshes; yield missing ones as decisive."""
     needed = set()
     for geom in list(spec.geoms):
         if not geom.meshname:
@@ -213,7 +213,7 @@ def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
 
 
 def _has_mesh(spec: Any, geom: Any) -> bool:
-    """Return whether the mesh of a geom is in the specification or in a file."""
+    """Return whether a geom's mesh is in the specification or in a file."""
     mesh = spec.mesh(geom.meshname)
     if mesh is None or not mesh.file:
         return mesh is not None
@@ -234,7 +234,7 @@ def _adds_mass(mujoco: Any, geom: Any) -> bool:
 
 
 def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
-    """Compile a specification, without meshes that MuJoCo refuses; return those as decisive."""
+    """Compile a specification; return refused meshes as decisive unread elements."""
     least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia
     spec.compiler.boundmass = max(least_mass, STAND_IN_MASS)
     spec.compiler.boundinertia = max(least_inertia, STAND_IN_INERTIA)
@@ -253,7 +253,7 @@ def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
 
 
 def _delete_refused_meshes(spec: Any, error: str) -> Iterator[UnreadElement]:
-    """Delete the mesh that an error names, else all meshes; yield each use of one."""
+    """Delete the mesh that an error names, else all; yield each use."""
     geoms = [geom for geom in spec.geoms if geom.meshname]
     if not geoms:
         raise RobotFileError(error)

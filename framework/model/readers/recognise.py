@@ -85,7 +85,7 @@ def parse_any(
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    """Read an XML file by the reader of its root element; prefix errors with the line."""
+    """Read an XML file by root element; prefix errors with the line."""
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
     from framework.model.readers.urdf import read_urdf
@@ -102,7 +102,7 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 
 def _line_of_element(message: str, text: str) -> str:
-    """Return "line N: " for the element that a message begins with; empty without one."""
+    """Return "line N: " for the element that a message begins with, or ""."""
     named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
     if named is None:
         return ""

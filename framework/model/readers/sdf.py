@@ -154,7 +154,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
 
 
 def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
-    """Report dynamics and mimic of a joint that closes a loop: a closure has neither."""
+    """Report dynamics and mimic of a joint that becomes a closure."""
     properties = {"dynamics": bool(joint.dynamics), "mimic": _has_property(joint.element, "mimic")}
     for name, is_stated in properties.items():
         if is_stated:
@@ -201,7 +201,7 @@ def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> l
 
 
 def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add the models in an element, and those in files that the element includes."""
+    """Add the models in an element and in files that the element includes."""
     for model in parent.findall("model"):
         _add_model(scope, model, folder, prefix, base)
     for include in parent.findall("include"):
@@ -225,9 +225,9 @@ def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: 
 
 
 def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model to the scope; prefix its names unless it is the first one.
+    """Add a model to the scope.
 
-    The first model also has the names of the file's top level.
+    The names in the first model have no prefix; the names in all others begin with the name of the model.
     """
     name = attribute(model, "<model>", "name")
     scoped = f"{prefix}{name}"
@@ -319,7 +319,7 @@ def _end_name(joint: Element, end: str) -> str:
 
 
 def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
-    """Read an element's `<pose>`: the frame it is relative to, and the placement (4, 4)."""
+    """Read an element's `<pose>`: base frame and placement (4, 4)."""
     pose = element.find("pose")
     if pose is None:
         return default, np.eye(4)
@@ -353,7 +353,7 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
 
 
 def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Make a joint between two links, with its motions and its placement in each link."""
+    """Make a joint with its motions and its placement in each link."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     on_child = scope.placement_of(f"joint {name}")
@@ -427,7 +427,7 @@ def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
 
 
 def _joints_of_main_part(scope: Scope) -> list[_Joint]:
-    """Return the joints of the largest connected part, of those with a loop if any."""
+    """Return the joints of the largest connected part with a loop."""
     ends = {name: _links_of_joint(scope, name) for name in scope.joints}
     if not ends:
         raise RobotFileError("there is no joint in it")
@@ -470,7 +470,7 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
 
 def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str], name: str) -> Element:
-    """Return the tree as a URDF, rooted in the world or in a link without a parent."""
+    """Return the tree as a URDF, from the world or a link without parent."""
     root = Element("robot", name=name)
     ends = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
@@ -516,7 +516,7 @@ def _make_link(scope: Scope, name: str) -> Element:
 
 
 def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
-    """Read lower and upper limit [rad, m]; None if one is infinite or very large."""
+    """Read lower and upper limit [rad, m]; None if one is unlimited."""
     where = f"joint {name!r}"
     limits: list[float] = []
     for end, default in (("lower", "-inf"), ("upper", "inf")):

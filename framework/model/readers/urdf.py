@@ -141,7 +141,7 @@ def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> 
 
 
 def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[str, Array]:
-    """Read the link of a loop's end, and the joint's placement (4, 4) in the link.
+    """Read a loop's end: the link, and the joint's placement (4, 4).
 
     The placement is an `<origin>` in the end, an `<END_origin>` beside it, or attributes of the end.
     """

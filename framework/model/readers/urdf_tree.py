@@ -41,7 +41,7 @@ _USED = {
 
 
 class UnreadElement(NamedTuple):
-    """An element that is not read, with the joints and links on which it acts.
+    """An unread element, with the joints and links under its action.
 
     Most such elements are forces, and without them the mechanism is the same. If an element decides how the
     mechanism moves (`is_decisive`) and acts on a part that moves, the file is refused.
@@ -195,7 +195,7 @@ class UrdfTree(Tree):
         return self._added[frame] if frame in self._added else super().link_of(frame)
 
     def path_to_base(self, link: str) -> list[Joint]:
-        """Return the joints on the path from a link to the base, in this order."""
+        """Return the joints from a link to the base, in this order."""
         path = []
         while joint := self.parent_joint.get(link):
             path.append(joint)
@@ -249,7 +249,7 @@ class UrdfTree(Tree):
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}))
 
     def add_frame(self, name: str, link: str, where: Array) -> str:
-        """Add a frame to a link; return the name, with underscores if it was taken."""
+        """Add a frame to a link; return the name, perhaps with added underscores."""
         if len(self._added) >= MAX_TREE_ELEMENTS:
             raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
         free = name
@@ -298,7 +298,7 @@ class UrdfTree(Tree):
         return dict(zip(names, map(float, angles), strict=True))
 
     def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str]) -> None:
-        """Replace a joint by a chain of hinges about `axes`, letters of x, y, z."""
+        """Replace a joint by hinges about `axes`, letters of x, y, z."""
         for name in names:
             if name in self._taken or f"{name}_link" in self._taken:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
