@@ -111,15 +111,12 @@ def parse_yaml(text: str) -> Any:
         raise RobotFileError(f"{len(text)} characters of YAML; at most {MAX_YAML_CHARACTERS} are read")
     try:
         loader = _Loader(text)
-        try:
-            node = loader.get_single_node()
-            if node is None:
-                return None
-            if _count_values(node, {}) > MAX_YAML_VALUES:
-                raise _alias_error()
-            return loader.construct_document(node)
-        finally:
-            loader.dispose()
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        if _count_values(node, {}) > MAX_YAML_VALUES:
+            raise _alias_error()
+        return loader.construct_document(node)
     except RobotFileError:
         raise
     # PyYAML raises any of these on odd scalars and keys

@@ -308,47 +308,47 @@ def is_moved(tree: UrdfTree, name: str) -> bool:
 # ------------------------------------------------------------------ what the file leaves out
 
 
-def complete_robot(options: Options, known: PartialRobot) -> PartialRobot:
+def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
     """Complete the content of a file by the options, else by proposals.
 
     Raises:
         RobotFileError: platform or motors are missing; the message names the options and the candidates.
     """
-    joints, description = known.tree.movable, known.description
+    joints, description = partial.tree.movable, partial.description
     if options.motors is not None:
         check_distinct("--motors", "movable joint", options.motors, joints)
         motors = {motor.joint: motor for motor in description.actuators}
         chosen = tuple(motors.get(name, Actuator(name)) for name in options.motors)
         description = replace(description, actuators=chosen)
-    platform = _choose_platform(options, known)
-    known = known._replace(description=description, platform=platform)
+    platform = _choose_platform(options, partial)
+    partial = partial._replace(description=description, platform=platform)
     if options.propose is not None:
-        return options.propose(options, known)
+        return options.propose(options, partial)
     if platform is not None and description.actuators:
-        return known.with_platform(platform)
+        return partial.with_platform(platform)
 
     missing = []
     if platform is None and options.platform is None:
-        missing.append(f"--platform FRAME (of: {list_names(known.tree.frames)})")
+        missing.append(f"--platform FRAME (of: {list_names(partial.tree.frames)})")
     if platform is None and options.axes is None:
         missing.append(f"--axes (of: {', '.join(AXES)})")
     if not description.actuators:
-        missing.append(f"--motors (of: {list_names(known.tree.likely_motors or joints)})")
+        missing.append(f"--motors (of: {list_names(partial.tree.likely_motors or joints)})")
     raise RobotFileError(
         f"the file does not say: give {'; '.join(missing)}; or let `crossing convert` propose them"
     )
 
 
-def _choose_platform(options: Options, known: PartialRobot) -> Platform | None:
+def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None:
     """Return the platform that options and file state; None if frame or axes are open."""
-    frame, platform, joints = options.platform, known.platform, options.platform_joints
+    frame, platform, joints = options.platform, partial.platform, options.platform_joints
     if frame is not None:
-        check_name("--platform", "frame", frame, known.tree.frames)
+        check_name("--platform", "frame", frame, partial.tree.frames)
     if joints is not None:
         if options.axes is not None:
             raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
-        check_distinct("--platform-joints", "movable joint", joints, known.tree.movable)
-        return Platform(frame or known.tree.joints[joints[-1]].child, (), joints)
+        check_distinct("--platform-joints", "movable joint", joints, partial.tree.movable)
+        return Platform(frame or partial.tree.joints[joints[-1]].child, (), joints)
     if options.axes is not None:
         check_distinct("--axes", "axis", options.axes, AXES)
         frame = frame or (platform.frame if platform else None)

@@ -212,8 +212,9 @@ class UrdfTree(Tree):
     def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
         """Return the moving joints that carry only the first link, and only the second."""
         path, other_path = self.path_to_base(first), self.path_to_base(second)
-        only_first = [joint for joint in path if joint.moves and joint not in other_path]
-        only_second = [joint for joint in other_path if joint.moves and joint not in path]
+        shared = set(path) & set(other_path)
+        only_first = [joint for joint in path if joint.moves and joint not in shared]
+        only_second = [joint for joint in other_path if joint.moves and joint not in shared]
         return only_first, only_second
 
     # -------------------------------------------------------------- edits
