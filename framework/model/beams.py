@@ -30,7 +30,7 @@ import numpy as np
 from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
 from framework.model.documents import read_origin, remove_children
-from framework.model.placement import invert_placement, placement
+from framework.model.placement import invert_placement, placement, unit_vector
 from framework.model.robot_file_writer import record_entry as spring_entry
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ArrayLike
@@ -224,7 +224,7 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
                 "give the direction of the section's y axis in the link"
             )
         # The least rotation from x to `along` takes y to e_y - along_y / (1 + along_x) (e_x + along).
-        across = np.eye(3)[1] - along[1] / (1.0 + along[0]) * (along + np.eye(3)[0])
+        across = unit_vector("y") - along[1] / (1.0 + along[0]) * (unit_vector("x") + along)
     else:
         width = finite_numbers("y", y, 3)
         across = width - (width @ along) * along
