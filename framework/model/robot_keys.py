@@ -297,10 +297,10 @@ def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[s
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
         if not spring.motion and spring.after not in movable:
+            kind = urdf.joints[spring.after].kind
             raise RobotFileError(
-                f"{where}.motion: required, because joint {spring.after!r} is "
-                f"{urdf.joints[spring.after].kind} and has no motion of its own (valid: {', '.join(AXES)} or "
-                f"a list of them)"
+                f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no motion of "
+                f"its own (valid: {', '.join(AXES)} or a list of them)"
             )
         return spring
 

@@ -240,17 +240,20 @@ class UrdfTree(Tree):
         rotations = list(map(rotation_with_axis, letters, 2 * list(axes))) or 2 * [np.eye(3)]
         frames = []
         for (suffix, link, origin), rotation in zip(ends, rotations, strict=True):
-            where = origin @ placement(rotation)
-            is_link_frame = np.array_equal(where, np.eye(4))
-            frames.append(link if is_link_frame else self.add_frame(f"{name}_{suffix}", link, where))
+            in_link = origin @ placement(rotation)
+            is_link_frame = np.array_equal(in_link, np.eye(4))
+            frames.append(link if is_link_frame else self.add_frame(f"{name}_{suffix}", link, in_link))
         self.closures.append(Closure(name, (frames[0], frames[1]), locked))
 
     def add_motor(self, joint: str) -> None:
         """Add a motor without a gear to a joint."""
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}))
 
-    def add_frame(self, name: str, link: str, where: Array) -> str:
-        """Add a frame to a link; return the name, perhaps with added underscores."""
+    def add_frame(self, name: str, link: str, origin: Array) -> str:
+        """Add a frame at a placement (4, 4) in a link; return the name.
+
+        The name has underscores added if it was taken.
+        """
         if len(self._added) >= MAX_TREE_ELEMENTS:
             raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
         free = name
@@ -258,7 +261,7 @@ class UrdfTree(Tree):
             free += "_"
         self._taken |= {free, f"{free}_mount"}
         self._added[free] = link
-        add_frame(self.root, free, link, where)
+        add_frame(self.root, free, link, origin)
         return free
 
     def fix_at_reference(self, joint: Joint, reference: Mapping[str, float]) -> None:
