@@ -1,4 +1,4 @@
-"""Files for other programs: a simulator's model of a robot, a controller's trajectory of a plan.
+"""Write files for other programs: a robot for a simulator, a plan for a controller.
 
-Open `mjcf` first, the model for MuJoCo. `trajectory_file` makes the message for ros2_control.
+Open `mjcf` first, which writes a MuJoCo model. `trajectory_file` writes the message for ros2_control.
 """

@@ -1,12 +1,12 @@
-"""A plan as the trajectory that ros2_control's joint_trajectory_controller takes.
+"""Write a plan as a trajectory for ros2_control's joint_trajectory_controller.
 
-The layout is that of trajectory_msgs/JointTrajectory, joints in the order of the robot file's motors. On the
-joint side of the gears positions and their derivatives are those of the URDF's joints, motor angles over gear
-ratio, and effort is what a motor sends into its joint, gear ratio times motor torque; on the motor side they
-are the motors'. The rotor's share is in it: a simulator without rotor inertia needs less. In a robot with
-springs a drive's spring is behind its joint, so that these are angles and torques before it, and the link
-stands aside by the deflection. The header's frame_id, which the controller does not read, says the side, and
-whether all is before the springs.
+The layout is that of trajectory_msgs/JointTrajectory, with the joints in the order of the robot file's
+motors. On the joint side of the gears, positions are motor angles over gear ratio, as in the URDF, and effort
+is gear ratio times motor torque. On the motor side, angles and torques are those of the motors. The effort
+includes the torque that accelerates the rotor: a simulator without rotor inertia needs less. The spring of a
+drive is behind its joint, so angles and torques of an elastic robot are before the spring, and the link
+differs by the deflection. The controller does not read the header's frame_id; it says which side is meant,
+and whether the values are before springs.
 """
 
 from __future__ import annotations
@@ -33,39 +33,38 @@ def joint_trajectory(
 ) -> dict[str, Any]:
     """Return the message of a plan as plain data: header, joint_names, points.
 
-    `samples` equidistant points, for YAML or JSON.
-
-    Positions [rad, m], velocities, accelerations, effort [N m, N]; `time_from_start` {sec, nanosec}.
+    The `samples` points are equidistant in time. Each has positions [rad, m], velocities, accelerations,
+    effort [N m, N], and `time_from_start` {sec, nanosec}.
 
     Raises:
-        InvalidInput: not a whole number of at least 2 samples, or another side than joint and motor.
+        InvalidInput: samples is no whole number of at least 2, or the side is neither joint nor motor.
     """
     check_choice("side", side, SIDES)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
-    robot, times = plan.robot, np.linspace(0.0, plan.duration, samples)
+    robot = plan.robot
+    times = np.linspace(0.0, plan.duration, samples)
     gear = robot.gear_ratio if side == "joint" else np.ones(robot.n_a)
-    positions = [plan.motor_angle(times, order) / gear for order in range(3)]
-    columns = (*positions, plan.torque(times) * gear)
+    motion = [plan.motor_angle(times, order) / gear for order in range(3)]
+    effort = plan.torque(times) * gear
+    rows = np.stack([*motion, effort], axis=1).tolist()  # (T, 4, n_a), each row in the order of FIELDS
+    points = [
+        {**dict(zip(FIELDS, row, strict=True)), "time_from_start": _duration(time)}
+        for time, row in zip(times, rows, strict=True)
+    ]
     frame_id = f"{side}_side{'_before_springs' if robot.n_e else ''}"
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame_id},
         "joint_names": list(robot.actuator_names),
-        "points": [
-            {
-                **{name: values.tolist() for name, values in zip(FIELDS, rows, strict=True)},
-                "time_from_start": _duration(time),
-            }
-            for time, *rows in zip(times, *columns, strict=True)
-        ],
+        "points": points,
     }
 
 
 def describe_side(plan: CrossingPlan, side: str = "joint") -> str:
-    """Describe on which side of gears and springs the trajectory is."""
+    """Describe which side of gears and springs the trajectory refers to."""
     return SIDES[side] + ("; before the springs of drives and links" if plan.robot.n_e else "")
 
 
 def _duration(seconds: float) -> dict[str, int]:
-    """Return a builtin_interfaces/Duration."""
-    seconds_part, rest = divmod(round(float(seconds) * NANOSECONDS), NANOSECONDS)
-    return {"sec": seconds_part, "nanosec": rest}
+    """Return a time [s] as builtin_interfaces/Duration."""
+    whole_seconds, nanoseconds = divmod(round(float(seconds) * NANOSECONDS), NANOSECONDS)
+    return {"sec": whole_seconds, "nanosec": nanoseconds}

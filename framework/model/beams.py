@@ -1,21 +1,21 @@
-"""Springs of a link from its section and material.
+"""The springs that stand for a link's elasticity, from its section and material.
 
-A slender straight beam of length L along x, clamped at one end, gives way at the other by the compliance
-of Euler and Bernoulli (or Timoshenko), which couples displacement and rotation:
+A slender straight beam of length L along x is clamped at one end. At the other end its compliance after
+Euler and Bernoulli (or Timoshenko) couples displacement and rotation:
 
     y = F L^3 / (3 E Iz) + M L^2 / (2 E Iz),    rz = F L^2 / (2 E Iz) + M L / (E Iz).
 
-At the middle of the beam the two are not coupled, and the stiffness is diagonal:
+At the middle of the beam displacement and rotation decouple, and the stiffness is diagonal:
 
     x  E A / L       y  12 E Iz / L^3    z  12 E Iy / L^3
     rx G J / L       ry E Iy / L         rz E Iz / L
 
-(for Timoshenko 1/ky = L^3 / (12 E Iz) + L / (shear_y G A), likewise z). So a 6-axis virtual joint that
-stands in the middle of the link is exact for every small load at the tip, to first order in the
-deflection, with the beam's own mass neglected. `split_beam` puts a fixed joint there.
+(for Timoshenko 1/ky = L^3 / (12 E Iz) + L / (shear_y G A), likewise z). A virtual joint of six axes in the
+middle of the link is therefore exact to first order in the deflection, for every load at the tip; it neglects
+the mass of the beam. `split_beam` puts a fixed joint at the middle.
 
-At the tip itself no diagonal stiffness is exact. A planar rod with a pin at each end carries no bending: only
-its x matters, which is exact there too.
+No diagonal stiffness is exact at the tip. An exception is a planar rod with a pin at each end: it carries no
+bending, and its axial stiffness x is the same at the tip.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ import numpy as np
 
 from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
-from framework.model.documents import read_origin
-from framework.model.placement import invert_placement, placement
+from framework.model.documents import read_origin, remove_children
+from framework.model.placement import invert_placement, placement, unit_vector
 from framework.model.robot_file_writer import record_entry as spring_entry
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ArrayLike
@@ -50,12 +50,12 @@ class Material:
 
     @staticmethod
     def isotropic(E: float, poisson: float) -> Material:
-        """Return the material of modulus `E` [Pa] and Poisson's ratio.
+        """Return the material with modulus `E` [Pa] and a Poisson's ratio.
 
         G = E / (2 (1 + poisson)).
 
         Raises:
-            InvalidInput: E is not positive, or the ratio not between -1 and 0.5.
+            InvalidInput: E is not positive, or the ratio is not between -1 and 0.5.
         """
         if not -1.0 < poisson < 0.5:
             raise InvalidInput(f"poisson: must be between -1 and 0.5, got {poisson!r}")
@@ -66,8 +66,8 @@ class Material:
 class Section:
     """A cross-section: area `A` [m^2], second moments `Iy`, `Iz` and torsion constant `J` [m^4].
 
-    `Iy` resists bending about y (displacement along z). The shear factors are Timoshenko's; None leaves
-    shear out (Euler-Bernoulli).
+    `Iy` resists bending about y (displacement along z). `shear_y` and `shear_z` are Timoshenko's shear
+    factors; None leaves shear out (Euler-Bernoulli).
     """
 
     A: float
@@ -78,11 +78,12 @@ class Section:
     shear_z: float | None = None
 
     def __post_init__(self) -> None:
-        _check_positive(**{name: value for name, value in asdict(self).items() if value is not None})
+        values = asdict(self).items()
+        _check_positive(**{name: value for name, value in values if value is not None})
 
     @staticmethod
     def tube(outer: float, inner: float = 0.0) -> Section:
-        """Return the section of a round bar or tube with radii [m].
+        """Return the section of a round tube with radii [m], solid by default.
 
         Raises:
             InvalidInput: not 0 <= inner < outer.
@@ -90,23 +91,26 @@ class Section:
         _check_positive(outer=outer)
         if not 0.0 <= inner < outer:
             raise InvalidInput(f"inner: must be from 0 to below outer ({outer!r}), got {inner!r}")
-        area, bend = math.pi * (outer**2 - inner**2), math.pi / 4.0 * (outer**4 - inner**4)
-        return Section(area, bend, bend, 2.0 * bend)
+        area = math.pi * (outer**2 - inner**2)
+        second_moment = math.pi / 4.0 * (outer**4 - inner**4)
+        return Section(area, second_moment, second_moment, J=2.0 * second_moment)
 
     @staticmethod
     def rectangle(width: float, height: float) -> Section:
-        """Return a full rectangle, `width` [m] along y, `height` [m] along z.
+        """Return a solid rectangle, `width` [m] along y, `height` [m] along z.
 
-        By Saint-Venant's series J = a b^3 / 3 (1 - 192 b / (pi^5 a) sum tanh(n pi a / (2 b)) / n^5) over
-        odd n, with the longer edge a and the shorter b.
+        With the longer edge a and the shorter edge b, Saint-Venant's series over odd n gives
+
+            J = a b^3 / 3 (1 - 192 b / (pi^5 a) sum tanh(n pi a / (2 b)) / n^5).
         """
         _check_positive(width=width, height=height)
-        a, b = max(width, height), min(width, height)
-        odd = np.arange(1, 200, 2)
-        series = float(np.sum(np.tanh(odd * math.pi * a / (2.0 * b)) / odd**5.0))
+        b, a = sorted((width, height))
+        n = np.arange(1, 200, 2)  # the first term left out is below 1e-11 of the sum
+        series = float(np.sum(np.tanh(n * math.pi * a / (2.0 * b)) / n**5.0))
         torsion = a * b**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * b / a * series)
-        bend_y, bend_z = width * height**3 / 12.0, height * width**3 / 12.0
-        return Section(width * height, bend_y, bend_z, torsion)
+        bending_y = width * height**3 / 12.0
+        bending_z = height * width**3 / 12.0
+        return Section(width * height, bending_y, bending_z, torsion)
 
 
 class SplitBeam(NamedTuple):
@@ -118,7 +122,9 @@ class SplitBeam(NamedTuple):
 
 
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
-    """Compute the diagonal stiffness [N/m, N m/rad] of a beam along x, at its middle.
+    """Compute the diagonal stiffness [N/m, N m/rad] at the middle of a beam.
+
+    The beam runs along x; the keys are the axes x, y, z, rx, ry, rz.
 
     Raises:
         InvalidInput: the length is not positive.
@@ -126,14 +132,15 @@ def beam_stiffness(section: Section, material: Material, length: float) -> dict[
     _check_positive(length=length)
     E, G, L = material.E, material.G, length
 
-    def across(moment: float, shear: float | None) -> float:
-        sliding = 0.0 if shear is None else L / (shear * G * section.A)
-        return 1.0 / (L**3 / (12.0 * E * moment) + sliding)
+    def stiffness_across(second_moment: float, shear_factor: float | None) -> float:
+        bending = L**3 / (12.0 * E * second_moment)
+        shearing = 0.0 if shear_factor is None else L / (shear_factor * G * section.A)
+        return 1.0 / (bending + shearing)
 
     return {
         "x": E * section.A / L,
-        "y": across(section.Iz, section.shear_y),
-        "z": across(section.Iy, section.shear_z),
+        "y": stiffness_across(section.Iz, section.shear_y),
+        "z": stiffness_across(section.Iy, section.shear_z),
         "rx": G * section.J / L,
         "ry": E * section.Iy / L,
         "rz": E * section.Iz / L,
@@ -148,10 +155,10 @@ def beam_spring(
     length: float,
     axes: tuple[str, ...] = AXES,
 ) -> Spring:
-    """Return the virtual joint of a link, in the middle of its beam.
+    """Return the virtual joint in the middle of a link's beam.
 
-    The child frame of `after` has x along the beam; see `split_beam`. With fewer `axes` the others are
-    rigid. Exact for small loads at the tip (see the module).
+    `after` is the fixed joint at the middle, whose child frame has x along the beam; see `split_beam`. Axes
+    that are not among `axes` are rigid. The module says in which sense the spring is exact.
 
     Raises:
         InvalidInput: length, name or axes are not valid.
@@ -166,18 +173,19 @@ def beam_spring(
 def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> SplitBeam:
     """Return the URDF with a fixed joint halfway along the fixed joint `tip`.
 
-    `tip` reaches from a link's origin to its tip, and stays where it was. Link masses stay on the near half.
-    The child frame of the new joint `<tip>_middle` has x along the beam; `y` says where the section points.
+    `tip` leads from a link's origin to the link's tip, which stays in its place. The masses of the link stay
+    on the half before the new joint, `<tip>_middle`. The child frame of that joint has x along the beam; `y`
+    directs the section.
 
     Args:
-        y: direction (3,) of the section's y axis (the width of `Section.rectangle`) in the axes of the link,
-            of any length; what of it runs along the beam is left out. By default the frame is the link's own,
-            brought to the beam by the least turn: the same axes for a beam along x, and no jump on the way
-            to any other direction but -x, where `y` has to be given.
+        y: direction (3,) of the section's y axis (the width of `Section.rectangle`) in the link's axes, of
+            any length; only its part across the beam counts. By default the frame is that of the link after
+            the least rotation that takes x to the beam. It changes continuously with the direction of the
+            beam, except at -x, where `y` is required.
 
     Raises:
-        InvalidInput: no fixed joint has this name, or it has no length; y is no direction, or runs along the
-            beam; the beam runs along -x of its link (within 0.01 rad) and no y is given.
+        InvalidInput: no fixed joint has this name, or the joint has no length; y is no direction, or runs
+            along the beam; the beam runs along -x of its link (within 0.01 rad) and no y is given.
     """
     try:
         root = fromstring(urdf_text)
@@ -189,20 +197,21 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     taken = {element.get("name") for tag in ("link", "joint") for element in root.findall(tag)}
     if middle in taken or f"{middle}_link" in taken:
         raise InvalidInput(f"tip: the name {middle!r} is already there")
-    origin, parent = joint.find("origin"), joint.find("parent")
-    beam = read_origin(origin, f"joint {tip!r}: <origin>")
-    span = beam[:3, 3]
+
+    parent = joint.find("parent")
+    tip_placement = read_origin(joint.find("origin"), f"joint {tip!r}: <origin>")
+    span = tip_placement[:3, 3]
     length = float(np.linalg.norm(span))
     if length == 0.0 or parent is None:
         raise InvalidInput(f"tip: joint {tip!r} has no length")
-    half = placement(_section_axes(span / length, y), 0.5 * span)
+    to_middle = placement(_section_axes(span / length, y), 0.5 * span)
+
     root.append(Element("link", name=f"{middle}_link"))
-    parent_link = parent.get("link", "")
-    root.append(joint_element(NewJoint(middle, "fixed", half), parent_link, f"{middle}_link"))
+    middle_joint = NewJoint(middle, "fixed", to_middle)
+    root.append(joint_element(middle_joint, parent.get("link", ""), f"{middle}_link"))
     parent.set("link", f"{middle}_link")
-    if origin is not None:
-        joint.remove(origin)
-    joint.append(origin_element(invert_placement(half) @ beam))
+    remove_children(joint, "origin")
+    joint.append(origin_element(invert_placement(to_middle) @ tip_placement))
     return SplitBeam(tostring(root, encoding="unicode"), middle, length)
 
 
@@ -214,14 +223,14 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
                 "y: required, because the beam runs along -x of its link, where the least turn has no axis; "
                 "give the direction of the section's y axis in the link"
             )
-        middle = along + np.eye(3)[0]  # the least turn is a half turn about it, after one about x
-        across = np.eye(3)[1] - along[1] / (1.0 + along[0]) * middle
+        # The least rotation from x to `along` takes y to e_y - along_y / (1 + along_x) (e_x + along).
+        across = unit_vector("y") - along[1] / (1.0 + along[0]) * (unit_vector("x") + along)
     else:
         width = finite_numbers("y", y, 3)
         across = width - (width @ along) * along
         if not np.linalg.norm(across) > FILE_ROUNDING * np.linalg.norm(width):
             raise InvalidInput(f"y: needs a direction across the beam, which runs along {point(along)}")
-    across = across / np.linalg.norm(across)
+    across /= np.linalg.norm(across)
     return np.column_stack([along, across, np.cross(along, across)])
 
 

@@ -1,4 +1,4 @@
-"""The content of a robot file, as frozen records. No file is read and no pinocchio called here."""
+"""The content of a robot file as frozen records. This module reads no file and does not call pinocchio."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from xml.etree.ElementTree import Element
 from framework.errors import RobotFileError, check_choice, check_name
 from framework.numerics.arrays import Names
 
-# Each has the springs of its predecessors; a spring exists from some level on, see `Spring.exists_in`.
+# Each level has all springs of the level before it, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 GOALS = ("time", "peak_torque", "energy")  # of an optimal law
-SMALLEST_LENGTH = 1e-30  # [m] powers of others vanish
+SMALLEST_LENGTH = 1e-30  # [m] powers of smaller lengths underflow to zero
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
-# Locked axes of each closure kind whose axis is z, in the frame of the first body; or rows that need the
-# closure's `length`, by their names in `loop_rows.ROW_KINDS`.
+# The axes that each kind of closure locks, in the frame of the first body, for a joint with axis z. A kind
+# that needs the closure's `length` has rows of `loop_rows.ROW_KINDS` instead.
 _LOCKED = {
     "fixed": ("x", "y", "z", "rx", "ry", "rz"),
     "revolute": ("x", "y", "z", "rx", "ry"),  # turns about its axis
@@ -33,20 +33,19 @@ CLOSURE_KINDS = _LOCKED.keys()
 
 
 def locked_axes(kind: str, axis: str = "z") -> Names:
-    """Return the locked axes of a closure kind, in the first body's frame.
+    """Return the axes that a closure kind locks, in the first body's frame.
 
-    Rows that need a length, such as distance, come last. `axis` in {x, y, z} is the axis of the joint; the
-    kinds are tabled for z and turned cyclically.
+    Rows that need a length, such as distance, come last. `axis` in {x, y, z} is the axis of the joint: the
+    table is for z, and a cyclic permutation of the axes takes z to `axis`.
 
     Raises:
         RobotFileError: unknown kind or axis.
     """
     check_name("kind", "closure kind", kind, _LOCKED)
     check_name("axis", "closure axis", axis, tuple("xyz"))
-    turn = {"x": "yzx", "y": "zxy", "z": "xyz"}[axis]  # where x, y, z go when z goes to `axis`
-    axes = {name[:-1] + turn["xyz".index(name[-1])] for name in _LOCKED[kind] if name in AXES}
-    with_length = (name for name in _LOCKED[kind] if name not in AXES)
-    return (*(name for name in AXES if name in axes), *with_length)
+    permutation = str.maketrans("xyz", {"x": "yzx", "y": "zxy", "z": "xyz"}[axis])
+    rows = [row.translate(permutation) if row in AXES else row for row in _LOCKED[kind]]
+    return tuple(sorted(rows, key=[*AXES, *rows].index))
 
 
 def kinds_with_length() -> Names:
@@ -56,9 +55,9 @@ def kinds_with_length() -> Names:
 
 @dataclass(frozen=True)
 class Platform:
-    """The prescribed motion: of a frame on base axes, or of joints.
+    """The prescribed motion: of a frame along base axes, or of joints.
 
-    Of two turns the order counts, see `framework.kinematics.attitude`.
+    The order of two rotations matters, see `framework.kinematics.attitude`.
     """
 
     frame: str
@@ -67,7 +66,7 @@ class Platform:
 
     @property
     def names(self) -> Names:
-        """Names of the coordinates."""
+        """Names of the platform's coordinates."""
         return self.joints or self.axes
 
 
@@ -75,8 +74,8 @@ class Platform:
 class Actuator:
     """A motor on a URDF joint.
 
-    `rotor_inertia` [kg m^2] and the limits [N m], [rad/s] are on the motor side of the gear, whose
-    ratio is motor angle over joint angle.
+    `rotor_inertia` [kg m^2] and the limits [N m], [rad/s] are on the motor side of the gear. `gear_ratio` is
+    motor angle over joint angle.
     """
 
     joint: str
@@ -88,9 +87,9 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Closure:
-    """Two frames and the axes of their relative pose, in the first frame, that are locked.
+    """Two frames, and the axes of the first frame along which their relative pose is locked.
 
-    Among the axes a name of `loop_rows.ROW_KINDS`, such as "distance", is a row that needs `length` [m].
+    `axes` may also name a row of `loop_rows.ROW_KINDS`, such as "distance", which needs `length` [m].
     """
 
     name: str
@@ -99,8 +98,8 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown rows, and a length missing or without a use."""
-        valid = {row for rows in _LOCKED.values() for row in rows}
+        """Refuse unknown rows, a missing length, and a length without a use."""
+        valid = set().union(*_LOCKED.values())
         for row in self.axes:
             check_name(f"closure {self.name}", "axis", row, valid)
         if (set(self.axes) <= set(AXES)) != (self.length is None):
@@ -114,9 +113,9 @@ class Closure:
 class Spring:
     """A virtual joint in series behind the URDF joint `after`.
 
-    `part` is "joint" (exists from flexible_joints on) or "link" (flexible_links only). `motion` holds
-    the axes of the child frame that give way, or is empty for the motion of `after` itself.
-    `stiffness` [N/m or N m/rad] has one entry an axis.
+    `part` is "joint" (exists from flexible_joints on) or "link" (flexible_links only). `motion` names the
+    elastic axes of the child frame; if empty, the spring has the motion of `after` itself. `stiffness` [N/m
+    or N m/rad] has one entry per axis.
     """
 
     name: str
@@ -132,7 +131,7 @@ class Spring:
 
     @property
     def coordinates(self) -> Names:
-        """Names of its virtual joints, one for each axis."""
+        """Names of the virtual joints, one for each axis."""
         if len(self.motion) <= 1:
             return (self.name,)
         return tuple(f"{self.name}_{axis}" for axis in self.motion)
@@ -142,36 +141,41 @@ class Spring:
 class JointDynamics:
     """Armature, spring, damping and friction along one joint coordinate.
 
-        torque of the joint = armature a + damping v + stiffness (q - rest) + friction sign(v)
+    Beside the inertia of the bodies they take the joint torque
 
-    beside the inertia of the bodies, for a hinge [kg m^2, N m s/rad, N m/rad, rad, N m] and for a slide
-    [kg, N s/m, N/m, m, N]. It is there for every flexibility and whichever motors are chosen.
+        armature a + damping v + stiffness (q - rest) + friction sign(v)
+
+    for every flexibility and every choice of motors. Below, the first unit is that of a hinge, the second
+    that of a slide.
     """
 
-    armature: float = 0.0
-    damping: float = 0.0
-    friction: float = 0.0  # dry
-    stiffness: float = 0.0
-    rest: float = 0.0
+    armature: float = 0.0  # [kg m^2] or [kg]
+    damping: float = 0.0  # [N m s/rad] or [N s/m]
+    friction: float = 0.0  # dry [N m] or [N]
+    stiffness: float = 0.0  # [N m/rad] or [N/m]
+    rest: float = 0.0  # [rad] or [m]
 
     def reflect_through(self, ratio: float) -> JointDynamics:
-        """Reflect the dynamics through a gear, onto x with q = ratio x."""
-        square, rest = ratio * ratio, self.rest / ratio if self.stiffness else 0.0
-        friction = abs(ratio) * self.friction
+        """Reflect the dynamics through a gear onto x, where q = ratio x."""
+        square = ratio * ratio
         return JointDynamics(
-            square * self.armature, square * self.damping, friction, square * self.stiffness, rest
+            armature=square * self.armature,
+            damping=square * self.damping,
+            friction=abs(ratio) * self.friction,
+            stiffness=square * self.stiffness,
+            rest=self.rest / ratio if self.stiffness else 0.0,
         )
 
     def __add__(self, other: JointDynamics) -> JointDynamics:
-        """Return the dynamics of two in parallel, their springs as one."""
+        """Return the sum of two dynamics in parallel, with one spring for both."""
         stiffness = self.stiffness + other.stiffness
-        moment = self.stiffness * self.rest + other.stiffness * other.rest
+        torque_at_zero = self.stiffness * self.rest + other.stiffness * other.rest
         return JointDynamics(
             self.armature + other.armature,
             self.damping + other.damping,
             self.friction + other.friction,
             stiffness,
-            moment / stiffness if stiffness else 0.0,
+            torque_at_zero / stiffness if stiffness else 0.0,
         )
 
 
@@ -179,8 +183,8 @@ class JointDynamics:
 class Coupling:
     """A loop equation q_joint = ratio q_of + offset of two joints.
 
-    Each joint has one degree of freedom; `ratio` and `offset` are in the units of the joints [rad, m]. Gears,
-    mirrored fingers, <mimic>.
+    Each joint has one degree of freedom; `ratio` and `offset` are in the units of the joints [rad, m].
+    Couplings describe gears, mirrored fingers and <mimic>.
     """
 
     joint: str
@@ -190,12 +194,15 @@ class Coupling:
 
     @property
     def name(self) -> str:
-        """Name of its loop equation."""
+        """Name of the loop equation."""
         return f"{self.joint}_of_{self.of}"
 
 
 def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the joints that locked ones lock through couplings, with values [rad, m]."""
+    """Return the positions [rad, m] of joints that couplings lock to locked ones.
+
+    The positions are by name; joints that are two couplings away from a locked one are not among them.
+    """
     further = {}
     for coupling in couplings:
         if coupling.of in locked and coupling.joint not in locked:
@@ -207,7 +214,7 @@ def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str,
 
 @dataclass(frozen=True)
 class KeptLevel:
-    """The stored result of a fidelity study: a scene's least sufficient level.
+    """The stored result of a fidelity study: the least sufficient level of a scene.
 
     `tolerance` is relative to the largest torque.
     """
@@ -220,11 +227,11 @@ class KeptLevel:
 class Scene:
     """A path, a duration [s] and requirements at the crossings.
 
-    `kind` is line, arc, spline or polyline (with the `blend` of its corners), through `points`. The duration
-    is None where `optimize` is time. `times` [s] and `speeds` [1/s] are None when left
-    open; empty `times` mean a law without crossing conditions. `at` imposes path coordinates
-    instead of locating the singular points. `wrenches` of the world are by frame, see `FrameWrench`.
-    `fidelity` is the result of a study of the scene.
+    `kind` is line, arc, spline or polyline, through `points`; `blend` [m] rounds the corners of a polyline.
+    The duration is None where `optimize` is time. `times` [s] and `speeds` [1/s] of the crossings are None
+    when left open; empty `times` mean a law without crossing conditions. `at` imposes path coordinates of the
+    crossings; without it the singular points are located. `wrenches` of the world are by frame, see
+    `FrameWrench`. `fidelity` is the result of a study of the scene.
     """
 
     name: str
@@ -242,7 +249,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """The content of a robot file. `urdf_text` is the untouched URDF, i.e. the rigid robot."""
+    """The content of a robot file. `urdf_text` is the URDF of the rigid robot, without springs."""
 
     name: str
     file: Path
@@ -251,13 +258,13 @@ class RobotDescription:
     actuators: tuple[Actuator, ...]
     closures: tuple[Closure, ...]
     springs: tuple[Spring, ...] = ()
-    joints: Mapping[str, JointDynamics] = field(default_factory=dict)  # by coordinate
+    joints: Mapping[str, JointDynamics] = field(default_factory=dict)  # by name of the coordinate
     couplings: tuple[Coupling, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
-    parameters: Mapping[str, float] = field(default_factory=dict)  # values of its file's placeholders
-    left_out: tuple[str, ...] = ()  # effects in the file that it was converted from, and not in this one
+    parameters: Mapping[str, float] = field(default_factory=dict)  # that fill the placeholders of the file
+    left_out: tuple[str, ...] = ()  # effects that the file before conversion had, and this one has not
 
     @property
     def motor_joints(self) -> Names:
@@ -265,7 +272,7 @@ class RobotDescription:
         return tuple(actuator.joint for actuator in self.actuators)
 
     def least_flexibility(self, flexibility: str) -> str:
-        """Return the least flexibility with the springs of this one.
+        """Return the least flexibility that has the same springs as this one.
 
         Raises:
             InvalidInput: unknown flexibility.
@@ -274,7 +281,7 @@ class RobotDescription:
         return next(least for least in FLEXIBILITIES if self.active_springs(least) == springs)
 
     def active_springs(self, flexibility: str) -> tuple[Spring, ...]:
-        """Return the springs of one flexibility, in file order.
+        """Return the springs that exist in a flexibility, in file order.
 
         Raises:
             InvalidInput: unknown flexibility.
@@ -286,8 +293,8 @@ class RobotDescription:
 class ParsedRobot(NamedTuple):
     """The content of a file of any dialect.
 
-    `urdf` is the root of `description.urdf_text`, parsed once and not to be changed; `dialect` is one of
-    `readers.recognise.DIALECTS`; `remarks` report proposals for a foreign file.
+    `urdf` is the parsed root of `description.urdf_text`; no reader of the record may change it. `dialect` is
+    one of `readers.recognise.DIALECTS`. `remarks` report proposals for a foreign file.
     """
 
     description: RobotDescription

@@ -1,13 +1,12 @@
-"""XML and YAML texts of strangers, parsed within limits; attributes and children of an XML element.
+"""Parse XML and YAML from untrusted files within limits; read attributes and children of an XML element.
 
-`where` names the element in messages.
+In all functions `where` names the element in messages.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import reprlib
 from collections.abc import Collection, Hashable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,10 +16,8 @@ from xml.etree.ElementTree import Element, ParseError, TreeBuilder
 
 import numpy as np
 import yaml
+from yaml import CSafeLoader
 from yaml.composer import Composer
-from yaml.constructor import SafeConstructor
-from yaml.cyaml import CParser  # type: ignore[attr-defined]  # its stub forgets to export it
-from yaml.resolver import Resolver
 
 from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, nearest, short
 from framework.model.description import SMALLEST_LENGTH
@@ -28,17 +25,17 @@ from framework.model.placement import from_rpy, placement
 from framework.numerics.arrays import Array
 from framework.numerics.fields import LARGEST_NUMBER
 
-LEADING_BLANKS = "\ufeff \t\r\n"  # may stand before the first element
+LEADING_BLANKS = "\ufeff \t\r\n"  # characters that may precede the first element
 MAX_XML_ELEMENTS = 200_000
 MAX_YAML_CHARACTERS = 500_000
-MAX_YAML_VALUES = 20_000  # aliases written out
+MAX_YAML_VALUES = 20_000  # with aliases expanded
 
 
 @contextmanager
 def prefix_errors(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Iterator[None]:
-    """Put the name of a file in front of errors in its content, of type `kind`.
+    """Prefix errors in a file's content with the file's name; raise `kind`.
 
-    Content that is nested too deeply for Python is such an error.
+    Content that is nested too deeply for Python counts as an error of the content.
     """
     try:
         yield
@@ -54,8 +51,8 @@ def parse_xml(text: str) -> Element:
     """Parse an XML text without a document type; return its root.
 
     Raises:
-        RobotFileError: it has one (entities can grow without bound), has more than MAX_XML_ELEMENTS elements,
-            or is not well-formed.
+        RobotFileError: the text has a document type (its entities can grow without bound), has more than
+            MAX_XML_ELEMENTS elements, or is not well-formed.
     """
     text = text.lstrip(LEADING_BLANKS)
     try:
@@ -75,19 +72,22 @@ def _build_tree(text: str) -> Element:
 
 
 def _mend_xml(text: str) -> str:
-    """Declare the prefixes of an XML text and empty its comments, which other parsers forgive."""
+    """Declare undeclared prefixes and empty the comments of an XML text.
+
+    Other parsers accept undeclared prefixes and comments with `--` in them.
+    """
+    # the line breaks of a comment stay, for the line numbers in messages
     text = re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.DOTALL)
-    used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])", text)) - {"xml", "xmlns"}
-    new = "".join(f' xmlns:{name}="{name}"' for name in sorted(used) if f"xmlns:{name}" not in text)
-    return re.sub(r"<[A-Za-z_][\w.:-]*", lambda tag: tag[0] + new, text, count=1)
+    prefixes = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])", text))
+    undeclared = [name for name in sorted(prefixes - {"xml", "xmlns"}) if f"xmlns:{name}" not in text]
+    declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
+    return re.sub(r"<[A-Za-z_][\w.:-]*", lambda tag: tag[0] + declarations, text, count=1)
 
 
 class _Builder(TreeBuilder):
-    """Builds a tree of elements, and counts its elements."""
+    """Builds a tree of elements within limits."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._count = 0
+    _count = 0  # of elements
 
     def start(self, tag: str, attrs: dict[str, str]) -> Element:
         """Begin an element; refuse more than `MAX_XML_ELEMENTS`."""
@@ -102,41 +102,41 @@ class _Builder(TreeBuilder):
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse a YAML text of limited size, aliases written out; raise RobotFileError for duplicate keys."""
+    """Parse a YAML text within limits, aliases expanded.
+
+    Raises:
+        RobotFileError: the text is too large, is not valid YAML, or repeats a key of a mapping.
+    """
     if len(text) > MAX_YAML_CHARACTERS:
         raise RobotFileError(f"{len(text)} characters of YAML; at most {MAX_YAML_CHARACTERS} are read")
     try:
         loader = _Loader(text)
-        try:
-            node = loader.get_single_node()
-            if node is None:
-                return None
-            if _count_values(node, {}) > MAX_YAML_VALUES:
-                raise _alias_error()
-            return loader.construct_document(node)
-        finally:
-            loader.dispose()
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        if _count_values(node, {}) > MAX_YAML_VALUES:
+            raise _alias_error()
+        return loader.construct_document(node)
     except RobotFileError:
         raise
-    # PyYAML on odd scalars and keys raises anything
+    # PyYAML raises any of these on odd scalars and keys
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError) as error:
         raise RobotFileError(f"not valid YAML: {' '.join(str(error).split())}") from None
 
 
-class _Loader(Composer, CParser, SafeConstructor, Resolver):
-    """SafeLoader that counts nodes and refuses duplicate keys.
+class _Loader(Composer, CSafeLoader):
+    """Safe loader that counts nodes and refuses duplicate keys.
 
-    Read by libyaml, which takes a seventh of the time, but composed in Python, where each node is counted and
-    has its line.
+    libyaml parses, which takes a seventh of the time of PyYAML. PyYAML's composer in Python makes the nodes,
+    so that they are counted and have line numbers.
     """
 
+    _count = 0  # of nodes
+
     def __init__(self, text: str) -> None:
-        """Set up libyaml's parser and the stages of a safe loader."""
-        CParser.__init__(self, text)
+        """Set up libyaml's parser and PyYAML's composer."""
+        CSafeLoader.__init__(self, text)
         Composer.__init__(self)
-        SafeConstructor.__init__(self)
-        Resolver.__init__(self)
-        self._count = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Compose a node; refuse more than `MAX_YAML_VALUES`."""
@@ -149,34 +149,37 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
         """Construct a mapping; refuse a key that occurs twice, with both lines."""
         lines: dict[Hashable, int] = {}
         for key_node, _ in node.value:
-            key, line = self.construct_object(key_node, deep=True), key_node.start_mark.line + 1
+            key = self.construct_object(key_node, deep=True)
             if not isinstance(key, Hashable):
-                continue  # told below
+                continue  # PyYAML's method, called below, raises the error
+            line = key_node.start_mark.line + 1
             if key in lines:
-                raise RobotFileError(
-                    f"{reprlib.repr(key)}: duplicate key, in line {lines[key]} and in line {line}"
-                )
+                raise RobotFileError(f"{short(key)}: duplicate key, in line {lines[key]} and in line {line}")
             lines[key] = line
         return super().construct_mapping(node, deep=deep)
 
 
 def _alias_error() -> RobotFileError:
-    """Return the error for too many values."""
+    """Return the error for too many values with aliases expanded."""
     return RobotFileError(f"aliases: more than {MAX_YAML_VALUES} values when written out, or endless")
 
 
 def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Count the values of a node, aliases written out; `counted` by node id."""
+    """Count the values below a node, aliases expanded.
+
+    `counted` has the counts of nodes that are done, by id. While the count of a node is under way, its entry
+    is above the limit: a node that contains itself would have endlessly many values.
+    """
     if id(node) in counted:
         return counted[id(node)]
-    counted[id(node)] = MAX_YAML_VALUES + 1  # for those met again below themselves
-    total = 1
+    counted[id(node)] = MAX_YAML_VALUES + 1
+    children: list[yaml.Node] = []
     if isinstance(node, yaml.SequenceNode):
-        total += sum(_count_values(child, counted) for child in node.value)
+        children = node.value
     elif isinstance(node, yaml.MappingNode):
-        total += sum(_count_values(child, counted) for pair in node.value for child in pair)
-    counted[id(node)] = total
-    return total
+        children = [child for pair in node.value for child in pair]
+    counted[id(node)] = 1 + sum(_count_values(child, counted) for child in children)
+    return counted[id(node)]
 
 
 # ------------------------------------------------------------------ elements of XML
@@ -185,7 +188,7 @@ def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
 def parse_numbers(
     where: str, text: str | None, count: int, *, largest: float = LARGEST_NUMBER
 ) -> tuple[float, ...]:
-    """Parse an attribute's text as `count` finite numbers of at most `largest`."""
+    """Parse an attribute's text as `count` finite numbers, of magnitude up to `largest`."""
     try:
         values = tuple(map(float, (text or "").split()))
     except ValueError:
@@ -203,7 +206,7 @@ def parse_numbers(
 
 
 def read_number(element: Element, where: str, key: str, default: str | None = None) -> float:
-    """Parse the number in an attribute, a required one without `default`."""
+    """Parse the number in an attribute; the attribute is required without `default`."""
     text = attribute(element, where, key) if default is None else element.get(key, default)
     return parse_numbers(where if key == "value" else f"{where} {key}", text, 1)[0]
 
@@ -224,7 +227,7 @@ def child_element(element: Element, where: str, tag: str) -> Element:
     """Return the child with this tag; raise RobotFileError if missing."""
     child = element.find(tag)
     if child is None:
-        given = ", ".join(f"<{child.tag}>" for child in element) or "nothing"
+        given = ", ".join(f"<{other.tag}>" for other in element) or "nothing"
         raise RobotFileError(f"{where}: <{tag}> is missing (given: {given})")
     return child
 

@@ -1,4 +1,4 @@
-"""Levels of fidelity as data: models of one robot, from the least to the most that its file can express."""
+"""Levels of fidelity as data: models of one robot, from the simplest to all that its file describes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ BODIES = ("none", "payload", "all")
 
 @dataclass(frozen=True)
 class Level:
-    """One model of a robot: its bodies, springs and geometry.
+    """One model of a robot: its bodies with mass, its springs and its geometry.
 
-    bodies: with mass: none, the payload, all. Rotors always have their inertia.
-    flexibility: existing springs.
-    geometry: whether forces are those of the undeformed (rigid) or of the deformed robot.
-    elastic_inertia: whether the rates of springs cause inertia forces, or only their deflections count.
+    bodies: which bodies have mass: none, the payload, or all. Rotors always have their inertia.
+    flexibility: which springs exist.
+    geometry: rigid if forces are those of the undeformed robot, deformed if of the deformed one.
+    elastic_inertia: whether rates of deflections cause inertia forces; if not, only deflections count.
     """
 
     name: str  # in robot files, tables and JSON
@@ -54,32 +54,32 @@ LEVELS_BY_NAME = {level.name: level for level in LEVELS}
 
 
 def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
-    """Return the robot with mass in none, the payload or all of its bodies.
+    """Return the robot with mass in no body, in the payload or in all.
 
-    The payload is the inertia of the platform's link, or of the moving body that the platform's frame is on
-    if that link has none of its own, as in `control.variation`. Without any mass nothing acts on the
-    joints either: only the rotors have forces.
+    The payload is the inertia of the platform's link. If that link has no inertia of its own, the payload is
+    the moving body that carries the platform's frame, as in `control.variation`. A robot without any mass
+    has no joint dynamics either: only its rotors cause forces.
     """
     if bodies == BODIES[-1]:
         return description
     root = fromstring(description.urdf_text)
-    payload = _payload_links(description, root) if bodies == "payload" else frozenset[str]()
+    with_mass = _payload_links(description, root) if bodies == "payload" else []
     for link in root.findall("link"):
-        if link.get("name") not in payload:
+        if link.get("name") not in with_mass:
             remove_children(link, "inertial")
     return replace(
         description,
         urdf_text=tostring(root, encoding="unicode"),
-        joints=description.joints if payload else {},
+        joints=description.joints if with_mass else {},
     )
 
 
-def _payload_links(description: RobotDescription, root: Element) -> frozenset[str]:
-    """Return the names of the links whose inertia is the payload's."""
-    platform, urdf = description.platform.frame, read_tree(root)
-    (link,) = (link for link in root.findall("link") if link.get("name") == platform)
-    mass = link.find("inertial/mass")
-    if mass is not None and float(mass.get("value", "0")) > 0:
-        return frozenset({platform})
+def _payload_links(description: RobotDescription, root: Element) -> list[str]:
+    """Return the names of the links that carry the payload's inertia."""
+    platform = description.platform.frame
+    masses = [link.find("inertial/mass") for link in root.findall("link") if link.get("name") == platform]
+    if any(mass is not None and float(mass.get("value", "0")) > 0 for mass in masses):
+        return [platform]
+    urdf = read_tree(root)
     body = urdf.body(platform)
-    return frozenset(name for name in urdf.links if urdf.body(name) == body)
+    return [name for name in urdf.links if urdf.body(name) == body]

@@ -1,4 +1,4 @@
-"""A wrench of the world on the body of a frame, constant or a table, as robot files and requests state it."""
+"""An external wrench on the body of a frame, constant or tabulated, as robot files and requests state it."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _TABLE: Table = {
     "wrench": optional(anything),
     "axes": optional(one_of("axes", AXES_OF_WRENCHES), AXES_OF_WRENCHES[0]),
 }
-TABLE_DEGREE = 3  # of the spline through a table: the torque of an elastic robot has w" in it
+TABLE_DEGREE = 3  # of the spline through a table; torques of an elastic robot need a continuous w"
 
 
 @dataclass(frozen=True, eq=False)
 class FrameWrench(ReadOnlyArrays):
-    """A wrench of the world on the body of one frame.
+    """An external wrench on the body of one frame.
 
-    `rows` are (force, moment) (6,), or a table (K, 7) of rows with the path coordinate s before it, from 0
-    to 1: a cubic spline leads through it, twice continuously differentiable (of less degree through fewer
-    than four rows).
+    `rows` is a constant (force, moment) (6,), or a table (K, 7) whose rows are (s, force, moment), with the
+    path coordinate s from 0 to 1. A cubic spline interpolates the table, twice continuously differentiable;
+    through fewer than four rows it is of lower degree.
     """
 
     frame: str
@@ -36,7 +36,7 @@ class FrameWrench(ReadOnlyArrays):
     axes: str = AXES_OF_WRENCHES[0]
 
     def __call__(self, s: Array) -> Array:
-        """Compute the wrench (T, 6) at path coordinates s (T,), on its own axes."""
+        """Compute the wrench (T, 6) at path coordinates s (T,), along `axes`."""
         if self.rows.ndim == 1:
             return np.broadcast_to(self.rows, (len(s), 6))
         return self._spline(s)
@@ -49,7 +49,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @property
     def knots(self) -> Array:
-        """The path coordinates between 0 and 1 at which the third derivative jumps."""
+        """The path coordinates in (0, 1) where the spline's third derivative jumps."""
         if self.rows.ndim == 1:
             return NO_KNOTS
         degree = self._spline.k
@@ -57,7 +57,7 @@ class FrameWrench(ReadOnlyArrays):
 
     @property
     def turns(self) -> bool:
-        """Whether the wrench turns with its frame."""
+        """Whether the wrench turns with the frame, on axes of the tool."""
         return self.axes != AXES_OF_WRENCHES[0]
 
     @property
@@ -68,24 +68,27 @@ class FrameWrench(ReadOnlyArrays):
 
     @cached_property
     def _spline(self) -> Any:
-        """The interpolating spline of the rows over their first column, of degree `TABLE_DEGREE` at most."""
+        """The spline that interpolates the table over s, of degree `TABLE_DEGREE` at most."""
         from scipy.interpolate import make_interp_spline
 
-        return make_interp_spline(self.rows[:, 0], self.rows[:, 1:], k=min(TABLE_DEGREE, len(self.rows) - 1))
+        degree = min(TABLE_DEGREE, len(self.rows) - 1)
+        return make_interp_spline(self.rows[:, 0], self.rows[:, 1:], k=degree)
 
     @staticmethod
     def of(frame: str, given: Any, where: str = "wrenches") -> FrameWrench:
         """Read a wrench: 6 numbers, a table, or {wrench: ..., axes: base or tool}.
 
-        `where` names the mapping that it stands in.
+        `where` names the mapping that contains the wrench, for messages.
 
         Raises:
-            InvalidInput: it is none of these.
+            InvalidInput: `given` is none of these.
         """
-        name, axes = f"{where}: {frame}", AXES_OF_WRENCHES[0]
+        name = f"{where}: {frame}"
+        axes = AXES_OF_WRENCHES[0]
         if isinstance(given, Mapping):
             values = read_table(name, dict(given), _TABLE)
             given, axes = values["wrench"], values["axes"]
+        # an array of no dimension is an instance of ndarray, but cannot be iterated
         is_list = isinstance(given, list | tuple | np.ndarray) and np.iterable(given)
         if not (is_list and any(map(np.iterable, given))):
             return FrameWrench(frame, finite_numbers(name, given, 6), axes)

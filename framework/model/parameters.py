@@ -1,10 +1,10 @@
-"""Named parameters of a robot file: `${...}` in its text and in its URDF.
+"""Named parameters of a robot file, and the placeholders `${...}` in its text and in its URDF.
 
-    parameters: {l1: [0.25, 0.2, 0.3]}      the first value is the robot's own, all are those of a study
+    parameters: {l1: [0.25, 0.2, 0.3]}      the robot has the first value, a study goes through all
     ... xyz="${l1} 0 0" ... stiffness: ${3e5 * (0.25 / l1)**3}
 
-A placeholder is arithmetic with the parameters: numbers, + - * / **, parentheses, pi, sqrt, sin, cos, tan,
-asin, acos, atan2. A file without `parameters` and without placeholders is read as it stands.
+A placeholder is an arithmetic expression of parameters, with numbers, + - * / **, parentheses, pi, sqrt, sin,
+cos, tan, asin, acos and atan2. A file without `parameters` and without placeholders is not changed.
 """
 
 from __future__ import annotations
@@ -38,50 +38,51 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
 
 
 def declared_parameters(text: str) -> dict[str, list[float]]:
-    """Return the declared values of each parameter of a robot file, its own first."""
+    """Return the declared values of each parameter, the robot's own value first."""
     if "parameters" not in text:
         return {}
-    content = parse_yaml(PLACEHOLDER.sub("0", text))
+    content = parse_yaml(PLACEHOLDER.sub("0", text))  # placeholders need not be valid YAML
     declared = content.get("parameters") if isinstance(content, dict) else None
     if declared is None:
         return {}
     if not isinstance(declared, dict):
         raise RobotFileError(f"parameters: needs a mapping of names to values, got {short(declared)}")
-    return {_check_name(name): _read_values(name, values) for name, values in declared.items()}
+    for name in declared:
+        _check_parameter_name(name)
+    return {name: _read_values(name, values) for name, values in declared.items()}
 
 
 def fill_parameters(text: str, given: Mapping[str, float] | None = None) -> tuple[str, dict[str, float]]:
     """Fill the placeholders of a robot file's text; return text and parameters.
 
     Args:
-        given: values of some parameters, in place of their own.
+        given: values that replace the robot's own values of some parameters.
 
     Raises:
-        RobotFileError: see `declared_parameters` and `fill_placeholders`; or a parameter that is not
+        RobotFileError: see `declared_parameters` and `fill_placeholders`; or a parameter in `given` is not
             declared.
     """
     declared = declared_parameters(text)
-    for name in given or {}:
+    values = {name: choices[0] for name, choices in declared.items()}
+    for name, value in (given or {}).items():
         check_name("parameters", "parameter", name, declared)
-    own = {name: values[0] for name, values in declared.items()}
-    values = own | {name: _read_values(name, [value])[0] for name, value in (given or {}).items()}
+        (values[name],) = _read_values(name, [value])
     return fill_placeholders(text, values), values
 
 
 def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
-    """Replace each `${...}` of a text by its finite number."""
+    """Replace each placeholder of a text by the finite value of the expression."""
     return PLACEHOLDER.sub(lambda match: repr(_evaluate(match[1], values)), text)
 
 
-def _check_name(name: Any) -> str:
-    """Return a parameter's name; refuse all but identifiers, and names of functions."""
-    if not isinstance(name, str) or not name.isidentifier() or name in _FUNCTIONS or name == "pi":
+def _check_parameter_name(name: Any) -> None:
+    """Refuse names that are no identifiers, and names that expressions use."""
+    if not isinstance(name, str) or not name.isidentifier() or name in (*_FUNCTIONS, "pi"):
         raise RobotFileError(f"parameters: {short(name)} is no name for a parameter: letters, digits and _")
-    return name
 
 
 def _read_values(name: str, given: Any) -> list[float]:
-    """Read the values of a parameter: a number, or a list."""
+    """Read the values of a parameter, one number or a list of numbers."""
     values = given if isinstance(given, list) else [given]
     if not values or len(values) > MAX_PARAMETER_VALUES:
         raise RobotFileError(
@@ -99,29 +100,32 @@ def _evaluate(expression: str, values: Mapping[str, float]) -> float:
     if len(expression) > MAX_EXPRESSION_CHARACTERS:
         raise RobotFileError(f"{where}: more than {MAX_EXPRESSION_CHARACTERS} letters")
     try:
-        number = float(_evaluate_node(ast.parse(expression.strip(), mode="eval").body, values, where))
+        syntax = ast.parse(expression.strip(), mode="eval")
+        result = float(_evaluate_node(syntax.body, values, where))
+    except RobotFileError:
+        raise
     except (SyntaxError, ValueError, ArithmeticError, TypeError, RecursionError, MemoryError) as error:
-        if isinstance(error, RobotFileError):
-            raise
         raise RobotFileError(f"{where}: not arithmetic with a finite value: {error}") from None
-    if not math.isfinite(number):
+    if not math.isfinite(result):
         raise RobotFileError(f"{where}: not finite")
-    return number
+    return result
 
 
 def _evaluate_node(node: ast.expr, values: Mapping[str, float], where: str) -> float:
     """Compute the value of a node of an expression's syntax tree."""
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return float(node.value)  # type: ignore[arg-type]  # a number, and no truth value
+        return float(node.value)  # type: ignore[arg-type]  # `type` above excludes bool
     if isinstance(node, ast.Name):
         if node.id == "pi":
             return math.pi
         check_name(where, "parameter", node.id, values)
         return values[node.id]
     if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
-        parts = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.operand,)
-        return _OPERATORS[type(node.op)](*(_evaluate_node(part, values, where) for part in parts))
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        operation = _OPERATORS[type(node.op)]
+        operands = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.operand]
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         check_name(where, "function", node.func.id, _FUNCTIONS)
-        return _FUNCTIONS[node.func.id](*(_evaluate_node(part, values, where) for part in node.args))
-    raise RobotFileError(f"{where}: only numbers, parameters, + - * / **, parentheses and functions")
+        operation, operands = _FUNCTIONS[node.func.id], node.args
+    else:
+        raise RobotFileError(f"{where}: only numbers, parameters, + - * / **, parentheses and functions")
+    return operation(*(_evaluate_node(operand, values, where) for operand in operands))

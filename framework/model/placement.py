@@ -1,4 +1,4 @@
-"""Rigid placements as 4 x 4 matrices, and the ways in which files write turns."""
+"""Rigid placements as 4 x 4 matrices, and the conventions in which files write rotations."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from framework.numerics.arrays import Array
-
-Vector3 = tuple[float, float, float]
 
 
 def placement(rotation: Array | None = None, translation: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
@@ -28,6 +26,11 @@ def invert_placement(matrix: Array) -> Array:
     return placement(turn, -turn @ matrix[:3, 3])
 
 
+def unit_vector(axis: str) -> Array:
+    """Return the unit vector (3,) of an axis x, y or z."""
+    return np.eye(3)["xyz".index(axis)]
+
+
 def rotation_about(axis: Sequence[float] | Array, angle: float) -> Array:
     """Compute the rotation (3, 3) by an angle [rad] about an axis of any length.
 
@@ -39,34 +42,37 @@ def rotation_about(axis: Sequence[float] | Array, angle: float) -> Array:
 
 def from_rpy(rpy: Sequence[float] | Array) -> Array:
     """Return the rotation (3, 3) of a URDF's roll, pitch and yaw [rad]."""
-    roll, pitch, yaw = rpy
-    return rotation_about((0, 0, 1), yaw) @ rotation_about((0, 1, 0), pitch) @ rotation_about((1, 0, 0), roll)
+    about_x, about_y, about_z = map(rotation_about, np.eye(3), rpy)
+    return about_z @ about_y @ about_x
 
 
-def to_rpy(rotation: Array) -> Vector3:
+def to_rpy(rotation: Array) -> tuple[float, float, float]:
     """Compute roll, pitch and yaw [rad] of a rotation (3, 3).
 
-    Exact to rounding at every pitch: the yaw is taken out before the roll is read, so that the two fit each
-    other at a pitch of a quarter turn, where only their sum or difference is determined.
+    Exact to rounding at every pitch. At a pitch of 90 degrees only the sum or the difference of roll and yaw
+    is determined; the roll is therefore read from the rotation that remains once the yaw is removed.
     """
-    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[0, 0], rotation[1, 0]))
-    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
-    rest = rotation_about((0, 0, 1), -yaw) @ rotation
-    return math.atan2(-rest[1, 2], rest[1, 1]), pitch, yaw
+    # the x axis of the rotated frame: (cos yaw cos pitch, sin yaw cos pitch, -sin pitch)
+    x, y, z = rotation[:, 0]
+    pitch = math.atan2(-z, math.hypot(x, y))
+    yaw = math.atan2(y, x)
+    without_yaw = rotation_about((0, 0, 1), -yaw) @ rotation
+    return math.atan2(-without_yaw[1, 2], without_yaw[1, 1]), pitch, yaw
 
 
 def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
-    """Return the rotation (3, 3) of a quaternion of any length but zero."""
+    """Return the rotation (3, 3) of a quaternion of any length above zero."""
     return pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
 
 
 def rotation_with_axis(name: str, axis: Sequence[float] | Array) -> Array:
     """Return a rotation (3, 3) whose column `name` (x, y, z) is the axis."""
-    first = "xyz".index(name)
-    main = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
-    if main[first] == 1.0:
+    column = "xyz".index(name)
+    unit_axis = np.divide(axis, np.linalg.norm(axis))
+    if unit_axis[column] == 1.0:
         return np.eye(3)
-    second = np.cross(main, np.eye(3)[int(np.argmin(np.abs(main)))])
+    least_parallel = np.eye(3)[np.abs(unit_axis).argmin()]
+    second = np.cross(unit_axis, least_parallel)
     second /= np.linalg.norm(second)
-    columns = np.array([main, second, np.cross(main, second)])  # right-handed, in cyclic order
-    return np.roll(columns, first, axis=0).T
+    right_handed = np.array([unit_axis, second, np.cross(unit_axis, second)])
+    return np.roll(right_handed, column, axis=0).T  # a cyclic permutation stays right-handed

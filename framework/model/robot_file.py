@@ -1,6 +1,6 @@
-"""Read a robot file (YAML beside its URDF) into frozen records, strictly.
+"""Read a robot file (YAML beside a URDF) into frozen records, strictly.
 
-Every complaint names the file and the key, says what was given and what is valid.
+Every error names the file and the key, the value found there, and the valid values.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def read_robot_file(file: str | Path) -> RobotDescription:
     """Read the description in a robot file.
 
     Raises:
-        RobotFileError: the file or its URDF is missing or malformed, or a key is unknown, missing,
-            of the wrong type or length, not finite, or names something that the URDF does not have.
+        RobotFileError: the file or its URDF is missing or malformed; a key is missing or unknown; a value has
+            the wrong type or length, is not finite, or names something that the URDF does not have.
     """
     path = Path(file)
     text = read_text(path, f"{path}: cannot read the robot file", error=RobotFileError)
@@ -47,21 +47,23 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     """Parse the content of the robot file `path` and of its URDF.
 
     Raises:
-        RobotFileError: as `read_robot_file`, without the name of the file.
+        RobotFileError: as `read_robot_file`, without the name of the file in the message.
     """
     tree = read_table("", content, TREE, others=None)
     urdf_text, root, urdf = _read_urdf(path.parent, tree, parameters)
     locked = tree["locked"]
     with prefix_errors(f"urdf: {tree['urdf']}"):
-        mimicked = declared_couplings(root, locked)
-    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimicked), locked=tuple(locked))
+        mimics = declared_couplings(root, locked)
+
+    table = robot_table(urdf, is_coupled="couplings" in content or bool(mimics), locked=locked)
     robot = read_table("", content, table, others=TREE)
-    coupled = [coupling.joint for coupling in robot["couplings"]]
-    robot["couplings"] += tuple(coupling for coupling in mimicked if coupling.joint not in coupled)
+    coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
+    robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
     if further := locked_through_couplings(robot["couplings"], locked):
-        return parse_robot(path, {**content, "locked": {**locked, **further}}, parameters)
+        return parse_robot(path, content | {"locked": locked | further}, parameters)
     _merge_joint_springs(robot, locked)
     _drop_locked_joints(robot, locked)
+
     description = RobotDescription(
         name=path.stem,
         file=path,
@@ -76,22 +78,26 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
 
 
 def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Move springs on URDF joints that are not locked into the entries of `joints`."""
+    """Move springs of moving URDF joints into the entries of `joints`."""
+    virtual_springs = []
     for spring in robot["springs"]:
-        if isinstance(spring, Spring) or spring["joint"] in locked:
+        if isinstance(spring, Spring):
+            virtual_springs.append(spring)
             continue
-        entry = robot["joints"].setdefault(spring["joint"], {})
+        joint = spring["joint"]
+        if joint in locked:
+            continue
+        entry = robot["joints"].setdefault(joint, {})
         if "stiffness" in entry or "rest" in entry:
-            raise RobotFileError(
-                f"springs: joint {spring['joint']!r} has two springs of its own; add them up"
-            )
+            raise RobotFileError(f"springs: joint {joint!r} has two springs of its own; add them up")
         entry.update(stiffness=spring["stiffness"], rest=spring["rest"])
-    robot["springs"] = tuple(spring for spring in robot["springs"] if isinstance(spring, Spring))
+    robot["springs"] = virtual_springs
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop couplings, springs and entries of locked joints from the values."""
+    """Drop the couplings, springs and entries of locked joints."""
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
+    # a spring without axes of its own has the motion of its joint, which is locked
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
     for key in ("reference", "joints"):
         robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
@@ -103,7 +109,7 @@ def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> N
 def _read_urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
 ) -> tuple[str, Element, Tree]:
-    """Read the URDF, changed as the robot file says; return text, root and tree."""
+    """Read the URDF, edited as the robot file says; return text, root and tree."""
     path = locate_urdf(folder, tree["urdf"])
     text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with prefix_errors(f"urdf: {path}"):
@@ -111,22 +117,22 @@ def _read_urdf(
         root = parse_xml(text)
         urdf = read_tree(root)
     if not (tree["locked"] or tree["root"] == "free" or tree["frames"]):
-        return text, root, urdf
+        return text, root, urdf  # the text as it is in the file
     lock_joints(root, tree["locked"])
     if tree["root"] == "free":
         free_root(root)
     for frame in list_of(added_frame_reader(read_tree(root)))("frames", tree["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         add_frame(root, origin=origin, **frame)
-    with prefix_errors(f"urdf: {path}"):  # an added frame may have a name that the URDF has
+    with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
         return tostring(root, encoding="unicode"), root, read_tree(root)
 
 
-# ------------------------------------------------------------------ what the keys say together
+# ------------------------------------------------------------------ checks across keys
 
 
 def _check_scenes(description: RobotDescription) -> None:
-    """Refuse points of a path with another number of coordinates than the platform."""
+    """Refuse path points without one number per axis of the platform."""
     axes = description.platform.names
     for name, scene in description.scenes.items():
         for i, point in enumerate(scene.points):
@@ -138,26 +144,22 @@ def _check_scenes(description: RobotDescription) -> None:
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:
-    """Refuse names that are not unique, also among virtual joints and the URDF's."""
-    groups = {
-        "actuators": description.motor_joints,
-        "closures": [closure.name for closure in description.closures],
-        "couplings": [coupling.joint for coupling in description.couplings],
-        "springs": [name for spring in description.springs for name in spring.coordinates],
-    }
-    for key, names in groups.items():
-        check_unique(key, names)
-    for name in groups["springs"]:
+    """Refuse names that are taken, and motors on joints without exactly one freedom."""
+    virtual_joints = [name for spring in description.springs for name in spring.coordinates]
+    check_unique("actuators", description.motor_joints)
+    check_unique("closures", [closure.name for closure in description.closures])
+    check_unique("couplings", [coupling.joint for coupling in description.couplings])
+    check_unique("springs", virtual_joints)
+    for name in virtual_joints:
         if name in urdf.joints:
             raise RobotFileError(f"springs: {name!r} is already a joint of the URDF")
-        if virtual_link_name(name) in urdf.frames:
-            raise RobotFileError(
-                f"springs: {name!r} needs the name {virtual_link_name(name)!r}, taken in the URDF"
-            )
-    for actuator in description.actuators:
-        kind = urdf.joints[actuator.joint].kind
+        link = virtual_link_name(name)
+        if link in urdf.frames:
+            raise RobotFileError(f"springs: {name!r} needs the name {link!r}, taken in the URDF")
+    for joint in description.motor_joints:
+        kind = urdf.joints[joint].kind
         if kind not in MOVING:
             raise RobotFileError(
-                f"actuators: joint {actuator.joint!r} is {kind}; a motor needs a revolute, continuous or "
-                f"prismatic joint"
+                f"actuators: joint {joint!r} is {kind}; a motor needs a revolute, continuous or prismatic "
+                f"joint"
             )

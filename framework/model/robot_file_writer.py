@@ -1,4 +1,4 @@
-"""Write a description as our own robot file and URDF, both or neither."""
+"""Write a description as our own robot file and URDF: both files or none."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from xml.etree.ElementTree import fromstring, indent, tostring
 import yaml
 
 from framework.errors import OutputError, RobotFileError
-from framework.model.description import Closure, RobotDescription, Scene, kinds_with_length, locked_axes
+from framework.model.description import (
+    Closure,
+    JointDynamics,
+    RobotDescription,
+    Scene,
+    kinds_with_length,
+    locked_axes,
+)
 from framework.model.robot_file import read_robot_file
 from framework.model.robot_keys import VERSION
 from framework.model.urdf_elements import read_tree
@@ -24,31 +31,28 @@ def write_robot_file(
 ) -> Path:
     """Write NAME.yaml and NAME.urdf into a folder; return the path of the YAML.
 
-    Both are read back first. `comments` stand on top of the YAML, a line each.
+    The two files move into the folder only if they can be read back. Each comment becomes a line at the top
+    of the YAML.
 
     Raises:
-        OutputError: the folder cannot be written, or these would overwrite the file that was read.
-        RobotFileError: what was written cannot be read; nothing is left in the folder then.
+        OutputError: the folder cannot be written, or a file would overwrite the one that was read.
+        RobotFileError: the files cannot be read back; the folder is unchanged.
     """
-    out, name = Path(folder), description.name
+    out, name, source = Path(folder), description.name, description.file
     for suffix in (".yaml", ".urdf"):
         target = out / f"{name}{suffix}"
-        if target.exists() and target.resolve() in (
-            description.file.resolve(),
-            description.file.with_suffix(suffix).resolve(),
-        ):
+        if target.exists() and target.resolve() in (source.resolve(), source.with_suffix(suffix).resolve()):
             raise OutputError(f"--out: would overwrite {target}, which is read; give another folder")
     with written_together(out) as temporary:
-        (temporary / f"{name}.urdf").write_text(
-            _moved_urdf_text(description.urdf_text, description.file.parent, out), encoding="utf-8"
-        )
+        urdf_text = _relocate_meshes(description.urdf_text, source.parent, out)
+        (temporary / f"{name}.urdf").write_text(urdf_text, encoding="utf-8")
         written = temporary / f"{name}.yaml"
         written.write_text(_yaml_text(description, comments), encoding="utf-8")
         try:
             read_robot_file(written)
         except RobotFileError as error:
             message = str(error).removeprefix(f"{written}: ").replace(str(temporary), str(out))
-            raise RobotFileError(f"{description.file}: cannot become a robot file: {message}") from None
+            raise RobotFileError(f"{source}: cannot become a robot file: {message}") from None
     return out / f"{name}.yaml"
 
 
@@ -62,11 +66,11 @@ def record_entry(record: Any) -> Document:
 
 
 def robot_document(description: RobotDescription) -> Document:
-    """Return the content of the description's robot file; its URDF is NAME.urdf."""
+    """Return the content of the robot file whose URDF is NAME.urdf."""
     document: Document = {
         "version": VERSION,
         "urdf": f"{description.name}.urdf",
-        "gravity": list(description.gravity),
+        "gravity": description.gravity,
         "platform": record_entry(description.platform),
         "actuators": [record_entry(actuator) for actuator in description.actuators],
         "closures": [_closure_entry(closure) for closure in description.closures],
@@ -77,68 +81,61 @@ def robot_document(description: RobotDescription) -> Document:
         "joints": _joint_entries(description),
         "reference": dict(description.reference),
         "scenes": {name: _scene_entry(scene) for name, scene in description.scenes.items()},
-        "left_out": list(description.left_out),
+        "left_out": description.left_out,
     }
     return document | {key: value for key, value in optional.items() if value}
 
 
-def _joint_entries(description: RobotDescription) -> dict[str, dict[str, float]]:
-    """Return the entry `joints`, a ball as one joint if its axes are alike."""
-    written = dict(description.joints)
+def _joint_entries(description: RobotDescription) -> Document:
+    """Return the entry `joints`, one for a ball with equal dynamics about all axes."""
+    dynamics = dict(description.joints)
     for name, joint in read_tree(fromstring(description.urdf_text)).joints.items():
-        values = [written.get(coordinate) for coordinate in joint.coordinates]
-        if len(values) > 1 and values[0] is not None and all(value == values[0] for value in values):
-            written = {key: value for key, value in written.items() if key not in joint.coordinates}
-            written[name] = values[0]
-    overriding = ("damping", "friction")  # zeros of these override the URDF
-    return {
-        name: {key: value for key, value in asdict(joint).items() if value or key in overriding}
-        for name, joint in written.items()
-    }
+        of_joint = [dynamics.get(coordinate) for coordinate in joint.coordinates]
+        if len(of_joint) > 1 and of_joint[0] and len(set(of_joint)) == 1:
+            dynamics[name] = of_joint[0]
+            for coordinate in joint.coordinates:
+                del dynamics[coordinate]
+    return {name: _dynamics_entry(values) for name, values in dynamics.items()}
+
+
+def _dynamics_entry(dynamics: JointDynamics) -> dict[str, float]:
+    """Return the fields that are not zero, and zeros that override the URDF's."""
+    return {key: value for key, value in asdict(dynamics).items() if value or key in ("damping", "friction")}
 
 
 def _closure_entry(closure: Closure) -> Document:
-    """Return the entry of a closure, by kind where its locked axes have one."""
+    """Return the entry of a closure, by kind if a kind locks exactly its axes."""
     entry = record_entry(closure)
-    kinds = {
-        locked_axes(kind): kind for kind in ("fixed", "spherical", *kinds_with_length())
-    }  # without an axis
-    if closure.axes in kinds:
-        del entry["axes"]
-        entry["kind"] = kinds[closure.axes]
+    for kind in ("fixed", "spherical", *kinds_with_length()):  # the kinds without an axis
+        if closure.axes == locked_axes(kind):
+            del entry["axes"]
+            entry["kind"] = kind
     return entry
 
 
 def _scene_entry(scene: Scene) -> Document:
-    """Return the entry of a scene: its path and stated options."""
-    stated = {key: value for key, value in vars(scene).items() if value is not None}
+    """Return the entry of a scene: the path, then the stated options."""
+    stated = {key: value for key, value in asdict(scene).items() if value is not None}
     del stated["name"]
-    path = {stated.pop("kind"): [list(point) for point in stated.pop("points")]}
-    for key, value in stated.items():
-        if isinstance(value, tuple):
-            stated[key] = list(value)
-    if scene.wrenches is not None:
-        stated["wrenches"] = dict(scene.wrenches)
-    if scene.fidelity is not None:
-        stated["fidelity"] = asdict(scene.fidelity)
-    return path | stated
+    return {stated.pop("kind"): stated.pop("points")} | stated
 
 
-def _yaml_text(description: RobotDescription, comments: Iterable[str] = ()) -> str:
-    """Return a robot file's text, with source, units and comments ahead."""
-    head = f"# Converted from {description.file.name}. SI units: m, kg, s, rad, N, N m.\n"
-    head += "".join(f"# {' '.join(line.split())}\n" for line in comments)
-    return head + yaml.safe_dump(
-        robot_document(description), sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
+def _yaml_text(description: RobotDescription, comments: Iterable[str]) -> str:
+    """Return the text of a robot file, with source, units and comments at the top."""
+    head = [f"Converted from {description.file.name}. SI units: m, kg, s, rad, N, N m.", *comments]
+    document = robot_document(description)
+    content = yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
     )
+    return "".join(f"# {' '.join(line.split())}\n" for line in head) + content
 
 
-def _moved_urdf_text(text: str, old: Path, new: Path) -> str:
-    """Return the URDF's text, relative mesh files seen from the new folder."""
+def _relocate_meshes(text: str, old: Path, new: Path) -> str:
+    """Return the URDF's text with relative mesh paths as seen from the new folder."""
     root = fromstring(text)
     for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        if name and "://" not in name and not os.path.isabs(name):
-            mesh.set("filename", Path(os.path.relpath(old / name, new)).as_posix())
+        reference = mesh.get("filename", "")
+        if reference and "://" not in reference and not os.path.isabs(reference):
+            mesh.set("filename", Path(os.path.relpath(old / reference, new)).as_posix())
     indent(root)
     return '<?xml version="1.0"?>\n' + tostring(root, encoding="unicode") + "\n"

@@ -1,9 +1,12 @@
-"""The keys of a robot file: one table for each mapping, key to reader."""
+"""The keys of a robot file: for each mapping a table from its keys to their readers.
+
+Functions named `_x_reader` return a reader that knows the names in the URDF.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -54,7 +57,7 @@ from framework.numerics.fields import (
 
 VERSION = 1
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
-_OPEN_KINDS = ("spline", "polyline")  # which may have more
+_OPEN_KINDS = ("spline", "polyline")  # kinds that may have more points
 
 
 def _read_version(where: str, given: Any) -> int:
@@ -68,7 +71,7 @@ def _read_version(where: str, given: Any) -> int:
 TREE: Table = {
     "version": required(_read_version),
     "urdf": required(text),
-    "parameters": optional(anything, {}),  # read before the file is, see `parameters`
+    "parameters": optional(anything, {}),  # `parameters` has read them before the file is parsed
     "locked": optional(mapping_of(number), {}),
     "root": optional(one_of("root", ("fixed", "free")), "fixed"),
     "frames": optional(entries(anything), ()),
@@ -76,7 +79,7 @@ TREE: Table = {
 
 
 def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
-    """Return a reader of a frame on a link, with mass [kg] and inertia if stated."""
+    """Return a reader of an added frame, with mass [kg] and inertia if stated."""
     table = {
         "name": required(text),
         "parent": required(one_of("link", urdf.links)),
@@ -87,7 +90,7 @@ def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
     }
 
     def make(where: str, values: dict[str, Any]) -> dict[str, Any]:
-        """Return the stated values; a body's inertia needs its mass."""
+        """Return the stated values; refuse an inertia without a mass."""
         if values["inertia"] is not None and values["mass"] is None:
             raise RobotFileError(f"{where}.inertia: needs a mass beside it")
         return {key: value for key, value in values.items() if value is not None}
@@ -96,7 +99,7 @@ def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
 
 
 def _read_moments(where: str, given: Any) -> tuple[float, float, float]:
-    """Read principal moments (3,) [kg m^2] that a body can have."""
+    """Read principal moments of inertia (3,) [kg m^2] that a body can have."""
     moments = vector3(where, given)
     check_inertia(where, np.diag(moments))
     return moments
@@ -105,10 +108,11 @@ def _read_moments(where: str, given: Any) -> tuple[float, float, float]:
 # ------------------------------------------------------------------ the robot on its tree
 
 
-def robot_table(urdf: Tree, *, is_coupled: bool = False, locked: Sequence[str] = ()) -> Table:
-    """Return the keys of the robot on this URDF's tree.
+def robot_table(urdf: Tree, *, is_coupled: bool, locked: Iterable[str]) -> Table:
+    """Return the keys that describe the robot on a URDF's tree.
 
-    With `is_coupled` couplings may be the only loops. All keys of joints accept `locked` joints too.
+    With `is_coupled` the robot has couplings, and needs no closures. Keys that name joints also accept
+    `locked` joints.
     """
     movable = [*urdf.movable, *locked]
     coordinates = [*urdf.coordinates, *locked]
@@ -131,12 +135,12 @@ _read_axes = distinct("axis", AXES)
 
 
 def _frame_reader(urdf: Tree) -> Reader[str]:
-    """Return a reader of a frame as its link; a joint stands for its child."""
+    """Return a reader of a frame's link; a joint means its child."""
     return lambda where, given: urdf.link_of(one_of("frame", urdf.frames)(where, given))
 
 
 def _platform_reader(urdf: Tree) -> Reader[Platform]:
-    """Return a reader of a platform: a frame with axes, or joints."""
+    """Return a reader of a platform, either a frame with axes or joints."""
     on_axes = {"frame": required(_frame_reader(urdf)), "axes": required(_read_axes)}
     of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame_reader(urdf))}
 
@@ -154,7 +158,7 @@ def _platform_reader(urdf: Tree) -> Reader[Platform]:
 
 
 def _read_limit(where: str, given: Any) -> float | None:
-    """Read a motor's limit; null or infinity is none."""
+    """Read a motor's limit; null or infinity means no limit."""
     return None if given is None or given == math.inf else positive(where, given)
 
 
@@ -171,7 +175,7 @@ def _actuator_reader(urdf: Tree) -> Reader[Actuator]:
 
 
 def _closure_reader(urdf: Tree) -> Reader[Closure]:
-    """Return a reader of a closure, by kind, by locked axes, or by kind and length."""
+    """Return a reader of a closure, stated by kind or by locked axes."""
     table = {"name": required(text), "frames": required(_pair_reader(urdf))}
     kind = required(one_of("closure kind", CLOSURE_KINDS))
     by_kind = {"kind": kind, "axis": optional(one_of("closure axis", tuple("xyz")), "z")}
@@ -183,10 +187,10 @@ def _closure_reader(urdf: Tree) -> Reader[Closure]:
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
         if "axes" in content:
             values = read_table(where, given, table | {"axes": required(_read_axes)})
-            axes = tuple(axis for axis in AXES if axis in values["axes"])
+            axes = tuple(sorted(values["axes"], key=AXES.index))
         else:
-            is_measured = content["kind"] in kinds_with_length()
-            values = read_table(where, given, table | (by_length if is_measured else by_kind))
+            needs_length = content["kind"] in kinds_with_length()
+            values = read_table(where, given, table | (by_length if needs_length else by_kind))
             axes = locked_axes(values["kind"], values.get("axis", "z"))
         return Closure(values["name"], values["frames"], axes, values.get("length"))
 
@@ -197,14 +201,13 @@ def _pair_reader(urdf: Tree) -> Reader[tuple[str, str]]:
     """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
-        pair = list_of(_frame_reader(urdf))(where, given)
-        if len(pair) != 2 or pair[0] == pair[1]:
-            raise RobotFileError(f"{where}: needs two different frames, got {list(pair)}")
-        if urdf.body(pair[0]) == urdf.body(pair[1]):
-            raise RobotFileError(
-                f"{where}: {pair[0]!r} and {pair[1]!r} are on one rigid body: nothing to close"
-            )
-        return pair[0], pair[1]
+        frames = list_of(_frame_reader(urdf))(where, given)
+        if len(frames) != 2 or frames[0] == frames[1]:
+            raise RobotFileError(f"{where}: needs two different frames, got {list(frames)}")
+        first, second = frames
+        if urdf.body(first) == urdf.body(second):
+            raise RobotFileError(f"{where}: {first!r} and {second!r} are on one rigid body: nothing to close")
+        return first, second
 
     return read
 
@@ -232,44 +235,44 @@ _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
 
 
 def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
-    """Return a reader of the entries of coordinates, or of whole joints."""
+    """Return a reader of joint dynamics, by coordinate or whole joint."""
     whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
     def read(where: str, given: Any) -> dict[str, dict[str, float]]:
         """Read the entries of joints as entries of coordinates.
 
-        An entry under the name of a ball counts for its three coordinates, unless one has its own.
+        An entry under the name of a ball is for its three coordinates; the values of an entry for one of
+        these coordinates override it.
         """
         stated = mapping_of(record(_JOINT), one_of("joint", [*names, *whole_joints]))(where, given)
         values: dict[str, dict[str, float]] = {}
-        # whole joints first: what is given for one of their coordinates replaces what is given for all
+        # whole joints first, so that the entry of a coordinate overrides
         for name in sorted(stated, key=lambda name: name not in whole_joints):
             entry = {key: value for key, value in stated[name].items() if value is not None}
-            coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
             if name not in urdf.joints and "armature" in entry:
                 raise RobotFileError(
                     f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
                     f"under the name of the joint"
                 )
-            for coordinate in coordinates:
-                values[coordinate] = {**values.get(coordinate, {}), **entry}
+            for coordinate in urdf.joints[name].coordinates if name in whole_joints else (name,):
+                values.setdefault(coordinate, {}).update(entry)
         return values
 
     return read
 
 
 def merge_joint_dynamics(
-    declared: Mapping[str, Mapping[str, float]], given: Mapping[str, Mapping[str, float]]
+    declared: Mapping[str, Mapping[str, float]], overriding: Mapping[str, Mapping[str, float]]
 ) -> dict[str, JointDynamics]:
-    """Merge the URDF's joint dynamics with the robot file's, which override."""
+    """Merge the URDF's joint dynamics with overriding ones, by coordinate."""
     return {
-        name: JointDynamics(**{**declared.get(name, {}), **given.get(name, {})})
-        for name in dict.fromkeys([*declared, *given])
+        name: JointDynamics(**{**declared.get(name, {}), **overriding.get(name, {})})
+        for name in dict.fromkeys([*declared, *overriding])
     }
 
 
 def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a virtual spring, or of values of a URDF joint's spring."""
+    """Return a reader of a virtual spring or a URDF joint's spring."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
@@ -294,10 +297,10 @@ def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[s
                 f"{where}.stiffness: needs one value an axis of motion ({count}), got {len(spring.stiffness)}"
             )
         if not spring.motion and spring.after not in movable:
+            kind = urdf.joints[spring.after].kind
             raise RobotFileError(
-                f"{where}.motion: required, because joint {spring.after!r} is "
-                f"{urdf.joints[spring.after].kind} and has no motion of its own (valid: {', '.join(AXES)} or "
-                f"a list of them)"
+                f"{where}.motion: required, because joint {spring.after!r} is {kind} and has no motion of "
+                f"its own (valid: {', '.join(AXES)} or a list of them)"
             )
         return spring
 
@@ -325,41 +328,42 @@ _MOTION: Table = {
 def select_path(
     where: str, paths: Mapping[str, Any]
 ) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
-    """Return kind, points and blend [m] of the one path in the values of PATHS.
+    """Return kind, points and blend [m] of the only path in the values of PATHS.
 
     Raises:
-        InvalidInput: no path, or several; too few or too many points; a blend where the path has no corners,
-            or none where it has.
+        InvalidInput: no path or several; too few or too many points; a polyline without a blend, or another
+            path with one.
     """
     kinds = [kind for kind in PATH_KINDS if paths[kind] is not None]
     if len(kinds) != 1:
         raise InvalidInput(
             f"{where}: needs exactly one path ({', '.join(PATH_KINDS)}), got {kinds or 'none'}"
         )
-    kind, points, least = kinds[0], paths[kinds[0]], PATH_KINDS[kinds[0]]
-    if len(points) < least or (kind not in _OPEN_KINDS and len(points) > least):
-        raise InvalidInput(
-            f"{where}.{kind}: needs {'at least ' if kind in _OPEN_KINDS else ''}{least} points, "
-            f"got {len(points)}"
-        )
+    (kind,) = kinds
+    points = paths[kind]
+    least = PATH_KINDS[kind]
+    may_have_more = kind in _OPEN_KINDS
+    if len(points) < least or (len(points) > least and not may_have_more):
+        count = f"at least {least}" if may_have_more else least
+        raise InvalidInput(f"{where}.{kind}: needs {count} points, got {len(points)}")
     if (paths["blend"] is None) == (kind == "polyline"):
         raise InvalidInput(f"{where}.blend: belongs to a polyline, which needs one [m], and to no other path")
     return kind, points, paths["blend"]
 
 
 def _make_scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene of its values, still without its name."""
+    """Make a scene of its values, without its name, which `_scenes_reader` adds."""
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
         raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")
     if values["duration"] is not None and values["optimize"] == "time":
         raise InvalidInput(f"{where}.duration: leave it out, `optimize: time` finds the least")
-    rest = {key: value for key, value in values.items() if key not in PATH_KINDS}
-    return Scene(name="", kind=kind, points=points, **rest)
+    options = {key: value for key, value in values.items() if key not in PATH_KINDS}
+    return Scene(name="", kind=kind, points=points, **options)
 
 
 def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
-    """Return a reader of wrenches by frame; a joint stands for its child."""
+    """Return a reader of wrenches by frame, as written in robot files."""
 
     def read(where: str, given: Any) -> dict[str, Any]:
         stated = mapping_of(anything, _frame_reader(urdf))(where, given)

@@ -1,11 +1,11 @@
-"""Elements of a URDF; its changes by a robot file, by springs, and for pinocchio's parser.
+"""Write elements of a URDF, and edit a URDF for a robot file, for springs and for pinocchio's parser.
 
-A robot file adds frames and bodies to links, locks joints and frees the root. A spring is a virtual joint,
+A robot file adds frames and bodies to links, locks joints and frees the root. A spring is a virtual joint:
 
     parent --after--> child      becomes      parent --after--> (massless) --spring--> child
 
-so a motor turns the near side of its spring, and a link gives way at its far end. Everything downstream sees
-one tree.
+A motor therefore drives the side of its spring that is nearer to the root, and a link bends at its far end.
+All other modules see one tree.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import pinocchio as pin
 
 from framework.errors import check_name
 from framework.model.description import Spring
-from framework.model.documents import child_element, remove_children
-from framework.model.placement import placement, rotation_about, to_rpy
+from framework.model.documents import child_element, read_axis, remove_children
+from framework.model.placement import placement, rotation_about, to_rpy, unit_vector
 from framework.model.urdf_elements import (
     ENTRIES,
     JOINT_TYPES,
@@ -32,14 +32,13 @@ from framework.model.urdf_elements import (
 )
 from framework.numerics.arrays import Array
 
-AXIS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
-# children that pinocchio reads, by tag and by type of joint
+# the children that pinocchio reads, by tag and by type of joint
 _READ_PARTS = {"link": ("inertial",), "inertial": ("origin", "mass", "inertia")}
 _READ_PARTS |= dict.fromkeys(JOINT_TYPES, ("parent", "child", "origin"))
 _READ_PARTS |= dict.fromkeys(MOVING, ("parent", "child", "origin", "axis", "limit"))
-# and their attributes of numbers
+# the attributes of these children that hold numbers
 _NUMBERS = {
     "origin": ("xyz", "rpy"),
     "mass": ("value",),
@@ -51,7 +50,7 @@ _NUMBERS = {
 
 def vector_text(values: Iterable[float]) -> str:
     """Write numbers with all digits, and zero without a sign."""
-    return " ".join(repr(float(value) + 0.0) for value in values)
+    return " ".join(repr(float(value) + 0.0) for value in values)  # -0.0 + 0.0 is 0.0
 
 
 def origin_element(matrix: Array) -> Element:
@@ -62,8 +61,8 @@ def origin_element(matrix: Array) -> Element:
 class NewJoint(NamedTuple):
     """A joint to write.
 
-    `origin` (4, 4) is its placement in the parent link, `axis` (3,) is in the joint's frame, `limits` are the
-    lower and the upper one [rad, m].
+    `origin` (4, 4) is the placement in the parent link, `axis` (3,) is in the joint's frame, `limits` are the
+    lower and the upper limit [rad, m].
     """
 
     name: str
@@ -74,9 +73,9 @@ class NewJoint(NamedTuple):
 
 
 def joint_element(joint: NewJoint, parent: str, child: str) -> Element:
-    """Return a `<joint>`; where URDF requires limits and none are given, huge ones.
+    """Return a `<joint>`, with huge limits where URDF requires limits and none are given.
 
-    A continuous joint with limits is a revolute one.
+    A continuous joint with limits becomes a revolute one.
     """
     kind = "revolute" if joint.limits and joint.kind == "continuous" else joint.kind
     element = Element("joint", name=joint.name, type=kind)
@@ -99,8 +98,8 @@ def chain_elements(
     """Yield a chain of joints from `parent` to `body`, and the massless links between.
 
     Args:
-        end: (4, 4) placement of the body behind the last joint; unless the identity, a fixed joint more.
-        taken: names of links, which grow by those of the chain.
+        end: (4, 4) placement of the body behind the last joint; a fixed joint, unless it is the identity.
+        taken: names of links, to which those of the chain are added.
     """
     for motion in motions:
         is_last = motion is motions[-1] and np.array_equal(end, np.eye(4))
@@ -114,7 +113,7 @@ def chain_elements(
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Append underscores to a name until free, and mark the result as taken."""
+    """Append underscores to a name until free; add the result to `taken`."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)
@@ -153,20 +152,21 @@ def add_frame(
 ) -> None:
     """Add a link at a placement (4, 4) in `parent`, with or without a body.
 
-    The body has its centre at the frame's origin, and `inertia` [kg m^2] about its axes. It looks like the
-    box of even density with this mass and inertia: edges a_x^2 = 6 (I_yy + I_zz - I_xx) / m and so on.
+    The body's centre of mass is the frame's origin, and `inertia` [kg m^2] is about the frame's axes. Its
+    visual is the box of uniform density with this mass and inertia: the edges satisfy
+    a_x^2 = 6 (I_yy + I_zz - I_xx) / m, and so on.
     """
     link = SubElement(root, "link", name=name)
     root.append(joint_element(NewJoint(f"{name}_mount", "fixed", origin), parent, name))
     if not mass:
         return
     link.append(inertial_element(mass, np.zeros(3), np.diag(inertia)))
-    squares = 6.0 / mass * (sum(inertia) - 2.0 * np.array(inertia))
-    if squares.min() > 0.0:
-        visual = visual_element("box", {"size": vector_text(np.sqrt(squares))}, np.eye(4))
+    squared_edges = 6.0 / mass * (sum(inertia) - 2.0 * np.array(inertia))
+    if squared_edges.min() > 0.0:  # a flat body has no box
+        visual = visual_element("box", {"size": vector_text(np.sqrt(squared_edges))}, np.eye(4))
         link.append(visual)
         material = SubElement(visual, "material", name=f"{name}_colour")
-        SubElement(material, "color", rgba="0.93 0.72 0.13 1")  # of platforms in the catalogue
+        SubElement(material, "color", rgba="0.93 0.72 0.13 1")  # the colour of platforms in the catalogue
 
 
 def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
@@ -178,10 +178,11 @@ def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
 
 
 def fix_joint(joint: Joint, *values: float) -> None:
-    """Make a joint fixed at the values [rad, m] of its coordinates."""
+    """Fix a joint at the values [rad, m] of its coordinates."""
     if joint.kind in SEVERAL:
-        *along, x, y, z = values  # shifts of a joint with 6 freedoms, then the rotation vector
-        motion = placement(pin.exp3(np.array([x, y, z])), along or (0.0, 0.0, 0.0))
+        rotation_vector = np.array(values[-3:])
+        translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has none
+        motion = placement(pin.exp3(rotation_vector), translation)
     elif joint.kind == "prismatic":
         motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
     else:
@@ -194,22 +195,20 @@ def fix_joint(joint: Joint, *values: float) -> None:
 
 
 def free_root(root: Element) -> None:
-    """Mount a URDF on a new root link `ground` by six joints, ROOT_JOINTS.
+    """Mount a URDF on a new root link `ground` by the six ROOT_JOINTS.
 
-    Three slides along the base axes, then turns about z, y and x: singular only when the root pitches by
-    90 degrees.
+    They are three slides along the base axes, then rotations about z, y and x. The chain is singular only
+    when the root pitches by 90 degrees.
     """
     tree = read_tree(root)
-    motions = [
-        NewJoint(
-            name, "revolute" if "_r" in name else "prismatic", np.eye(4), np.eye(3)["xyz".index(name[-1])]
-        )
-        for name in ROOT_JOINTS
-    ]
+    motions = []
+    for name in ROOT_JOINTS:
+        kind = "revolute" if "_r" in name else "prismatic"
+        motions.append(NewJoint(name, kind, np.eye(4), unit_vector(name[-1])))
     SubElement(root, "link", name=GROUND)
     root.extend(chain_elements(GROUND, motions, tree.base, np.eye(4), set(tree.links)))
     for limit in root.findall("joint/limit")[-len(motions) :]:
-        limit.set("effort", "0")  # nothing drives them
+        limit.set("effort", "0")  # nothing drives these joints
 
 
 # ------------------------------------------------------------------ for pinocchio
@@ -218,8 +217,7 @@ def free_root(root: Element) -> None:
 def copy_without_shapes(root: Element) -> Element:
     """Copy a checked URDF without shapes, its numbers parsed by Python.
 
-    Pinocchio's parser prints errors in visuals and collisions to the console, and reads numbers by rules of
-    its own.
+    Pinocchio's parser prints errors in visuals and collisions to the console, and parses numbers differently.
     """
     bare = Element("robot", name=root.get("name", ""))
     bare.extend(_copy_read_parts(element) for element in root if element.tag in ("link", "joint"))
@@ -227,22 +225,22 @@ def copy_without_shapes(root: Element) -> Element:
 
 
 def _copy_read_parts(element: Element) -> Element:
-    """Copy an element with the first of each child in _READ_PARTS."""
+    """Copy an element with the children that pinocchio reads."""
     copy = Element(element.tag, element.attrib)
     for key in _NUMBERS.get(element.tag, ()):
         if key in copy.attrib:
             copy.set(key, vector_text(map(float, copy.attrib[key].split())))
     kind = element.get("type", "") if element.tag == "joint" else element.tag
-    first_children = (element.findall(tag)[:1] for tag in _READ_PARTS.get(kind, ()))
-    copy.extend(_copy_read_parts(child) for children in first_children for child in children)
+    for tag in _READ_PARTS.get(kind, ()):
+        copy.extend(map(_copy_read_parts, element.findall(tag)[:1]))
     return copy
 
 
 def make_continuous_joints_revolute(root: Element) -> None:
-    """Replace continuous joints of a URDF by unlimited revolute ones.
+    """Replace the continuous joints of a URDF by unlimited revolute joints.
 
-    Pinocchio keeps a continuous joint as a point on a circle; a motor behind a gear needs the angle,
-    with its full turns.
+    Pinocchio's coordinates of a continuous joint are the cosine and sine of the angle. A motor behind a gear
+    needs the angle itself, with full turns.
     """
     for joint in root.findall("joint"):
         if joint.get("type") == "continuous":
@@ -255,29 +253,37 @@ def make_continuous_joints_revolute(root: Element) -> None:
 
 
 def virtual_link_name(name: str) -> str:
-    """Name of the massless link in front of a virtual joint."""
+    """Return the name of the massless link before a virtual joint."""
     return f"{name}_base"
 
 
 def insert_springs(root: Element, springs: Sequence[Spring]) -> None:
     """Insert the virtual joints of springs into a URDF.
 
-    The springs' names and `after` must be valid for this URDF, as `read_robot_file` checks. Several
-    springs behind one joint follow it in the order given.
+    The springs' names and `after` must be valid for this URDF, as `read_robot_file` checks. Several springs
+    behind one joint follow the joint in the order given.
     """
     joints = {joint.get("name"): joint for joint in root.findall("joint")}
-    last = dict(joints)  # the joint that now stands nearest to the child of each `after`
+    last = dict(joints)  # the last joint so far in the chain that each `after` begins
     for spring in springs:
-        after = joints[spring.after]
-        own_axis = after.find("axis")
-        own = "1 0 0" if own_axis is None else own_axis.get("xyz", "1 0 0")
-        kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
-        motions = [("revolute" if "r" in axis else "prismatic", AXIS[axis[-1]]) for axis in spring.motion]
-        for name, (kind_of_motion, axis) in zip(spring.coordinates, motions or [(kind, own)], strict=True):
-            end, middle = child_element(last[spring.after], "", "child"), virtual_link_name(name)
-            SubElement(root, "link", name=middle)
-            motion = NewJoint(name, kind_of_motion, axis=np.array(axis.split(), dtype=float))
-            joint = joint_element(motion, middle, end.get("link", ""))
-            end.set("link", middle)
+        for motion in _virtual_joints(spring, joints[spring.after]):
+            end = child_element(last[spring.after], "", "child")
+            link = virtual_link_name(motion.name)
+            SubElement(root, "link", name=link)
+            joint = joint_element(motion, link, end.get("link", ""))
+            end.set("link", link)
             root.append(joint)
             last[spring.after] = joint
+
+
+def _virtual_joints(spring: Spring, after: Element) -> list[NewJoint]:
+    """Return the virtual joints of a spring behind the joint `after`."""
+    if not spring.motion:
+        kind = "prismatic" if after.get("type") == "prismatic" else "revolute"
+        axis = after.find("axis")
+        direction = unit_vector("x") if axis is None else read_axis(axis, "")
+        return [NewJoint(spring.name, kind, axis=direction)]
+    return [
+        NewJoint(name, "revolute" if "r" in axis else "prismatic", axis=unit_vector(axis[-1]))
+        for name, axis in zip(spring.coordinates, spring.motion, strict=True)
+    ]

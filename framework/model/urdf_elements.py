@@ -1,7 +1,7 @@
-"""The file of a URDF, and its joints and links, read one by one and checked: names, numbers, tree.
+"""Locate a URDF; read and check its joints and links: names, numbers, tree.
 
-Pinocchio's parser prints to the console and says little, so errors are reported here. Messages
-name the element; the caller puts the file in front.
+Pinocchio's parser prints to the console and explains little, so this module finds the errors first. Messages
+name the element; the caller prefixes the file.
 """
 
 from __future__ import annotations
@@ -27,25 +27,27 @@ from framework.model.documents import (
     read_origin,
     remove_children,
 )
+from framework.model.placement import unit_vector
 from framework.numerics.arrays import Array, ArrayLike, Names
 from framework.tolerances import INERTIA_ROUNDING, POINT_BODY_GYRATION
 
 MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one degree of freedom
-# Types of joints with several, by the suffixes of their coordinates: metres along and a rotation vector about
-# the axes of the joint's origin. URDF itself has no spherical one; URDF+ and converters from SDF do.
+# Types of joints with several degrees of freedom, with the suffixes of their coordinates: a translation [m]
+# and a rotation vector, both on the axes of the joint's origin. URDF itself has no spherical joint; URDF+ and
+# converters from SDF have one.
 SEVERAL = {"spherical": ("_rx", "_ry", "_rz"), "floating": ("_x", "_y", "_z", "_rx", "_ry", "_rz")}
 JOINT_TYPES = ("fixed", *MOVING, *SEVERAL)
-MAX_TREE_ELEMENTS = 5000  # links or joints; more is no robot
-MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser calls itself once for each
+MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
+MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
 PACKAGE = "package://"
-ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # of an inertia
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
 
 
-@dataclass
+@dataclass(eq=False)
 class Joint:
     """A joint of the tree, with its XML element.
 
-    `origin` (4, 4) is its placement in the parent link at zero, `axis` (3,) is in its own frame.
+    `origin` (4, 4) is the placement in the parent link at position zero, `axis` (3,) is in the joint's frame.
     """
 
     element: Element
@@ -63,7 +65,7 @@ class Joint:
 
     @property
     def coordinates(self) -> Names:
-        """Names of its coordinates: its own, or one for each freedom."""
+        """Names of the joint's coordinates: its own name, or one for each freedom."""
         return coordinates_of(self.name, self.kind)
 
 
@@ -85,7 +87,7 @@ class Tree:
 
     @property
     def movable(self) -> list[str]:
-        """Names of the joints of one degree of freedom, which a motor can have."""
+        """Names of the joints with one degree of freedom, which a motor can drive."""
         return [joint.name for joint in self.joints.values() if joint.kind in MOVING]
 
     @property
@@ -98,7 +100,7 @@ class Tree:
         return frame if frame in self.links else self.joints[frame].child
 
     def body(self, frame: str) -> str:
-        """Return the link nearest to the root on the rigid body of a frame."""
+        """Return the link that is nearest to the root on a frame's rigid body."""
         link = self.link_of(frame)
         while link in self.parent_joint and not self.parent_joint[link].moves:
             link = self.parent_joint[link].parent
@@ -106,14 +108,14 @@ class Tree:
 
 
 def locate_urdf(folder: Path, reference: str) -> Path:
-    """Return the file of `urdf: reference` in a robot file in `folder`.
+    """Return the file that `reference` means in a robot file in `folder`.
 
-    A path is taken from the folder. package://NAME/REST is share/NAME/REST as the Python distribution NAME
-    has installed it or, failing that, under the prefix of this interpreter (where conda puts it).
+    A path is relative to the folder. package://NAME/REST means share/NAME/REST in the files of the Python
+    distribution NAME or, failing that, under the prefix of this interpreter, where conda installs.
 
     Raises:
         MissingPackage: NAME is not installed.
-        RobotFileError: it is installed and has no such file, or the reference names no file.
+        RobotFileError: NAME is installed and has no such file, or the reference names no file.
     """
     if not reference.startswith(PACKAGE):
         return folder / reference
@@ -123,17 +125,17 @@ def locate_urdf(folder: Path, reference: str) -> Path:
     if not package or not rest:
         raise RobotFileError(f"urdf: needs {PACKAGE}NAME/FILE, got {reference!r}")
     shared = f"share/{package}/{rest}"
-    beside = Path(sysconfig.get_path("data")) / shared
+    prefix = Path(sysconfig.get_path("data"))
     try:
         installed = files(package) or []
     except PackageNotFoundError:
         installed = None
     for file in installed or ():
-        if file.as_posix() == shared or file.as_posix().endswith(f"/{shared}"):
+        if f"/{file.as_posix()}".endswith(f"/{shared}"):
             return Path(str(file.locate()))
-    if beside.is_file():
-        return beside
-    if installed is None and not (beside.parents[rest.count("/")]).is_dir():
+    if (prefix / shared).is_file():
+        return prefix / shared
+    if installed is None and not (prefix / "share" / package).is_dir():
         raise MissingPackage(
             f"urdf: {reference} is in the package {package}, which is not installed: pip install {package}",
             package=package,
@@ -143,35 +145,38 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 def coordinates_of(name: str, kind: str) -> Names:
     """Return the names of a joint's coordinates, one for each freedom."""
-    if kind in SEVERAL:
-        return tuple(f"{name}{suffix}" for suffix in SEVERAL[kind])
-    return (name,) if kind in MOVING else ()
+    suffixes = SEVERAL | dict.fromkeys(MOVING, ("",))
+    return tuple(f"{name}{suffix}" for suffix in suffixes.get(kind, ()))
 
 
 def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
     """Read and check the links and joints below `<robot>`.
 
-    `impossible` takes links without a possible inertia, and joints without a possible limit, by name and
-    complaint: they lose what is impossible. Without the list they are errors.
+    Impossible inertias of links and impossible limits of joints are errors. With a list `impossible` they are
+    removed instead, and the list receives the name of the link or joint and the complaint.
 
     Raises:
-        RobotFileError: they are not a tree of known joints and possible bodies, or too many.
+        RobotFileError: the elements are not a tree of known joints and possible bodies, or are too many.
     """
     if root.tag != "robot":
         raise RobotFileError(f"<{root.tag}>: not a URDF, whose root is <robot>")
     links = unique_names(root, "link")
-    unique_names(root, "joint")
-    highest = max(len(links), len(root.findall("joint")))
-    if highest > MAX_TREE_ELEMENTS:
-        raise RobotFileError(f"<robot>: {highest} links or joints; at most {MAX_TREE_ELEMENTS} are read")
-    names = set(links)
-    joints = {j.name: j for j in (read_joint(e, names, impossible) for e in root.findall("joint"))}
+    count = max(len(links), len(unique_names(root, "joint")))
+    if count > MAX_TREE_ELEMENTS:
+        raise RobotFileError(f"<robot>: {count} links or joints; at most {MAX_TREE_ELEMENTS} are read")
+
+    joints: dict[str, Joint] = {}
+    link_names = set(links)
+    for element in root.findall("joint"):
+        joint = read_joint(element, link_names, impossible)
+        joints[joint.name] = joint
     for joint in joints.values():
-        for name in joint.coordinates:
-            if joint.kind in SEVERAL and name in joints:
+        for coordinate in joint.coordinates:
+            if coordinate in joints and coordinate != joint.name:
                 raise RobotFileError(
-                    f"joint {joint.name!r}: its coordinate {name!r} has the name of another joint"
+                    f"joint {joint.name!r}: its coordinate {coordinate!r} has the name of another joint"
                 )
+
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
     for link in root.findall("link"):
         for visual in link.findall("visual"):
@@ -187,24 +192,27 @@ def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) ->
 
 
 def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
-    """Find the root of the tree of links; refuse anything but one tree."""
+    """Find the root of the tree of links; refuse joints that make no tree."""
+    parents: dict[str, str] = {}
     for joint in joints.values():
         if joint.child == joint.parent:
             raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
-    for child, count in Counter(joint.child for joint in joints.values()).items():
-        if count > 1:
+    for joint in joints.values():
+        if joint.child in parents:
             raise RobotFileError(
-                f"link {child!r} has two parents; a URDF is a tree: cut the loop there and declare it (in a "
-                f"robot file under closures)"
+                f"link {joint.child!r} has two parents; a URDF is a tree: cut the loop there and declare it "
+                f"(in a robot file under closures)"
             )
-    parents = {joint.child: joint.parent for joint in joints.values()}
+        parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
     for link in links:
-        depth, below = 0, link
-        while below in parents:
-            depth, below = depth + 1, parents[below]
+        depth = 0
+        ancestor = link
+        while ancestor in parents:
+            depth += 1
+            ancestor = parents[ancestor]
             if depth > len(parents):
                 raise RobotFileError(f"link {link!r} hangs in a circle of joints without a root")
         if depth > MAX_TREE_DEPTH:
@@ -213,7 +221,7 @@ def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
 
 
 def unique_names(root: Element, tag: str) -> list[str]:
-    """Return the names of the elements with a tag; refuse missing and repeated ones."""
+    """Return the names of the elements with a tag; refuse missing and repeated names."""
     names = [attribute(element, f"<{tag}>", "name") for element in root.findall(tag)]
     if repeated := [name for name, count in Counter(names).items() if count > 1]:
         raise RobotFileError(f"duplicate {tag} {repeated[0]!r}")
@@ -221,7 +229,7 @@ def unique_names(root: Element, tag: str) -> list[str]:
 
 
 def read_joint(element: Element, links: set[str], impossible: list[tuple[str, str]] | None = None) -> Joint:
-    """Read and check a joint between two links; remove its meaningless children."""
+    """Read and check a joint between two links; remove children without a meaning."""
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
@@ -231,10 +239,11 @@ def read_joint(element: Element, links: set[str], impossible: list[tuple[str, st
         link = attribute(child_element(element, where, end), f"{where}: <{end}>", "link")
         check_name(f"{where}: {end}", "link", link, links)
         ends.append(link)
+
     axis = element.find("axis")
-    direction = np.array([1.0, 0.0, 0.0])
-    if kind not in MOVING and axis is not None:
-        element.remove(axis)  # without a meaning, and some exporters write 0 0 0
+    direction = unit_vector("x")
+    if kind not in MOVING:
+        remove_children(element, "axis")  # it has no meaning, and some exporters write 0 0 0
     elif axis is not None:
         direction = read_axis(axis, f"{where}: <axis>")
     try:
@@ -246,39 +255,44 @@ def read_joint(element: Element, links: set[str], impossible: list[tuple[str, st
         impossible.append((name, str(error)))
         remove_children(element, "limit")
         add_endless_limit(element)
-    element.attrib.pop("independent", None)  # a URDF+ hint, read before
+    element.attrib.pop("independent", None)  # a hint of URDF+, which its reader has read already
     origin = read_origin(element.find("origin"), f"{where}: <origin>")
     return Joint(element, name, kind, ends[0], ends[1], origin, direction)
 
 
 def add_endless_limit(joint: Element) -> Element:
-    """Add a `<limit>` beyond all motions."""
-    words = {"lower": "-1e9", "upper": "1e9", "effort": "1e9", "velocity": "1e9"}
-    return SubElement(joint, "limit", words)
+    """Add a `<limit>` that no motion reaches; return the element."""
+    return SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
 
 
 def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
-    """Check a joint's <limit>; if needed, also its keys, order and signs."""
+    """Check the numbers of a joint's <limit>; if needed, also keys, order and signs."""
+    limit = child_element(joint, where, "limit") if is_needed else joint.find("limit")
+    if limit is None:
+        return
     if is_needed:
-        needed = child_element(joint, where, "limit")
         for key in ("effort", "velocity"):
-            attribute(needed, f"{where}: <limit>", key)
-    for limit in joint.findall("limit")[:1]:
-        lower, upper, effort, velocity = (
-            # some files mean no limit by 1.8e308
-            parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
-            for key in ("lower", "upper", "effort", "velocity")
+            attribute(limit, f"{where}: <limit>", key)
+    lower, upper, effort, velocity = (
+        # some files write 1.8e308 for no limit
+        parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
+        for key in ("lower", "upper", "effort", "velocity")
+    )
+    if is_needed and (lower > upper or effort < 0 or velocity < 0):
+        raise RobotFileError(
+            f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
+            f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
         )
-        if is_needed and (lower > upper or effort < 0 or velocity < 0):
-            raise RobotFileError(
-                f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
-                f"{lower:g}, upper {upper:g}, effort {effort:g}, velocity {velocity:g}"
-            )
 
 
 def check_inertial(link: Element, extent: float) -> None:
-    """Refuse a link's inertia that no body has; `extent` [m] is the longest joint offset."""
-    where, inertial = f"link {link.get('name')!r}", link.find("inertial")
+    """Refuse a link's inertia that no body can have.
+
+    `extent` [m] is the length of the longest joint offset in the robot. It tells which inertias are
+    negligible: those of bodies that are a point with respect to the robot.
+    """
+    where = f"link {link.get('name')!r}"
+    inertial = link.find("inertial")
     if inertial is None:
         return
     read_origin(inertial.find("origin"), f"{where}: <inertial> <origin>")
@@ -292,21 +306,22 @@ def check_inertial(link: Element, extent: float) -> None:
 
 
 def symmetric_matrix(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:
-    """Return the matrix (3, 3) of six ENTRIES."""
+    """Return the symmetric matrix (3, 3) with six entries in the order of ENTRIES."""
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> None:
-    """Refuse an inertia (3, 3) [kg m^2] that no body has.
+    """Refuse an inertia (3, 3) [kg m^2] that no body can have.
 
     The inertia about the centre of mass is the integral of (r.r 1 - r r') dm over the body. Its principal
-    moments are I1 = b + c, I2 = a + c, I3 = a + b with a, b, c >= 0 the second moments of mass along its
-    axes: none is negative, and none is above the sum of the other two (Wensing, Kim and Slotine, IEEE
-    Robotics and Automation Letters 3(1), 2018). Others make kinetic energy negative or are of no body.
+    moments are I1 = b + c, I2 = a + c, I3 = a + b, where a, b, c >= 0 are the second moments of mass along
+    the principal axes. Hence no moment is negative, and none exceeds the sum of the other two (Wensing, Kim
+    and Slotine, IEEE Robotics and Automation Letters 3(1), 2018). A negative moment would also make kinetic
+    energy negative.
 
     Args:
         matrix: (3, 3) [kg m^2] about the centre of mass, symmetric, finite.
-        negligible: [kg m^2] what the body is a point with, if no entry is larger: nothing is asked of it.
+        negligible: [kg m^2] an inertia without a larger entry is that of a point and is not checked.
 
     Raises:
         RobotFileError: a principal moment is negative, or exceeds the sum of the other two.
@@ -315,7 +330,7 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
     size = float(np.abs(entries).max())
     if size <= negligible:
         return
-    moments = np.linalg.eigvalsh(entries / size)  # without overflow
+    moments = np.linalg.eigvalsh(entries / size)  # ascending; scaled against overflow
     rounding = INERTIA_ROUNDING * float(np.abs(moments).max())
     if moments[0] < -rounding or moments[2] - moments[1] - moments[0] > rounding:
         with np.errstate(over="ignore"):
@@ -327,10 +342,11 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
 
 
 def declared_dynamics(root: Element) -> dict[str, dict[str, float]]:
-    """Return damping and dry friction of <dynamics> by coordinate, positive ones alone."""
+    """Return positive damping and dry friction of <dynamics>, by coordinate."""
     declared = {}
     for joint in root.findall("joint"):
-        name, element = joint.get("name", ""), joint.find("dynamics")
+        name = joint.get("name", "")
+        element = joint.find("dynamics")
         coordinates = coordinates_of(name, joint.get("type", ""))
         if element is None or not coordinates:
             continue
@@ -347,24 +363,25 @@ def declared_dynamics(root: Element) -> dict[str, dict[str, float]]:
 
 
 def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupling]:
-    """Take the couplings of <mimic> out of a URDF: q = multiplier q_leader + offset.
+    """Remove each <mimic> from a URDF; return the couplings.
 
-    A leader may be one of the `locked` joints.
+    A <mimic> is q = multiplier q_leader + offset. The leader may be one of the `locked` joints.
     """
     movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
-    followed = [*movable, *locked]
     couplings = []
     for joint in root.findall("joint"):
-        name, mimic = joint.get("name", ""), joint.find("mimic")
+        name = joint.get("name", "")
+        mimic = joint.find("mimic")
         if mimic is None:
             continue
         joint.remove(mimic)
         if name not in movable:
-            continue  # it was fixed
+            continue  # fixed joints follow no other
         where = f"joint {name!r}: <mimic>"
         leader = mimic.get("joint", "")
-        check_name(where, "movable joint", leader, [other for other in followed if other != name])
-        ratio, offset = (read_number(mimic, where, *pair) for pair in (("multiplier", "1"), ("offset", "0")))
+        check_name(where, "movable joint", leader, {*movable, *locked} - {name})
+        ratio = read_number(mimic, where, "multiplier", "1")
+        offset = read_number(mimic, where, "offset", "0")
         couplings.append(Coupling(name, leader, ratio, offset))
     return couplings
 

@@ -1,7 +1,7 @@
-"""The visuals of a URDF: the solids on its joints.
+"""Read the visuals of a URDF as solids on joints.
 
-A shape hangs on a `node`, the number of a pinocchio joint (0 is the base), at a fixed placement. Sizes are
-in metres; cylinders have their axis along z, as in URDF.
+A shape is fixed to a `node`, the number of a pinocchio joint (0 is the base). Sizes are in metres; the axis
+of a cylinder is z, as in URDF.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ Color = tuple[float, float, float, float]
 
 DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
 MAX_MESH_BYTES = 100_000_000
-# attributes of sizes and their numbers, by shape
-_SIZES: dict[str, tuple[tuple[str, int], ...]] = {"box": (("size", 3),), "sphere": (("radius", 1),)}
-_SIZES |= dict.fromkeys(("cylinder", "capsule"), (("radius", 1), ("length", 1)))
+# for each shape the attributes of its size; a capsule is drawn as a cylinder
+_SIZES = {"box": ("size",), "sphere": ("radius",)} | dict.fromkeys(
+    ("cylinder", "capsule"), ("radius", "length")
+)
 
 
 class Shape(NamedTuple):
@@ -43,10 +44,11 @@ class Shape(NamedTuple):
 
     @property
     def half_edges(self) -> Array:
-        """Half the edges (3,) [m] of the bounding box; of no mesh."""
-        across = 2 * self.size[0]
-        edges = {"box": self.size, "cylinder": (across, across, self.size[-1]), "sphere": (across,) * 3}
-        return 0.5 * np.array(edges[self.kind])
+        """Half the edges (3,) [m] of the bounding box of a primitive shape."""
+        if self.kind == "box":
+            return 0.5 * np.array(self.size)
+        radius = self.size[0]
+        return np.array([radius, radius, 0.5 * self.size[1] if self.kind == "cylinder" else radius])
 
     def corners(self) -> Array:
         """Return the corners (8, 3) [m] of the bounding box, in the node's frame."""
@@ -54,16 +56,16 @@ class Shape(NamedTuple):
             low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         else:
             low, high = -self.half_edges, self.half_edges
-        signs = np.array(list(product((0, 1), repeat=3)))
-        return self.to_node(np.where(signs, high, low))
+        corners = list(product(*zip(low, high, strict=True)))  # each a choice of low or high x, y, z
+        return self.to_node(np.array(corners))
 
     def to_node(self, points: Array) -> Array:
-        """Return points (m, 3) of the shape's frame in the node's frame."""
+        """Transform points (m, 3) from the shape's frame to the node's frame."""
         return points @ self.placement[:3, :3].T + self.placement[:3, 3]
 
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:
-    """Read the visuals of the URDF, skipping malformed ones and unreadable meshes."""
+    """Read the visuals of the URDF; skip malformed visuals and unreadable meshes."""
     root = fromstring(description.urdf_text)
     materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
@@ -80,35 +82,40 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
     return shapes
 
 
-Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, mesh
+Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, vertices and faces
 
 
 def _read_solid(description: RobotDescription, geometry: Element | None) -> Solid:
-    """Read a `<geometry>`, with sizes [m]; raise ValueError for unknown shapes and sizes of zero."""
+    """Read the first known shape of a `<geometry>`, with sizes [m].
+
+    Raises:
+        ValueError: no shape is known, or a size is malformed or not positive.
+    """
     for shape in geometry if geometry is not None else ():
         if shape.tag == "mesh":
             return "mesh", (), *_load_mesh(description, shape)
         if shape.tag in _SIZES:
-            sizes = [
-                size
-                for key, count in _SIZES[shape.tag]
-                for size in parse_numbers("size", shape.get(key), count)
-            ]
+            sizes: tuple[float, ...] = ()
+            for key in _SIZES[shape.tag]:
+                sizes += parse_numbers(key, shape.get(key), 3 if key == "size" else 1)
             if min(sizes) <= 0:
                 raise ValueError("no size")
-            return shape.tag.replace("capsule", "cylinder"), tuple(sizes), None, None
+            return shape.tag.replace("capsule", "cylinder"), sizes, None, None
     raise ValueError("no geometry")
 
 
 def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, IntArray]:
-    """Return vertices (V, 3) and faces (F, 3) of a mesh file."""
+    """Load the vertices (V, 3) and faces (F, 3) of a mesh file.
+
+    Raises:
+        ValueError: the file or its surface is missing, too large or malformed.
+    """
     reference = element.get("filename", "").removeprefix("file://")
-    file = locate_urdf(description.file.parent, reference)  # RobotFileError is a ValueError
+    file = locate_urdf(description.file.parent, reference)  # a RobotFileError is a ValueError
     if not (reference and os.path.isfile(file) and os.path.getsize(file) <= MAX_MESH_BYTES):
         raise ValueError("no mesh file")
-    mesh = coal.MeshLoader().load(
-        os.path.abspath(file), np.array(parse_numbers("scale", element.get("scale", "1 1 1"), 3))
-    )
+    scale = parse_numbers("scale", element.get("scale", "1 1 1"), 3)
+    mesh = coal.MeshLoader().load(os.path.abspath(file), np.array(scale))
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
     triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
     if not (triangles and np.all(np.isfinite(vertices))):
@@ -117,7 +124,7 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
 
 
 def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
-    """Return the colour of a visual, its own or its material's."""
+    """Read the colour of a visual, from its material or the robot's."""
     if material is None:
         return DEFAULT_COLOR
     for element in (material, materials.get(material.get("name"), material)):

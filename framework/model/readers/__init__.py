@@ -1,16 +1,16 @@
-"""Readers of other loop dialects. Open `recognise` first: it tells dialects apart and calls their readers.
+"""Readers of foreign dialects. Open `recognise` first, which recognises a dialect and calls its reader.
 
-All make the records of `framework.model.description`, or raise a RobotFileError that names the element.
+Readers make the records of `framework.model.description`, or raise a RobotFileError that names the element.
 
 Dialects
-    urdf                URDF, whose loops are written in many ways
+    urdf                URDF with loops, in several syntaxes
     gepetto             a YAML of loops beside a URDF
     mjcf, mujoco_model  MuJoCo's models, compiled by MuJoCo itself
     sdf                 SDFormat
 
-What they share
-    urdf_tree           what all write into: an open URDF, with loops, motors and forces
-    describe            the records of that: what moves, what acts, what a file does not say
+Shared by all readers
+    urdf_tree           a URDF that readers edit, with lists of loops, motors and forces
+    describe            from the tree to the records: locks, motors, options, proposals
 """
 
 from framework.model.readers.recognise import DIALECTS, parse_any, read_any

@@ -1,14 +1,14 @@
-"""The records of a foreign file, once its tree is read and its loops are known.
+"""Make the records of a foreign file once its tree and its loops are read.
 
-A part of a larger robot can be asked for: it moves, and all else is locked where the reference has it, so
-that a leg of a humanoid or the wrist of an arm is examined without an edit to its file. Motors and what else
-acts along lengths goes to the joints that they drive. What is read and not kept is named with its size.
-Platform, axes, motors and reference that a file leaves out are stated by options, or proposed.
+Options can select a part of a larger robot: all other joints are locked at the reference, so that a leg of a
+humanoid or the wrist of an arm can be examined without editing its file. Motors and tendons act on the joints
+that they drive. Effects that the records cannot express are named with their size. Options state the
+platform, axes, motors and reference that the file leaves out; without options they are proposed.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -33,45 +33,45 @@ from framework.numerics.arrays import Names
 from framework.numerics.fields import check_distinct
 
 # names that exporters give to every model
-_NO_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", "scene", "urdf")
+_GENERIC_NAMES = ("", "mjcf", "model", "mujoco", "mujoco model", "onshape", "robot", "scene", "urdf")
 
 
 class PartialRobot(NamedTuple):
-    """Content of a file, perhaps without platform and motors."""
+    """The content of a file, which may lack platform and motors."""
 
     tree: UrdfTree
-    description: RobotDescription  # its platform is the base on no axes, its motors those of the file
+    description: RobotDescription  # with the motors of the file; the platform is a stand-in
     platform: Platform | None = None
-    chooses_motors: bool = False  # where the file has more than the mechanism needs
+    chooses_motors: bool = False  # whether to choose among motors where the file has too many
     remarks: tuple[str, ...] = ()
 
     def with_platform(self, platform: Platform, *remarks: str) -> PartialRobot:
         """Return the content with a platform in its description, and further remarks."""
         description = replace(self.description, platform=platform)
-        return self._replace(description=description, remarks=(*self.remarks, *remarks))
+        return self._replace(description=description, remarks=self.remarks + remarks)
 
 
 @dataclass(frozen=True)
 class Options:
     """The options of a reader; None means the file's value.
 
-    `reference` [rad, m] goes by the names of joints, of a ball J by J_rx, J_ry, J_rz (a rotation vector); a
-    foreign file's zero pose is the reference unless it says something else. `locked` [rad, m] holds joints,
-    at the reference if the value is None. `propose` completes the rest.
+    `reference` [rad, m] is by names of joints; those of a ball J are J_rx, J_ry, J_rz (a rotation vector).
+    Without it the reference of a foreign file is the one that the file states, else the zero pose. `locked`
+    [rad, m] are joints to lock, at the reference if the value is None. `propose` completes what is missing.
     """
 
     platform: str | None = None
     axes: Names | None = None
     motors: Names | None = None
     reference: Mapping[str, float] = field(default_factory=dict)
-    base: str | None = None  # a link: what it does not carry is locked
+    base: str | None = None  # a link; joints that it does not carry are locked
     locked: Mapping[str, float | None] = field(default_factory=dict)
     platform_joints: Names | None = None
     propose: Propose | None = None
 
     @property
     def is_silent(self) -> bool:
-        """Whether the options leave platform and motors open."""
+        """Whether the options say nothing about platform and motors."""
         return not (self.platform or self.axes or self.platform_joints or self.motors)
 
 
@@ -81,8 +81,8 @@ Propose = Callable[[Options, PartialRobot], PartialRobot]
 def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> ParsedRobot:
     """Make the description of a tree and its loops, completed by the options.
 
-    Joints not behind --base and joints of --lock are fixed, and forces on them are ignored. No loop, or one
-    that closes nothing, is an error.
+    Joints that --base does not carry and joints of --lock become fixed, and forces on them are ignored. A
+    file without a loop is an error, and so is one whose loops do not move.
     """
     reference = merge_reference(options, tree.coordinates, tree.reference)
     tree.couplings += declared_couplings(tree.root)
@@ -90,19 +90,21 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         unread_effects(tree)
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
     _check_closures(tree.closures)
+
     if options.base is not None:
         lock_outside_base(tree, options.base, reference)
     apply_locks(tree, options.locked, reference)
     fix_coupled_joints(tree)
-    loops = [one for one in tree.closures if any(tree.moving_chains(*map(tree.link_of, one.frames)))]
+    loops = [closure for closure in tree.closures if _is_moving(tree, closure)]
     if not loops and not tree.couplings:
         raise _no_loop_error(options, tree.closures)
-    actuators = attach_transmissions(tree)
+
+    actuators = attach_transmissions(tree)  # adds to tree.dynamics
     description = RobotDescription(
         name=_choose_name(tree.root, file),
         file=file,
         urdf_text="",
-        platform=Platform(tree.base, ()),
+        platform=Platform(tree.base),
         actuators=actuators,
         closures=tuple(loops),
         couplings=tuple(tree.couplings),
@@ -111,35 +113,40 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
         reference={name: value for name, value in reference.items() if name in tree.coordinates},
     )
     try:
-        known = complete_robot(options, PartialRobot(tree, description))
+        completed = complete_robot(options, PartialRobot(tree, description))
     except FrameworkError:
-        unread_effects(tree)  # its error is the more precise one
+        unread_effects(tree)  # raises a more precise error if a decisive element is unread
         raise
     urdf_text = tostring(tree.root, encoding="unicode")
-    description = replace(known.description, urdf_text=urdf_text, left_out=unread_effects(tree))
-    remarks = (*_remarks_on_omissions(tree), *tree.remarks, *known.remarks)
+    description = replace(completed.description, urdf_text=urdf_text, left_out=unread_effects(tree))
+    remarks = (*_remarks_on_omissions(tree), *tree.remarks, *completed.remarks)
     return ParsedRobot(description, tree.root, dialect, remarks)
 
 
+def _is_moving(tree: UrdfTree, closure: Closure) -> bool:
+    """Return whether a joint moves between the two frames of a closure."""
+    first, second = closure.frames
+    return any(tree.moving_chains(tree.link_of(first), tree.link_of(second)))
+
+
 def _remarks_on_omissions(tree: UrdfTree) -> Iterator[str]:
-    """Yield remarks on decisive elements that do not move, and on unused ones."""
+    """Yield remarks on unread decisive elements of fixed parts, and on unused ones."""
     for item in tree.left_out:
         if item.is_decisive and not any(is_moved(tree, name) for name in item.acts_on):
             yield f"not used, since it does not move: {item.what}"
-    if unused := ", ".join(f"{count} {kind}" for kind, count in tree.unused.items()):
-        yield f"not used: {unused}"
+    if tree.unused:
+        yield "not used: " + ", ".join(f"{count} {kind}" for kind, count in tree.unused.items())
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:
-    """Refuse too many closures, equal names, and a frame joined with itself."""
+    """Refuse too many closures, repeated names, and a frame joined with itself."""
     if len(closures) > MAX_LOOPS:
         raise RobotFileError(f"{len(closures)} loops; at most {MAX_LOOPS} are read")
     check_unique("closures", [closure.name for closure in closures])
     for closure in closures:
-        if closure.frames[0] == closure.frames[1]:
-            raise RobotFileError(
-                f"closure {closure.name!r}: joins {closure.frames[0]!r} with itself; needs two frames"
-            )
+        first, second = closure.frames
+        if first == second:
+            raise RobotFileError(f"closure {closure.name!r}: joins {first!r} with itself; needs two frames")
 
 
 def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileError:
@@ -155,17 +162,18 @@ def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileEr
 
 
 def _choose_name(root: Element, file: Path) -> str:
-    """Choose the first name fit for files: the model's, the file's, its folders'."""
-    for name in (root.get("name", ""), file.stem, *(folder.name for folder in file.absolute().parents[:2])):
-        clean = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in name)
-        if name.lower() not in _NO_NAMES and clean.strip("_"):
-            return clean
+    """Choose a telling file name: the model's, the file's or a folder's name."""
+    folders = file.absolute().parents[:2]
+    for name in (root.get("name", ""), file.stem, *(folder.name for folder in folders)):
+        file_name = re.sub(r"[^\w-]", "_", name)
+        if name.lower() not in _GENERIC_NAMES and file_name.strip("_"):
+            return file_name
     return file.stem
 
 
 def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
-    """Return the dynamics of moving coordinates, of the dialect or of <dynamics>."""
-    dynamics = {**merge_joint_dynamics(declared_dynamics(tree.root), {}), **tree.dynamics}
+    """Return the dynamics of moving coordinates, from the dialect, else from <dynamics>."""
+    dynamics = merge_joint_dynamics(declared_dynamics(tree.root), {}) | tree.dynamics
     moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
     for name, value in moving.items():
         if min(value.armature, value.damping, value.friction, value.stiffness) < 0.0:
@@ -175,44 +183,44 @@ def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
     return moving
 
 
-# ------------------------------------------------------------------ what moves
+# ------------------------------------------------------------------ joints that move
 
 
 def lock_outside_base(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> None:
     """Lock joints that link `base` does not carry, at the reference [rad, m] or zero."""
     check_name("--base", "link", base, tree.links)
-    carried = {
-        joint.name
-        for joint in tree.joints.values()
-        if any(above.parent == base for above in tree.path_to_base(joint.child))
-    }
-    if not any(tree.joints[name].moves for name in carried):
+    moving = [joint for joint in tree.joints.values() if joint.moves]
+    outside = [
+        joint
+        for joint in moving
+        if all(ancestor.parent != base for ancestor in tree.path_to_base(joint.child))
+    ]
+    if len(outside) == len(moving):
         raise RobotFileError(
             f"--base: no joint moves that link {base!r} carries; give a link nearer to the root"
         )
-    for joint in list(tree.joints.values()):
-        if joint.moves and joint.name not in carried:
-            tree.fix_at_reference(joint, reference)
+    for joint in outside:
+        tree.fix_at_reference(joint, reference)
 
 
 def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
     """Lock joints at values [rad, m]; None means the reference, else zero.
 
-    Of a ball J one turn can be locked, J_rx, J_ry or J_rz: the ball becomes a cross about the other two,
-    whose angles enter the reference.
+    A lock named J_rx, J_ry or J_rz locks one rotation of a ball J. The ball then becomes two hinges, whose
+    angles replace those of the ball in the reference.
     """
     for name, value in locked.items():
         ball = tree.joints.get(name[:-3])
         if ball is not None and ball.kind == "spherical" and name in ball.coordinates:
-            turn = [reference.pop(key, 0.0) for key in ball.coordinates]
-            reference.update(tree.lock_turn_of_ball(ball, name[-1], value, turn))
+            rotation_vector = [reference.pop(key, 0.0) for key in ball.coordinates]
+            reference.update(tree.lock_turn_of_ball(ball, name[-1], value, rotation_vector))
             continue
-        if name in tree.fixed_at:
-            continue  # by --base, or with another joint
+        if name in tree.fixed_positions:
+            continue  # locked by --base, or through a coupling
         movable = [joint.name for joint in tree.joints.values() if joint.moves]
         check_name("--lock", "joint that moves", name, movable)
         joint = tree.joints[name]
-        if value is not None and len(joint.coordinates) > 1 and value:
+        if value and len(joint.coordinates) > 1:
             raise RobotFileError(
                 f"--lock: {name!r} is {joint.kind}; give {name} alone, and its turn by --reference "
                 f"{joint.coordinates[-1]}=VALUE"
@@ -221,23 +229,21 @@ def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: d
 
 
 def fix_coupled_joints(tree: UrdfTree) -> None:
-    """Fix joints coupled with fixed ones; keep the couplings of moving joints."""
-    while further := locked_through_couplings(
-        tree.couplings, {name: values[0] for name, values in tree.fixed_at.items()}
-    ):
-        for name, value in further.items():
-            tree.fix(tree.joints[name], value)
+    """Fix joints that are coupled with fixed joints, and drop their couplings."""
+    while further := locked_through_couplings(tree.couplings, tree.fixed_positions):
+        for name, position in further.items():
+            tree.fix(tree.joints[name], position)
     tree.couplings = [c for c in tree.couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]
 
 
-# ------------------------------------------------------------------ what acts
+# ------------------------------------------------------------------ motors and tendons
 
 
 def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
     """Attach motors and tendons to the joint that each drives; return the motors.
 
-    A tendon over joints that couplings make one is a transmission to that one. Of two motors on a joint,
-    such as a servo's position and speed, the first is taken.
+    A tendon over several joints drives one joint if couplings make the others follow it. If a joint has two
+    motors, such as a servo's position and speed actuator, the first counts.
     """
     actuators: dict[str, Actuator] = {}
     for drive in tree.transmissions:
@@ -248,98 +254,101 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
                 text = f"{drive.name}: pulls at {' and '.join(arms)}, which move independently"
                 tree.left_out.append(UnreadElement(text, tuple(arms)))
             continue
-        for joint, arm in arms.items():
+        for joint, arm in arms.items():  # one joint, or none that moves
             gear = drive.gear * arm
             if drive.is_motor and gear:
                 actuators.setdefault(joint, Actuator(joint, abs(gear), torque_limit=drive.torque_limit))
             if has_dynamics:
-                along = replace(drive.dynamics, rest=drive.dynamics.rest - drive.gear * constant)
-                own = tree.dynamics.get(joint, JointDynamics())
-                tree.dynamics[joint] = own + along.reflect_through(gear)
+                rest = drive.dynamics.rest - drive.gear * constant
+                reflected = replace(drive.dynamics, rest=rest).reflect_through(gear)
+                tree.dynamics[joint] = tree.dynamics.get(joint, JointDynamics()) + reflected
     return tuple(actuators.values())
 
 
 def reduce_to_leaders(tree: UrdfTree, arms: Mapping[str, float]) -> tuple[dict[str, float], float]:
-    """Reduce a length sum(c q) to leading joints: arms and a constant.
+    """Express a length sum(arm q) by joints that follow no other: arms and a constant.
 
-    A joint that follows another by a coupling is replaced by q = ratio q_of + offset, a fixed one by its
-    value.
+    A joint that follows another by a coupling is replaced by q = ratio q_of + offset, a fixed joint by its
+    position.
     """
-    followed = {coupling.joint: coupling for coupling in tree.couplings}
-    leaders = defaultdict[str, float](float)
+    coupling_of = {coupling.joint: coupling for coupling in tree.couplings}
+    reduced: dict[str, float] = {}
     constant = 0.0
-    for name, value in arms.items():
-        joint, arm = name, value
-        for _ in followed:  # no chain of couplings has more links
-            if coupling := followed.get(joint):
+    for joint, arm in arms.items():
+        for _ in coupling_of:  # a chain of couplings is no longer than this
+            if coupling := coupling_of.get(joint):
                 constant += arm * coupling.offset
                 arm *= coupling.ratio
                 joint = coupling.of
         if tree.joints[joint].moves:
-            leaders[joint] += arm
+            reduced[joint] = reduced.get(joint, 0.0) + arm
         else:
-            constant += arm * tree.fixed_at.get(joint, (0.0,))[0]
-    return {joint: arm for joint, arm in leaders.items() if arm}, constant
+            constant += arm * tree.fixed_positions.get(joint, 0.0)
+    return {joint: arm for joint, arm in reduced.items() if arm}, constant
 
 
 def unread_effects(tree: UrdfTree) -> tuple[str, ...]:
     """Return the unread effects on parts that move; refuse decisive ones."""
-    concerned = [item for item in tree.left_out if any(is_moved(tree, name) for name in item.acts_on)]
-    for item in concerned:
-        if item.is_decisive:
-            raise RobotFileError(item.what)
-    return tuple(dict.fromkeys(item.what for item in concerned))
+    effects = []
+    for item in tree.left_out:
+        if any(is_moved(tree, name) for name in item.acts_on):
+            if item.is_decisive:
+                raise RobotFileError(item.what)
+            effects.append(item.what)
+    return tuple(dict.fromkeys(effects))
 
 
 def is_moved(tree: UrdfTree, name: str) -> bool:
-    """Return whether a joint, or the link of this name, can move."""
+    """Return whether the joint or link of this name can move."""
     if name in tree.joints:
         return tree.joints[name].moves
-    return name in tree.parent_joint and any(joint.moves for joint in tree.path_to_base(name))
+    return any(joint.moves for joint in tree.path_to_base(name))
 
 
 # ------------------------------------------------------------------ what the file leaves out
 
 
-def complete_robot(options: Options, known: PartialRobot) -> PartialRobot:
-    """Complete the content of a file by the options, else the file, else proposals.
+def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
+    """Complete the content of a file by the options, else by proposals.
 
-    What is said nowhere is an error, which names the options and the candidates.
+    Raises:
+        RobotFileError: platform or motors are missing; the message names the options and the candidates.
     """
-    joints, description = known.tree.movable, known.description
+    joints, description = partial.tree.movable, partial.description
     if options.motors is not None:
         check_distinct("--motors", "movable joint", options.motors, joints)
         motors = {motor.joint: motor for motor in description.actuators}
         chosen = tuple(motors.get(name, Actuator(name)) for name in options.motors)
         description = replace(description, actuators=chosen)
-    platform = _choose_platform(options, known)
-    known = known._replace(description=description, platform=platform)
+    platform = _choose_platform(options, partial)
+    partial = partial._replace(description=description, platform=platform)
     if options.propose is not None:
-        return options.propose(options, known)
+        return options.propose(options, partial)
     if platform is not None and description.actuators:
-        return known.with_platform(platform)
+        return partial.with_platform(platform)
+
     missing = []
     if platform is None and options.platform is None:
-        missing.append(f"--platform FRAME (of: {list_names(known.tree.frames)})")
+        missing.append(f"--platform FRAME (of: {list_names(partial.tree.frames)})")
     if platform is None and options.axes is None:
         missing.append(f"--axes (of: {', '.join(AXES)})")
     if not description.actuators:
-        missing.append(f"--motors (of: {list_names(known.tree.likely_motors or joints)})")
+        missing.append(f"--motors (of: {list_names(partial.tree.likely_motors or joints)})")
     raise RobotFileError(
         f"the file does not say: give {'; '.join(missing)}; or let `crossing convert` propose them"
     )
 
 
-def _choose_platform(options: Options, known: PartialRobot) -> Platform | None:
-    """Return the platform by options and file; None where both leave one open."""
-    frame, platform, joints = options.platform, known.platform, options.platform_joints
+def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None:
+    """Return the platform that options and file state; None if frame or axes are open."""
+    frame, platform, joints = options.platform, partial.platform, options.platform_joints
     if frame is not None:
-        check_name("--platform", "frame", frame, known.tree.frames)
+        check_name("--platform", "frame", frame, partial.tree.frames)
     if joints is not None:
         if options.axes is not None:
             raise RobotFileError("--platform-joints: the platform has joints or --axes, not both")
-        check_distinct("--platform-joints", "movable joint", joints, known.tree.movable)
-        return Platform(frame or known.tree.joints[joints[-1]].child, (), joints)
+        check_distinct("--platform-joints", "movable joint", joints, partial.tree.movable)
+        return Platform(frame or partial.tree.joints[joints[-1]].child, (), joints)
     if options.axes is not None:
         check_distinct("--axes", "axis", options.axes, AXES)
         frame = frame or (platform.frame if platform else None)
@@ -348,7 +357,12 @@ def _choose_platform(options: Options, known: PartialRobot) -> Platform | None:
 
 
 def merge_reference(options: Options, names: Sequence[str], own: Mapping[str, float]) -> dict[str, float]:
-    """Override the file's reference [rad, m] by the options', checked against `names`."""
-    for name in options.reference:
+    """Override the file's `own` reference [rad, m] by that of the options.
+
+    `names` are the coordinates that a reference may name.
+    """
+    reference = dict(own)
+    for name, value in options.reference.items():
         check_name("--reference", "movable joint", name, names)
-    return {**own, **{name: float(value) for name, value in options.reference.items()}}
+        reference[name] = float(value)
+    return reference

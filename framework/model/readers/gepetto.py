@@ -1,19 +1,19 @@
-"""The pair robot.urdf + robot.yaml of "Extended URDF: Accounting for parallel mechanism in robot
+"""Read the pair robot.urdf + robot.yaml of "Extended URDF: Accounting for parallel mechanism in robot
 description" (Batto, de Matteis, Mansard 2025; Gepetto's example-parallel-robots).
 
     closed_loop: [[frame_A, frame_B], ...]     frames that coincide
-    type: [3d, 6d, ...]                        one each: the points, or the whole frames
+    type: [3d, 6d, ...]                        for each pair: the origins coincide (3d), or the frames (6d)
     name_mot: [joint, ...]                     joints with a motor
-    joint_name: [joint, ...]                   joints of the URDF that stand for another type ...
-    joint_type: [SPHERICAL, UJOINT_XY, FIXED]  ... which is this one
+    joint_name: [joint, ...]                   joints whose type in the URDF is not the true one ...
+    joint_type: [SPHERICAL, UJOINT_XY, FIXED]  ... and their true types
 
-A UJOINT_XY is written as two turns that end in its letters, J_X and J_Y. The file says nothing about the
-platform.
+A joint J of type UJOINT_XY becomes two hinges, J_X and J_Y. The file says nothing about the platform.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,13 @@ from framework.numerics.fields import Table, entries, list_of, one_of, optional,
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "spherical", "3D": "spherical", "6d": "fixed", "6D": "fixed"}
-_U_JOINTS = tuple(f"UJOINT_{a}{b}" for a in "XYZ" for b in "XYZ" if a != b)
+_U_JOINTS = tuple(f"UJOINT_{a}{b}" for a, b in permutations("XYZ", 2))
 _JOINTS: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(text), ()))
 
 
 def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
-    """Read the robot in the content of a robot.yaml and the tree of its URDF."""
-    _replace_joints(tree, **read_table("", content, _JOINTS, others=KEYS))
+    """Read the robot in a robot.yaml and the tree of a URDF."""
+    _replace_joints(tree, **read_table("", content, _JOINTS, others=KEYS))  # changes the tree's frames
     table = {
         "closed_loop": required(entries(list_of(one_of("frame", tree.frames)))),
         "type": required(list_of(one_of("type", _KINDS))),
@@ -40,12 +40,11 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
     values = read_table("", content, table, others=KEYS)
     pairs, kinds, motors = values["closed_loop"], values["type"], values["name_mot"]
     _check_count("type", kinds, "pair of closed_loop", pairs)
-    for i, frames in enumerate(pairs):
+    for i, (frames, kind) in enumerate(zip(pairs, kinds, strict=True)):
         if len(frames) != 2:
             raise RobotFileError(f"closed_loop[{i}]: needs two frames, got {short(frames)}")
-    check_unique("name_mot", motors)
-    for frames, kind in zip(pairs, kinds, strict=True):
         tree.closures.append(Closure("-".join(frames), frames, locked_axes(_KINDS[kind])))
+    check_unique("name_mot", motors)
     for motor in motors:
         tree.add_motor(motor)
     return describe(tree, file, options, "gepetto")
@@ -58,7 +57,7 @@ def _check_count(key: str, entries: Sequence[str], what: str, others: Sequence[A
 
 
 def _replace_joints(tree: UrdfTree, joint_name: Sequence[str], joint_type: Sequence[str]) -> None:
-    """Replace joints of the URDF by joints of other types."""
+    """Replace joints of the URDF by joints of their true types."""
     _check_count("joint_type", joint_type, "joint of joint_name", joint_name)
     check_unique("joint_name", joint_name)
     for i, (name, kind) in enumerate(zip(joint_name, map(str.upper, joint_type), strict=True)):
@@ -70,4 +69,5 @@ def _replace_joints(tree: UrdfTree, joint_name: Sequence[str], joint_type: Seque
         elif kind == "SPHERICAL":
             tree.replace_by_ball(joint)
         else:
-            tree.replace_by_turns(joint, kind[-2:])
+            letters = kind.removeprefix("UJOINT_")
+            tree.replace_by_turns(joint, letters.lower(), [f"{name}_{letter}" for letter in letters])

@@ -1,16 +1,18 @@
-"""MJCF, MuJoCo's XML, as MuJoCo compiles it: its bodies become a URDF, its `<equality>` the closures.
+"""Read MJCF, MuJoCo's XML, as MuJoCo compiles it: bodies become a URDF, `<equality>` becomes closures.
 
-Read off the compiled model: bodies with hinge, slide, ball and free joints, what acts along joints, sites as
-frames, primitive geoms as shapes, flags, motors on joints or fixed tendons with their gear, limits, armature
-and damping, the first keyframe as the reference (else the zero pose). Of `<equality>`: connect is spherical,
-weld is fixed, joint and tendon are couplings or hold a joint; MuJoCo resolves anchors at the zero pose. What
-else acts (spatial tendons, muscles, compensation of gravity) is left out by name; contact, sensors, cameras
-and shapes of meshes without a word. The file says nothing about the platform.
+The reader takes from the compiled model: bodies with hinge, slide, ball and free joints, and the forces along
+these joints; sites as frames; primitive geoms as shapes; flags; motors on joints or fixed tendons, with gear,
+limits, armature and damping; the first keyframe as the reference (else the zero pose). Of `<equality>`,
+connect is a spherical closure, weld is a fixed one, joint and tendon are couplings or fix a joint. MuJoCo
+resolves anchors at the zero pose. Other forces (spatial tendons, muscles, gravity compensation) are reported
+by name; contact, sensors, cameras and the shapes of meshes are ignored. The file says nothing about the
+platform.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement
@@ -39,11 +41,16 @@ WORLD = "world"
 _KINDS = ("floating", "spherical", "prismatic", "continuous")  # by mjtJoint
 _SHAPES = {2: "sphere", 3: "cylinder", 5: "cylinder", 6: "box"}  # by mjtGeom; a capsule is drawn without ends
 _EQUALITIES = ("connect", "weld", "joint", "tendon")  # by mjtEq; more are of flexible bodies
-_ACTING = ("armature", "damping", "frictionloss", "stiffness")  # of joints and tendons, as of JointDynamics
+_ACTING = (
+    "armature",
+    "damping",
+    "frictionloss",
+    "stiffness",
+)  # of joints and tendons; order of JointDynamics
 _JOINT_MOTORS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
 _ON_TENDON, _OF_JOINT, _SITE = 3, 1, 6  # mjTRN_TENDON, mjWRAP_JOINT, mjOBJ_SITE
-_DIRECT_GAINS = (0, 1, 6)  # mjtGain of motors: fixed, affine, and those of users
-_DIRECT = (0, 1, 2, 3)  # mjtDyn of motors: none, integrator, filters; not muscles and those of users
+_MOTOR_GAINS = (0, 1, 6)  # mjtGain: fixed, affine, user; a muscle is no motor
+_MOTOR_DYNAMICS = (0, 1, 2, 3)  # mjtDyn: none, integrator, filters; not muscle and user
 
 
 def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -51,11 +58,11 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
 
     Raises:
         MissingPackage: MuJoCo is not installed.
-        RobotFileError: names the element.
+        RobotFileError: the file is malformed or cannot be read; the message names the element.
     """
     for element in root.iter():
         for key, value in element.attrib.items():
-            if "nan" in value.lower().split():  # with which MuJoCo computes
+            if "nan" in value.lower().split():  # MuJoCo would accept it
                 raise RobotFileError(f"<{element.tag}> {key}: needs finite numbers, got {value!r}")
     compiled, left_out, unused = compile_mjcf(file)
     if compiled.neq > MAX_LOOPS:
@@ -71,13 +78,13 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
 
 
 def _placements(positions: Array, quaternions: Array) -> Iterator[Array]:
-    """Yield the placement (4, 4) of each position (3,) and quaternion (4,)."""
+    """Yield the placement (4, 4) for each position (3,) and quaternion (4,)."""
     for position, quaternion in zip(positions, quaternions, strict=True):
         yield placement(from_quaternion(*quaternion), position)
 
 
 class _Joint(NamedTuple):
-    """A joint by name and kind of the URDF, with its part of the compiled model."""
+    """A joint's name and kind in the URDF, and MuJoCo's view of the joint."""
 
     name: str
     kind: str
@@ -89,25 +96,26 @@ class _Joint(NamedTuple):
         return self.kind not in SEVERAL
 
     def coordinates_at(self, qpos: Array) -> list[float]:
-        """Convert the joint's part of MuJoCo's qpos to coordinates, 0 in MuJoCo's zero pose."""
+        """Convert the joint's part of qpos to coordinates, 0 in MuJoCo's zero pose."""
         zero = self.view.qpos0
         if self.has_one_freedom:
             return list((qpos - zero).tolist())
-        places = []
-        for pose in (zero, qpos):
-            x, y, z, *quaternion = np.append(np.zeros(3), pose)[-7:]  # of a ball only the quaternion is there
-            places.append(placement(from_quaternion(*quaternion), (x, y, z)))
-        motion = invert_placement(places[0]) @ places[1]
-        values = [*motion[:3, 3].tolist(), *pin.log3(motion[:3, :3]).tolist()]
-        return values[-len(SEVERAL[self.kind]) :]
+        motion = invert_placement(_placement_of_qpos(zero)) @ _placement_of_qpos(qpos)
+        coordinates = np.append(motion[:3, 3], pin.log3(motion[:3, :3]))
+        return list(coordinates[-len(SEVERAL[self.kind]) :].tolist())  # a ball has the rotation alone
 
     def urdf_joint(self, origin: Array) -> NewJoint:
-        """Return the joint of the URDF at a placement (4, 4) in the link before."""
+        """Return the joint of the URDF at a placement (4, 4) in the parent link."""
         view = self.view
         if not self.has_one_freedom:
             return NewJoint(self.name, self.kind, origin)
         limits = (view.range - view.qpos0).tolist() if view.limited[0] else None
         return NewJoint(self.name, self.kind, origin, view.axis, limits)
+
+
+def _placement_of_qpos(qpos: Array) -> Array:
+    """Return the placement (4, 4) of a free joint's or a ball's qpos."""
+    return placement(from_quaternion(*qpos[-4:]), qpos[:-4] if len(qpos) == 7 else np.zeros(3))
 
 
 class _Model:
@@ -116,69 +124,68 @@ class _Model:
     def __init__(self, compiled: Any, name: str) -> None:
         """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
         self.compiled = compiled
-        names = [self.name("body", k) for k in range(compiled.nbody)]
-        taken = {*names, ""}
-        unnamed = (names[k] or free_name(f"body_{k}", taken) for k in range(1, compiled.nbody))
-        self.bodies = [WORLD, *unnamed]
+        names = [self.name("body", k) for k in range(1, compiled.nbody)]
+        taken = {self.name("body", 0), *names, ""}
+        self.bodies = [WORLD]
+        for k, body in enumerate(names, start=1):
+            self.bodies.append(body or free_name(f"body_{k}", taken))
         self.joints: list[_Joint] = []
         for j, kind in enumerate(compiled.jnt_type):
             k = compiled.jnt_bodyid[j]
-            rank = j - compiled.body_jntadr[k]
-            by_body = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
-            self.joints.append(_Joint(self.name("joint", j) or by_body, _KINDS[kind], compiled.joint(j)))
+            rank = j - compiled.body_jntadr[k]  # among the joints of the body
+            default = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
+            self.joints.append(_Joint(self.name("joint", j) or default, _KINDS[kind], compiled.joint(j)))
         self.all_joints = tuple(joint.name for joint in self.joints)
         self.tree = UrdfTree(self._make_urdf(name, taken))
         self.tree.gravity = tuple(compiled.opt.gravity.tolist())
-        self.sites = [
-            self.tree.add_frame(
-                self.name("site", k) or f"site_{k}", self.bodies[compiled.site_bodyid[k]], origin
-            )
-            for k, origin in enumerate(_placements(compiled.site_pos, compiled.site_quat))
-        ]
+        self.sites: list[str] = []
+        for k, origin in enumerate(_placements(compiled.site_pos, compiled.site_quat)):
+            site = self.name("site", k) or f"site_{k}"
+            self.sites.append(self.tree.add_frame(site, self.bodies[compiled.site_bodyid[k]], origin))
 
     def name(self, kind: str, number: int) -> str:
         """Return the name of an element of a kind; "" without one."""
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element and the bodies or joints under its action."""
+        """Report an unread element, with the bodies or joints under its action."""
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
     def _make_urdf(self, name: str, taken: set[str]) -> Element:
-        """Return the URDF: a link for each body, and one between joints of one body.
-
-        A joint turns about a point of the body: its link stands in that point, and the body's own behind it.
-        """
-        model, root = self.compiled, Element("robot", name=name)
+        """Return the URDF, with a link for each body and between its joints."""
+        model = self.compiled
+        root = Element("robot", name=name)
         links = [SubElement(root, "link", name=body) for body in self.bodies]
-        for k, origin in enumerate(_placements(model.body_pos, model.body_quat)):
-            if k == 0:
-                continue  # the world
-            motions, end = list[NewJoint](), origin
+        origins = list(_placements(model.body_pos, model.body_quat))
+        for k in range(1, model.nbody):  # without the world
+            motions: list[NewJoint] = []
+            end = origins[k]
+            # A joint of MuJoCo stands in a point `pos` of the body, a link of the URDF in its joint. So the
+            # chain leads to that point before each joint, and back to the body's origin after it.
             for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
-                point = joint.view.pos if joint.kind != "floating" else np.zeros(3)
+                point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
                 motions.append(joint.urdf_joint(end @ placement(None, point)))
                 end = placement(None, -point)
             parent = self.bodies[model.body_parentid[k]]
             root.extend(chain_elements(parent, motions, self.bodies[k], end, taken))
             if model.body_mass[k] or model.body_inertia[k].any():
-                turn = from_quaternion(*model.body_iquat[k])
-                inertia = turn @ np.diag(model.body_inertia[k]) @ turn.T
+                axes = from_quaternion(*model.body_iquat[k])
+                inertia = axes @ np.diag(model.body_inertia[k]) @ axes.T
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
         for k, origin in enumerate(_placements(model.geom_pos, model.geom_quat)):
-            if model.geom_type[k] in _SHAPES:
-                shape = _make_visual(_SHAPES[model.geom_type[k]], model.geom_size[k], origin)
-                links[model.geom_bodyid[k]].append(shape)
+            if shape := _SHAPES.get(model.geom_type[k]):
+                links[model.geom_bodyid[k]].append(_make_visual(shape, model.geom_size[k], origin))
         return root
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return d length / d q by joint, of a joint or tendon; None of a spatial tendon."""
+        """Return d length / d q by joint; None for a spatial tendon."""
         model = self.compiled
         if number < 0:
             return {}
         if kind == "joint":
             return {self.joints[number].name: 1.0}
-        parts = slice(model.tendon_adr[number], model.tendon_adr[number] + model.tendon_num[number])
+        start = model.tendon_adr[number]
+        parts = slice(start, start + model.tendon_num[number])
         if (model.wrap_type[parts] != _OF_JOINT).any():
             return None
         names = [self.joints[j].name for j in model.wrap_objid[parts]]
@@ -187,7 +194,7 @@ class _Model:
     # -------------------------------------------------------------- loops
 
     def read_equalities(self) -> None:
-        """Read closures and couplings into the tree; fix joints held by an equality."""
+        """Read closures and couplings into the tree; fix joints that an equality fixes."""
         model = self.compiled
         for k in np.flatnonzero(model.eq_active0).tolist():
             kind = _EQUALITIES[model.eq_type[k]] if model.eq_type[k] < len(_EQUALITIES) else "flex"
@@ -201,65 +208,73 @@ class _Model:
 
     def _close_loop(self, k: int, name: str, kind: str) -> None:
         """Close a loop by a connect or a weld of sites or bodies."""
-        model, data, places = self.compiled, self.compiled.eq_data[k], 2 * [np.eye(4)]
+        model = self.compiled
+        data = model.eq_data[k]  # connect: anchors 0:3, 3:6; weld: anchor 0:3, pose 3:10, torque scale 10
+        first, second = np.eye(4), np.eye(4)
         frames = self.sites if model.eq_objtype[k] == _SITE else self.bodies
         if frames is self.bodies and kind == "connect":
-            places = [placement(None, data[:3]), placement(None, data[3:6])]
+            first, second = placement(None, data[:3]), placement(None, data[3:6])
         elif frames is self.bodies:
-            places = [placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])]
-        ends = frames[model.eq_obj1id[k]], frames[model.eq_obj2id[k]]
-        holds_turn = kind == "weld" and data[10]
-        closure_kind = "fixed" if holds_turn else "spherical"
-        self.tree.close(name, locked_axes(closure_kind), zip("12", ends, places, strict=True))
+            first, second = placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])
+        ends = [("1", frames[model.eq_obj1id[k]], first), ("2", frames[model.eq_obj2id[k]], second)]
+        locks_rotation = kind == "weld" and data[10]
+        self.tree.close(name, locked_axes("fixed" if locks_rotation else "spherical"), ends)
 
     def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
-        """Read an equality of joints or tendons: a coupling, or a fixed joint.
+        """Read an equality of joints or tendons, as a coupling or a fixed joint.
 
-        Lengths from the zero pose obey: first = offset + ratio * second.
+        The lengths, measured from the zero pose, satisfy first = offset + ratio * second.
         """
-        model, where = self.compiled, f"{kind} equality {name!r}"
-        offset, ratio = model.eq_data[k, :2].tolist()
-        ends = model.eq_obj1id[k], model.eq_obj2id[k]
-        first, second = (self._moment_arms(kind, int(end)) for end in ends)
+        model, tree = self.compiled, self.tree
+        where = f"{kind} equality {name!r}"
+        polynomial = model.eq_data[k, :5]
+        offset, ratio = polynomial[:2].tolist()
+        first = self._moment_arms(kind, int(model.eq_obj1id[k]))
+        second = self._moment_arms(kind, int(model.eq_obj2id[k]))
         if first is None or second is None:
             where += ": of a spatial tendon, which is not read"
             self.leave_out(where, self.all_joints, is_decisive=True)
             return
-        differences = {
-            joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second
-        }
-        arms, problem = {joint: arm for joint, arm in differences.items() if arm}, ""
-        if second and model.eq_data[k, 2:5].any():
-            polynomial = " ".join(map("{:g}".format, model.eq_data[k, :5]))
-            coupled = " and ".join(differences)
-            problem = f"polycoef {polynomial} couples {coupled}: only linear couplings are read"
+        # sum(arm q) = offset
+        all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
+        arms = {joint: arm for joint, arm in all_arms.items() if arm}
+        problem = ""
+        if second and polynomial[2:].any():
+            coefficients = " ".join(map("{:g}".format, polynomial))
+            coupled = " and ".join(all_arms)
+            problem = f"polycoef {coefficients} couples {coupled}: only linear couplings are read"
         elif len(arms) > 2:
             problem = f"couples {', '.join(arms)}: only couplings of two joints are read"
         if problem:
-            self.leave_out(f"{where}: {problem}", differences, is_decisive=True)
+            self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
         elif len(arms) == 2:
             self._couple(name, arms, offset)
-        for joint, arm in arms.items() if len(arms) == 1 else ():
-            if self.tree.joints[joint].moves:
-                self.tree.fix(self.tree.joints[joint], offset / arm)
+        if len(arms) == 1:
+            ((joint, arm),) = arms.items()
+            if tree.joints[joint].moves:
+                tree.fix(tree.joints[joint], offset / arm)
 
     def _couple(self, name: str, arms: Mapping[str, float], offset: float) -> None:
-        """Couple two joints; by a closure, which all proofs know, if equal and parallel."""
-        tree = self.tree
-        (driven, arm), (of, other) = arms.items()
-        children = [tree.joints[joint].child for joint in arms]
-        chains = [[joint.name for joint in chain] for chain in tree.moving_chains(*children)]
-        is_equal = (offset, arm, other) == (0.0, 1.0, -1.0) and chains == [[driven], [of]]
-        if not (is_equal and tree.close_turns(name, *children)):
-            tree.couplings.append(Coupling(driven, of, -other / arm, offset / arm))
+        """Couple two joints by sum(arm q) = offset.
 
-    # -------------------------------------------------------------- what acts
+        Equal angles of parallel hinges become a closure, which all proofs support; others a coupling.
+        """
+        tree = self.tree
+        (joint, arm), (of, arm_of) = arms.items()
+        first, second = tree.joints[joint], tree.joints[of]
+        is_equal = (offset, arm, arm_of) == (0.0, 1.0, -1.0)
+        are_alone = tree.moving_chains(first.child, second.child) == ([first], [second])
+        if not (is_equal and are_alone and tree.close_turns(name, first.child, second.child)):
+            tree.couplings.append(Coupling(joint, of, -arm_of / arm, offset / arm))
+
+    # -------------------------------------------------------------- forces
 
     def read_joints(self) -> None:
-        """Read armature, damping, friction and springs by coordinate, and the first key as the reference."""
+        """Read the dynamics of all coordinates, and the first keyframe as the reference."""
         model = self.compiled
         for joint in self.joints:
-            view, names = joint.view, coordinates_of(joint.name, joint.kind)
+            view = joint.view
+            names = coordinates_of(joint.name, joint.kind)
             rest = view.qpos_spring[0] - view.qpos0[0] if joint.has_one_freedom else None
             dynamics = _make_dynamics((getattr(view, key)[0] for key in _ACTING), rest)
             if dynamics != JointDynamics():
@@ -277,21 +292,24 @@ class _Model:
             self._read_tendon(k)
 
     def _read_motor(self, k: int) -> None:
-        """Read motor k on a hinge, slide or fixed tendon; report any other as unread."""
+        """Read motor k, or report an actuator of another kind as unread."""
         model = self.compiled
-        target, kind = int(model.actuator_trnid[k, 0]), model.actuator_trntype[k]
+        target = int(model.actuator_trnid[k, 0])
         gear = float(model.actuator_gear[k, 0])
+        name = self.name("actuator", k)
+        acts_on = self.all_joints
         arms: Mapping[str, float] | None = None
-        acts_on, name = self.all_joints, self.name("actuator", k)
-        if kind in _JOINT_MOTORS:
+        if model.actuator_trntype[k] in _JOINT_MOTORS:
             joint = self.joints[target]
-            acts_on, name = (joint.name,), name or joint.name
+            name = name or joint.name
+            acts_on = (joint.name,)
             arms = {joint.name: 1.0} if joint.has_one_freedom else None
-        elif kind == _ON_TENDON:
+        elif model.actuator_trntype[k] == _ON_TENDON:
             arms = self._moment_arms("tendon", target)
             acts_on = tuple(arms or acts_on)
         where = f"motor {name or f'actuator_{k + 1}'!r}"
-        if model.actuator_gaintype[k] not in _DIRECT_GAINS or model.actuator_dyntype[k] not in _DIRECT:
+        is_motor = model.actuator_gaintype[k] in _MOTOR_GAINS and model.actuator_dyntype[k] in _MOTOR_DYNAMICS
+        if not is_motor:
             self.leave_out(f"{where}: a muscle, or an actuator of another program", acts_on)
         elif not arms or not gear:
             self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
@@ -301,21 +319,23 @@ class _Model:
             self.tree.transmissions.append(motor)
 
     def _read_tendon(self, k: int) -> None:
-        """Read inertia, damping, friction and spring of a fixed tendon k."""
-        model, arms = self.compiled, self._moment_arms("tendon", k)
+        """Read the dynamics of tendon k if fixed."""
+        model = self.compiled
+        arms = self._moment_arms("tendon", k)
         if arms is None:
-            return  # a spatial one
+            return
         low, high = model.tendon_lengthspring[k]
-        rest = low - model.tendon_length0[k] if low == high else None
+        rest = low - model.tendon_length0[k] if low == high else None  # between low and high it is slack
         dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _ACTING), rest)
         where = f"tendon {self.name('tendon', k)!r}"
         self.tree.transmissions.append(Transmission(where, arms, 1.0, dynamics, is_motor=False))
 
     def _force_limit(self, k: int, gear: float) -> float | None:
-        """Return the least symmetric limit [N m, N] of a motor; None without one."""
+        """Return the least symmetric force limit [N m, N] of motor k; None without one."""
         model = self.compiled
         joint = int(model.actuator_trnid[k, 0])
         ranges = [model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
+        # force = gain * control, without bias and without dynamics of its own
         is_plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
         if model.actuator_ctrllimited[k] and is_plain:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
@@ -327,35 +347,40 @@ class _Model:
         """Report unread effects of joints, bodies, tendons and the fluid, with sizes."""
         model = self.compiled
         for joint in self.joints:
-            view, where = joint.view, f"joint {joint.name!r}"
-            if not joint.has_one_freedom and view.stiffness[0]:
-                text = f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad"
-                self.leave_out(text, [joint.name])
-            for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
-                if rows.any():
-                    powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
-                    self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
+            self._name_unread_effects_of_joint(joint)
         for k, body in enumerate(self.bodies):
             if model.body_mocapid[k] >= 0:
                 self.leave_out(f"body {body!r}: mocap, so it stands still", [body])
-            if model.body_gravcomp[k]:
-                weight = model.body_gravcomp[k] * model.body_mass[k] * np.linalg.norm(model.opt.gravity)
-                self.leave_out(f"body {body!r} gravcomp {model.body_gravcomp[k]:g}: {weight:.3g} N", [body])
+            if share := model.body_gravcomp[k]:
+                force = share * model.body_mass[k] * np.linalg.norm(model.opt.gravity)
+                self.leave_out(f"body {body!r} gravcomp {share:g}: {force:.3g} N", [body])
         for k in range(model.ntendon):
             if effects := self._unread_effects_of_tendon(k):
-                touched = self._moment_arms("tendon", k) or self.all_joints  # a spatial one: any body
-                self.leave_out(f"tendon {self.name('tendon', k)!r}: {', '.join(effects)}", touched)
-        if model.opt.density or model.opt.viscosity:
-            around = f"density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
-            self.leave_out(f"<option> {around}: the drag of the fluid", self.all_joints)
+                acts_on = self._moment_arms("tendon", k) or self.all_joints  # a spatial one may pull any body
+                self.leave_out(f"tendon {self.name('tendon', k)!r}: {', '.join(effects)}", acts_on)
+        density, viscosity = model.opt.density, model.opt.viscosity
+        if density or viscosity:
+            fluid = f"density {density:g}, viscosity {viscosity:g}"
+            self.leave_out(f"<option> {fluid}: the drag of the fluid", self.all_joints)
+
+    def _name_unread_effects_of_joint(self, joint: _Joint) -> None:
+        """Report the spring of a ball, and higher powers in damping and stiffness."""
+        view, where = joint.view, f"joint {joint.name!r}"
+        if not joint.has_one_freedom and view.stiffness[0]:
+            self.leave_out(f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad", [joint.name])
+        for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
+            if rows.any():
+                powers = " ".join(map("{:g}".format, np.atleast_2d(rows)[0]))
+                self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
 
     def _unread_effects_of_tendon(self, k: int) -> list[str]:
         """List the unread effects of a tendon: all of a spatial one, slack, ranges."""
-        model, effects = self.compiled, list[str]()
+        model = self.compiled
+        effects = []
         if self._moment_arms("tendon", k) is None:
             for key in ("stiffness", "damping", "frictionloss", "armature"):
-                value = getattr(model, f"tendon_{key}")[k]
-                effects += [f"{key} {value:g}"] if value else []
+                if value := getattr(model, f"tendon_{key}")[k]:
+                    effects.append(f"{key} {value:g}")
         elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):
             effects.append("a spring with slack")
         if model.tendon_limited[k]:
@@ -364,17 +389,23 @@ class _Model:
 
 
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
-    """Return joint dynamics of values in the order of _ACTING; no spring without `rest`."""
-    armature, damping, friction, stiffness = map(float, values)
-    if rest is None or not stiffness:
-        return JointDynamics(armature, damping, friction)
-    return JointDynamics(armature, damping, friction, stiffness, float(rest))
+    """Return joint dynamics from values in the order of _ACTING.
+
+    Without a position `rest` the dynamics have no spring.
+    """
+    dynamics = JointDynamics(*map(float, values))
+    if rest is None:
+        return replace(dynamics, stiffness=0.0)
+    return replace(dynamics, rest=float(rest)) if dynamics.stiffness else dynamics
 
 
 def _make_visual(shape: str, size: Array, origin: Array) -> Element:
-    """Return the URDF's `<visual>` of a primitive geom."""
-    radius, half, _ = map(float, size)
-    words = {"radius": repr(radius)} if shape != "box" else {"size": vector_text(2 * size)}
-    if shape == "cylinder":
-        words["length"] = repr(2 * half)
+    """Return the URDF's `<visual>` of a primitive geom; `size` (3,) [m] is MuJoCo's."""
+    if shape == "box":
+        words = {"size": vector_text(2 * size)}
+    else:
+        radius, half_length, _ = map(float, size)
+        words = {"radius": repr(radius)}
+        if shape == "cylinder":
+            words["length"] = repr(2 * half_length)
     return visual_element(shape, words, origin)

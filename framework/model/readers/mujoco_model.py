@@ -1,8 +1,8 @@
-"""MuJoCo's own model of an MJCF file, without missing parts that no motion needs.
+"""Compile an MJCF file with MuJoCo, without parts that are missing and that no motion needs.
 
-MuJoCo compiles it: defaults, classes, includes, frames, units and inertia of geoms come with that. Left out
-beforehand are plugins, textures, sensors and meshes that weigh nothing. Bodies without mass pass, and have
-none afterwards.
+MuJoCo resolves defaults, classes, includes, frames, units and the inertia of geoms. Before that, plugins,
+textures, sensors and meshes without mass are removed. MuJoCo refuses bodies without mass; they are given a
+stand-in for the compilation and are massless afterwards.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from framework.model.readers.urdf_tree import UnreadElement
 from framework.model.urdf_elements import check_inertia, symmetric_matrix
 from framework.numerics.input import read_text
 
-# [kg], [kg m^2] of bodies without mass, for MuJoCo, which refuses less than 1e-15
+# [kg], [kg m^2] for bodies without mass; MuJoCo refuses less than 1e-15
 STAND_IN_MASS, STAND_IN_INERTIA = 1e-12, 1e-14
-# disabled arrays, by flag of <option>
+# the arrays that each flag of <option> disables
 _DISABLED = {
     "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness"),
     "DAMPER": ("dof_damping", "dof_dampingpoly", "tendon_damping", "actuator_damping"),
@@ -38,9 +38,11 @@ _PLUGIN = re.compile(r"<extension\b.*?</extension\s*>|<plugin\b[^>]*/>|<plugin\b
 
 
 def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
-    """Return the compiled model, unread elements, and counts of unused ones by kind.
+    """Return the compiled model, unread elements, and counts of unused elements by kind.
 
-    Bodies without mass stay massless. MuJoCo's own refusal becomes a RobotFileError.
+    Raises:
+        MissingPackage: MuJoCo is not installed.
+        RobotFileError: MuJoCo refuses the file.
     """
     try:
         import mujoco
@@ -52,13 +54,13 @@ def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
         ) from None
     try:
         with ExitStack() as silence, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it computes with bodies that have next to no mass
+            warnings.simplefilter("ignore")  # MuJoCo warns of stand-in masses
             silence.callback(mujoco.set_mju_user_warning, mujoco.get_mju_user_warning())
-            mujoco.set_mju_user_warning(lambda _: None)  # its own writes a file where the program runs
+            mujoco.set_mju_user_warning(lambda _: None)  # the default writes into the working directory
             return _compile_usable_parts(mujoco, _load_spec(mujoco, file))
     except RobotFileError:
         raise
-    except (ValueError, RuntimeError) as error:  # of MuJoCo, for all that it refuses
+    except (ValueError, RuntimeError) as error:  # how MuJoCo refuses a file
         raise RobotFileError(_reorder_error(str(error))) from None
 
 
@@ -67,35 +69,35 @@ def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadEleme
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
-    count = len(spec.keys[0].qpos) if spec.keys else 0
+    key_size = len(spec.keys[0].qpos) if spec.keys else 0  # as written: the compiler changes the size
     compiled, refused = _compile(spec)
-    if count not in (0, compiled.nq):
+    if key_size not in (0, compiled.nq):
         raise RobotFileError(
-            f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {count}"
+            f"<key> {spec.keys[0].name!r} qpos: needs {compiled.nq} numbers, one a coordinate, got {key_size}"
         )
     _apply_flags(mujoco, compiled)
     return compiled, left_out + refused, unused
 
 
 def _apply_flags(mujoco: Any, compiled: Any) -> None:
-    """Set effects disabled by flags of the file to zero; refuse disabled loops."""
-    off = {
+    """Zero the effects that flags of the file disable; refuse disabled loops."""
+    disabled = [
         name.removeprefix("mjDSBL_")
         for name, flag in mujoco.mjtDisableBit.__members__.items()
         if compiled.opt.disableflags & flag
-    }
+    ]
     for name in ("EQUALITY", "CONSTRAINT"):
-        if name in off and compiled.eq_active0.any():
+        if name in disabled and compiled.eq_active0.any():
             raise RobotFileError(f"<flag> {name.lower()}: disabled, so there would be no loop")
-    for name in off & _DISABLED.keys():
-        for values in _DISABLED[name]:
-            getattr(compiled, values)[:] = 0
-    if "GRAVITY" in off:
+    for name in disabled:
+        for array in _DISABLED.get(name, ()):
+            getattr(compiled, array)[:] = 0
+    if "GRAVITY" in disabled:
         compiled.opt.gravity[:] = 0.0
 
 
 def _reorder_error(error: str) -> str:
-    """Return MuJoCo's error in one line that begins with line and element."""
+    """Return MuJoCo's error as one line that begins with line number and element."""
     text = " ".join(re.sub(r"^((XML )?Error: )+", "", error).split())
     match = re.search(r" Element (name )?'(?P<name>[^']*)'(, id \d+)?, line (?P<line>\d+)$", text)
     if match is None:
@@ -105,7 +107,7 @@ def _reorder_error(error: str) -> str:
 
 
 def _load_spec(mujoco: Any, file: Path) -> Any:
-    """Load MuJoCo's specification of a file, without missing plugins."""
+    """Load MuJoCo's specification of a file; without plugins, if MuJoCo lacks one."""
     try:
         return mujoco.MjSpec.from_file(str(file))
     except ValueError as error:
@@ -118,7 +120,7 @@ def _load_spec(mujoco: Any, file: Path) -> Any:
 
 
 def _remove_plugins(text: str) -> str:
-    """Remove plugins from the text of an MJCF file, keeping its line numbers."""
+    """Remove plugins from the text of an MJCF file; line numbers stay the same."""
     return _PLUGIN.sub(lambda plugin: "\n" * plugin[0].count("\n"), text)
 
 
@@ -133,7 +135,7 @@ def _included_files(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _delete_unused(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Delete elements that no motion needs; yield actuators of plugins."""
+    """Delete elements that no motion needs; yield actuators that a plugin drives."""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             spec.delete(geom)
@@ -149,16 +151,18 @@ def _delete_unused(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
         if actuator.plugin.active:
             yield UnreadElement(f"actuator {actuator.name!r}: driven by a plugin", (actuator.target,))
             spec.delete(actuator)
-    spec.compiler.fusestatic = False  # each body keeps its name
-    spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE  # simulates muscles, which are not read
+    spec.compiler.fusestatic = False  # so that each body keeps its name
+    # no simulation for the length ranges of muscles, which are not read
+    spec.compiler.LRopt.mode = mujoco.mjtLRMode.mjLRMODE_NONE
 
 
 def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Give impossible bodies an inertia that MuJoCo compiles; yield each."""
+    """Give impossible bodies an inertia that MuJoCo compiles, and yield each."""
     geoms_only = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies:
-        is_mended = body.compiler.balanceinertia or body.compiler.inertiafromgeom == geoms_only  # by MuJoCo
-        if not body.explicitinertial or is_mended:
+        # MuJoCo itself repairs or replaces such inertias
+        is_replaced = body.compiler.balanceinertia or body.compiler.inertiafromgeom == geoms_only
+        if not body.explicitinertial or is_replaced:
             continue
         if np.isfinite(body.fullinertia[0]):
             _make_principal(body)
@@ -168,10 +172,11 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
             check_inertia(f"body {body.name!r}: inertia", np.diag(body.inertia))
         except RobotFileError as error:
             yield UnreadElement(f"{body.info}: {error}", (body.name,), is_decisive=True)
-            body.mass, body.inertia = max(body.mass, 0.0), np.ones(3)
-        # a thin rod's moments, rounded: MuJoCo allows the largest not a digit more than the others' sum
+            body.mass = max(body.mass, 0.0)
+            body.inertia = np.ones(3)
+        # The largest moment of a thin rod is the sum of the others. MuJoCo allows no rounding above it.
         moments = np.maximum(body.inertia, 0.0)
-        largest = int(np.argmax(moments))
+        largest = moments.argmax()
         moments[largest] = min(moments[largest], moments.sum() - moments[largest])
         body.inertia = moments
 
@@ -179,68 +184,76 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
 def _make_principal(body: Any) -> None:
     """Replace the inertia matrix of a body by principal moments [kg m^2] and axes."""
     moments, axes = np.linalg.eigh(symmetric_matrix(*body.fullinertia))
-    axes[:, 0] *= np.linalg.det(axes)  # right-handed
-    turn = pin.Quaternion(axes)
-    body.fullinertia = [np.nan, 0, 0, 0, 0, 0]
-    body.inertia, body.iquat = moments, [turn.w, turn.x, turn.y, turn.z]
+    axes[:, 0] *= np.linalg.det(axes)  # makes the axes right-handed
+    rotation = pin.Quaternion(axes)
+    body.fullinertia = [np.nan, 0, 0, 0, 0, 0]  # MuJoCo's mark for no inertia matrix
+    body.inertia = moments
+    body.iquat = [rotation.w, rotation.x, rotation.y, rotation.z]
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Delete meshes without mass and missing meshes; yield the latter as decisive."""
+    """Delete meshes without mass and missing meshes; yield missing ones as decisive."""
     needed = set()
     for geom in list(spec.geoms):
         if not geom.meshname:
             continue
-        body, mesh = geom.parent, spec.mesh(geom.meshname)
-        if _adds_mass(mujoco, geom, body):
-            name = mesh.file if mesh is not None else geom.meshname
-            folder = Path(spec.modelfiledir) / (mesh.compiler.meshdir if mesh is not None else "")
-            file = folder / (Path(name).name if spec.strippath else name)
-            if mesh is not None and (not name or file.is_file()):
+        if _adds_mass(mujoco, geom):
+            if _has_mesh(spec, geom):
                 needed.add(geom.meshname)
                 continue
-            text = (
-                f"{geom.info}: body {body.name!r}: its inertia is that of the mesh {name!r}, which is missing"
-            )
-            yield UnreadElement(text, (body.name,), is_decisive=True)
+            mesh = spec.mesh(geom.meshname)
+            name = geom.meshname if mesh is None else mesh.file
+            body = geom.parent.name
+            text = f"{geom.info}: body {body!r}: its inertia is that of the mesh {name!r}, which is missing"
+            yield UnreadElement(text, (body,), is_decisive=True)
         spec.delete(geom)
     for mesh in list(spec.meshes):
         if mesh.name not in needed and Path(mesh.file).stem not in needed:
             spec.delete(mesh)
 
 
-def _adds_mass(mujoco: Any, geom: Any, body: Any) -> bool:
+def _has_mesh(spec: Any, geom: Any) -> bool:
+    """Return whether a geom's mesh is in the specification or in a file."""
+    mesh = spec.mesh(geom.meshname)
+    if mesh is None or not mesh.file:
+        return mesh is not None
+    file = Path(mesh.file).name if spec.strippath else mesh.file
+    return (Path(spec.modelfiledir) / mesh.compiler.meshdir / file).is_file()
+
+
+def _adds_mass(mujoco: Any, geom: Any) -> bool:
     """Return whether a geom adds to the mass of its body."""
-    rule, kinds = body.compiler.inertiafromgeom, mujoco.mjtInertiaFromGeom
-    if rule == kinds.mjINERTIAFROMGEOM_FALSE or (
-        rule == kinds.mjINERTIAFROMGEOM_AUTO and body.explicitinertial
-    ):
+    body, rules = geom.parent, mujoco.mjtInertiaFromGeom
+    rule = body.compiler.inertiafromgeom
+    if rule == rules.mjINERTIAFROMGEOM_FALSE:
+        return False
+    if rule == rules.mjINERTIAFROMGEOM_AUTO and body.explicitinertial:
         return False
     lowest, highest = body.compiler.inertiagrouprange
     return bool(lowest <= geom.group <= highest and geom.mass != 0.0 and geom.density != 0.0)
 
 
 def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
-    """Compile a specification without refused meshes; return model and decisive omissions."""
-    masses, inertias = spec.compiler.boundmass, spec.compiler.boundinertia
-    spec.compiler.boundmass = max(masses, STAND_IN_MASS)
-    spec.compiler.boundinertia = max(inertias, STAND_IN_INERTIA)
-    left_out, model = list[UnreadElement](), None
+    """Compile a specification; return refused meshes as decisive unread elements."""
+    least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia
+    spec.compiler.boundmass = max(least_mass, STAND_IN_MASS)
+    spec.compiler.boundinertia = max(least_inertia, STAND_IN_INERTIA)
+    left_out: list[UnreadElement] = []
+    model = None
     while model is None:
         try:
             model = spec.compile()
         except ValueError as error:
             left_out += _delete_refused_meshes(spec, _reorder_error(str(error)))
-    if masses < STAND_IN_MASS:
+    if least_mass < STAND_IN_MASS:
         model.body_mass[model.body_mass <= STAND_IN_MASS] = 0.0
-    if inertias < STAND_IN_INERTIA:
+    if least_inertia < STAND_IN_INERTIA:
         model.body_inertia[model.body_inertia <= STAND_IN_INERTIA] = 0.0
     return model, left_out
 
 
-def _delete_refused_meshes(spec: Any, error: str) -> list[UnreadElement]:
-    """Delete the mesh that an error names, else all meshes, with their geoms."""
-    left_out = []
+def _delete_refused_meshes(spec: Any, error: str) -> Iterator[UnreadElement]:
+    """Delete the mesh that an error names, else all; yield each use."""
     geoms = [geom for geom in spec.geoms if geom.meshname]
     if not geoms:
         raise RobotFileError(error)
@@ -248,10 +261,10 @@ def _delete_refused_meshes(spec: Any, error: str) -> list[UnreadElement]:
     named = {geom.meshname for geom in geoms if line in (geom.info, spec.mesh(geom.meshname).info)}
     for geom in geoms:
         if geom.meshname in named or not named:
-            text = f"body {geom.parent.name!r}: its inertia is that of a mesh: {error}"
-            left_out.append(UnreadElement(text, (geom.parent.name,), is_decisive=True))
+            body = geom.parent.name
+            text = f"body {body!r}: its inertia is that of a mesh: {error}"
+            yield UnreadElement(text, (body,), is_decisive=True)
             spec.delete(geom)
     for mesh in list(spec.meshes):
         if mesh.name in named or not named:
             spec.delete(mesh)
-    return left_out

@@ -1,6 +1,6 @@
-"""Recognise the dialect of a file, and read the description in it.
+"""Recognise the dialect of a file, and read the robot in it.
 
-Readers of foreign dialects are imported when a file may be one of theirs: most files are our own.
+Readers of foreign dialects are imported only when a file may be in their dialect, since most files are ours.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _USD = (
     "USD is not read; write it as URDF or MJCF first, with the exporters of Isaac Sim or Newton, and declare "
     "there the loops that they cut"
 )
-_LISTS = ("axes", "motors", "platform_joints")  # of the options
-_OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")
+_LISTS = ("axes", "motors", "platform_joints")  # options that are lists of names
+_OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")  # of our robot file
 
 
 def read_any(file: str | Path, **options: Any) -> RobotDescription:
-    """Read the description in a file of any dialect; options as for `parse_any`."""
+    """Read the description in a file of any dialect, with the options of `parse_any`."""
     return parse_any(file, **options).description
 
 
@@ -51,18 +51,22 @@ def parse_any(
     """Read a file of any dialect, recognised by its content.
 
     The fields of `Options` complete a foreign file and override it: the `platform` frame and its `axes` or
-    `platform_joints`, the joints that are `motors` or `locked` [rad, m] (None: at the reference), and a
-    `reference` [rad, m] if the zero pose is far from it. With a link `base` all joints not behind it are
-    locked at the reference of the file. `propose` completes the rest. A pair of Gepetto is read from its YAML
-    or its folder. `parameters` replace values that a robot file of ours declares.
+    `platform_joints`, the `motors`, joints that are `locked` [rad, m] (None: at the reference), and a
+    `reference` [rad, m] near an assembled pose if the zero pose is not. With a link `base` all joints that
+    the link does not carry are locked at the reference. `propose` completes what is missing. A pair of
+    Gepetto is read from its YAML or its folder. `parameters` replace values that a robot file of ours
+    declares.
 
     Raises:
-        RobotFileError: the file cannot be read, is of no known dialect, is malformed, has content without a
-            place in the records, or leaves out something that no option completes.
+        RobotFileError: the file cannot be read, is of no known dialect, is malformed, has content that the
+            records cannot express, or leaves out something that no option completes.
     """
     path = Path(file)
-    stated: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    stated |= {name: tuple(stated[name]) for name in _LISTS if name in stated}
+    stated: dict[str, Any] = {
+        name: tuple(value) if name in _LISTS else value
+        for name, value in options.items()
+        if value is not None
+    }
     chosen = Options(**stated)
     if os.path.isdir(path):
         path = _find_pair(path)
@@ -81,7 +85,7 @@ def parse_any(
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    """Read an XML file by the reader of its root element; name lines in errors."""
+    """Read an XML file by root element; prefix errors with the line."""
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
     from framework.model.readers.urdf import read_urdf
@@ -98,40 +102,43 @@ def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
 
 
 def _line_of_element(message: str, text: str) -> str:
-    """Return "line N: " of the element that a message begins with, or ""."""
+    """Return "line N: " for the element that a message begins with, or ""."""
     named = re.match(r"(?:<\w+>: )?<?(\w+)>? '([^']+)'", message)
     if named is None:
         return ""
     tag, name = named.groups()
-    match = re.search(rf"<{tag}\b[^>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
-    return "" if match is None else f"line {text.count(chr(10), 0, match.start()) + 1}: "
+    element = re.search(rf"<{tag}\b[^>]*?\bname\s*=\s*[\"']{re.escape(name)}[\"']", text)
+    if element is None:
+        return ""
+    line = text.count("\n", 0, element.start()) + 1
+    return f"line {line}: "
 
 
 def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
-    """Read a YAML file of any dialect, recognised by its keys, with its URDF."""
+    """Read a YAML file and its URDF by the dialect of the file's keys."""
     text, parameters = fill_parameters(text, parameters_given)
     content = parse_yaml(text)
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
-    has_loops_alone = "closures" in content and not {"version", "urdf", "platform"} & content.keys()
-    if not has_loops_alone and any(key in content for key in _OWN_KEYS):
+    is_loop_closures = "closures" in content and not {"version", "urdf", "platform"} & content.keys()
+    if not is_loop_closures and not content.keys().isdisjoint(_OWN_KEYS):
         return _complete_own_file(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
     from framework.model.readers.urdf import read_urdf
 
-    if not has_loops_alone and not any(key in content for key in gepetto.KEYS):
+    if not is_loop_closures and content.keys().isdisjoint(gepetto.KEYS):
         keys = ", ".join(map(short, content)) or "nothing"
         raise RobotFileError(
             f"unknown dialect: has neither version (our robot file) nor closed_loop (Gepetto); given: {keys}"
         )
     urdf = _find_urdf(path)
-    if has_loops_alone and not urdf.is_file():
+    if is_loop_closures and not urdf.is_file():
         raise RobotFileError("a list of closures: give the URDF that they are of")
     with prefix_errors(urdf.name):
         root = parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
-        if has_loops_alone:
+        if is_loop_closures:
             return read_urdf(urdf, root, options, content)
         tree = UrdfTree(root)
     tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
@@ -140,16 +147,18 @@ def _from_yaml(
 
 def _find_urdf(path: Path) -> Path:
     """Find the URDF of a foreign YAML: its namesake, else the only one nearby."""
-    urdf = path.with_suffix(".urdf")
+    namesake = path.with_suffix(".urdf")
+    if os.path.isfile(namesake):
+        return namesake
     for folder in (path.parent, path.parent / "urdf", path.parent.parent / "urdf"):
         others = list(folder.glob("*.urdf"))
-        if len(others) == 1 and not os.path.isfile(urdf):
+        if len(others) == 1:
             return others[0]
-    return urdf
+    return namesake
 
 
 def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
-    """Complete a robot file of our own by the options."""
+    """Complete a robot of our own file by the options."""
     if options.base is not None or options.locked:
         option = "--base" if options.base is not None else "--lock"
         raise RobotFileError(
@@ -166,11 +175,12 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
 
 def _find_pair(folder: Path) -> Path:
     """Find the YAML of a folder: robot.yaml, else the one named like the folder."""
-    candidates = [folder / name for name in ("robot.yaml", f"{Path(os.path.realpath(folder)).name}.yaml")]
-    for path in candidates:
-        if os.path.isfile(path):
-            return path
+    names = ("robot.yaml", f"{os.path.basename(os.path.realpath(folder))}.yaml")
+    for name in names:
+        if os.path.isfile(folder / name):
+            return folder / name
     if os.path.isfile(folder / "plan.json"):
         raise RobotFileError(f"{folder}: holds a plan, where a robot is needed: give its name or its file")
-    names = " or ".join(path.name for path in candidates)
-    raise RobotFileError(f"{folder}: a folder without {names}, and without the plan.json of a plan")
+    raise RobotFileError(
+        f"{folder}: a folder without {' or '.join(names)}, and without the plan.json of a plan"
+    )

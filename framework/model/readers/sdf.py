@@ -1,12 +1,17 @@
-"""SDFormat 1.4 to 1.12: the joints of a model need no tree, and those that close loops become closures.
+"""Read SDFormat 1.4 to 1.12: joints may form loops, and those that are not in the tree become closures.
 
-Read are models, also in a world, in a model and by `<include>` of a file beside it (`a::b` names what is
-nested); frames and poses with `relative_to` and `attached_to`; joints fixed, revolute, prismatic, universal,
-revolute2, ball and screw with limits, damping, friction, springs and `<mimic>`; inertias and primitive
-shapes. A screw is a turn and a coupled slide, and cannot close a loop. A joint whose parent is a `<frame>`
-stands in that frame, so that the loops may be open where the file has its
-links. Joints with something of their own, such as a limit, stay in the tree, others are cut first. Joints
-that a plugin names are likely motors. The file says nothing about the platform.
+The reader supports
+
+- models, also in a world, in a model, and by `<include>` of a file (nested names are `a::b`);
+- frames and poses with `relative_to` and `attached_to`;
+- joints fixed, revolute, prismatic, universal, revolute2, ball and screw, with limits, damping, friction,
+  springs and `<mimic>`;
+- inertias and primitive shapes.
+
+A screw becomes a hinge and a coupled slide, and cannot close a loop. A joint whose parent is a `<frame>`
+stands in that frame, so loops may be open in the poses of the file. Loops are cut first at joints without
+properties such as a limit, which a closure cannot have. Joints that a plugin names are likely motors. The
+file says nothing about the platform.
 
 Source: sdformat.org, "Pose frame semantics".
 """
@@ -16,6 +21,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
@@ -42,14 +48,14 @@ from framework.numerics.fields import vector3
 from framework.numerics.input import read_text
 
 WORLD, MODEL = "world", "__model__"
-UNLIMITED = 1e15  # [rad, m] larger ones stand for no limit
+UNLIMITED = 1e15  # [rad, m] limits of this size or more mean no limit
 _KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal", "screw")} | {
     "continuous": "revolute",
     "revolute2": "universal",
     "ball": "spherical",
 }
-# motions of one freedom by kind: what ends the name, the joint of the URDF, the element of its properties
-_MOTIONS = {  # of each kind: suffix of the motion's name, motion, tag of its axis
+# the motions of one freedom that make each kind: suffix of the name, type in the URDF, tag of the axis
+_MOTIONS = {
     "revolute": (("", "continuous", "axis"),),
     "prismatic": (("", "prismatic", "axis"),),
     "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
@@ -58,38 +64,35 @@ _MOTIONS = {  # of each kind: suffix of the motion's name, motion, tag of its ax
 _NOT_READ = ("gearbox",)
 _UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
 BALL_CONSTRAINT = "ball_constraint"
-_CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # of Drake
-_OWN = ("dynamics", "limit", "mimic")  # what a joint of the tree can have, and a closure cannot
-_DYNAMICS = {
-    "damping": "damping",
-    "friction": "friction",
-    "stiffness": "spring_stiffness",
-    "rest": "spring_reference",
-}
-_INERTIA = {"mass": "1"} | {f"inertia/{key}": one for key, one in zip(ENTRIES, "111000", strict=True)}
+_CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # types of joints by Drake's elements
+_OWN = ("dynamics", "limit", "mimic")  # properties that joints of the tree can have, and closures cannot
+_DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")
+_INERTIA = {"mass": "1"} | {f"inertia/{key}": value for key, value in zip(ENTRIES, "111000", strict=True)}
 _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
-_VERSION_OF_JOINT_AXES = 1.5  # before, axes were in the frame of the model
+_VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the model
 
 
 @dataclass
 class Scope:
-    """The frames of all models by scoped name, each with its base frame, relative pose and body."""
+    """The links, joints and frames of all models by scoped name."""
 
     version: float
-    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
-    attached: dict[str, str] = field(default_factory=dict)
+    relative: dict[str, tuple[str, Array]] = field(  # base frame and placement (4, 4) in it, of each frame
+        default_factory=lambda: {MODEL: (WORLD, np.eye(4))}
+    )
+    attached: dict[str, str] = field(default_factory=dict)  # link or frame on which each frame is
     links: dict[str, Element] = field(default_factory=dict)
-    joints: dict[str, Element] = field(default_factory=dict)  # with their `scope`
+    joints: dict[str, Element] = field(default_factory=dict)  # with the prefix of the model as `scope`
 
-    def place(self, name: str, depth: int = 0) -> Array:
-        """Return the placement (4, 4) of a frame in the world, as in the file."""
+    def placement_of(self, name: str, depth: int = 0) -> Array:
+        """Compute the placement (4, 4) of a frame in the world, as in the file."""
         if name == WORLD:
             return np.eye(4)
         check_choice("frame", name, self.relative)
         if depth > len(self.relative):
             raise RobotFileError(f"frame {name!r}: is relative to itself")
         base, pose = self.relative[name]
-        return self.place(base, depth + 1) @ pose
+        return self.placement_of(base, depth + 1) @ pose
 
     def link_of(self, name: str, depth: int = 0) -> str:
         """Return the link that carries a frame."""
@@ -101,28 +104,33 @@ class Scope:
 
 
 class _Joint(NamedTuple):
-    """A joint with motions, dynamics, and its placements in both links."""
+    """A joint with its motions, their dynamics, and its placements in both links."""
 
     name: str
     element: Element
     kind: str
-    links: tuple[str, str]  # of the parent first
-    places: tuple[Array, Array]  # (4, 4), of the joint in each link's frame
-    motions: tuple[NewJoint, ...]  # in the joint's frame
-    dynamics: dict[str, JointDynamics]  # by motion, none where nothing acts
+    links: tuple[str, str]  # the parent first
+    placements: tuple[Array, Array]  # (4, 4) of the joint in each link
+    motions: list[NewJoint]  # in the joint's frame
+    dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
     def chain(self, *, is_reversed: bool) -> list[NewJoint]:
-        """Return the motions as joints of a URDF from parent to child, or in reverse."""
-        motions = list(self.motions)
+        """Return the motions as joints of a URDF, from parent to child or in reverse."""
+        motions = self.motions
         if is_reversed:
-            opposite = (None if motion.axis is None else -motion.axis for motion in motions)
-            pairs = zip(motions, opposite, strict=True)
-            motions = [motion._replace(axis=axis) for motion, axis in pairs][::-1]
-        return [motions[0]._replace(origin=self.places[is_reversed]), *motions[1:]]
+            motions = [
+                motion if motion.axis is None else motion._replace(axis=-motion.axis)
+                for motion in reversed(motions)
+            ]
+        return [motions[0]._replace(origin=self.placements[is_reversed]), *motions[1:]]
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
-    """Read the robot in an SDF file; raise RobotFileError with the element's name."""
+    """Read the robot in an SDF file.
+
+    Raises:
+        RobotFileError: the file is malformed or has content that is not read; the message names the element.
+    """
     (version,) = parse_numbers("<sdf> version", root.get("version", "1.4"), 1)
     scope = Scope(version)
     for parent in (root, *root.findall("world")):
@@ -130,7 +138,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     joints = _joints_of_main_part(scope)
     tree_names = _choose_tree_joints(scope, joints)
     tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
-    tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED})  # without zeros
+    tree.unused += Counter({f"<{tag}>": len(list(root.iter(tag))) for tag in _UNUSED})  # += drops zeros
     tree.gravity = vector3("<gravity>", root.findtext("world/gravity", "0 0 -9.81").split())
     named_by_plugins = [element.text or "" for element in root.iter("joint_name")]
     tree.likely_motors = [name for name in tree_names if name.rsplit("::", 1)[-1] in named_by_plugins]
@@ -146,59 +154,65 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
 
 
 def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
-    """Report dynamics and mimic of a joint where a loop is cut: a closure has neither."""
+    """Report dynamics and mimic of a joint that becomes a closure."""
     properties = {"dynamics": bool(joint.dynamics), "mimic": _has_property(joint.element, "mimic")}
-    for name, is_there in properties.items():
-        if is_there:
+    for name, is_stated in properties.items():
+        if is_stated:
             text = f"joint {joint.name!r}: its {name}, where the loop is cut"
             tree.left_out.append(UnreadElement(text, (joint.links[1],)))
 
 
 def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
-    """Report gearboxes, links without gravity, and links beside the mechanism."""
-    for name, element in reversed(scope.joints.items()):
+    """Report gearboxes, links without gravity, and links apart from the mechanism."""
+    gears = []
+    for name, element in scope.joints.items():
         if (kind := element.get("type")) in _NOT_READ:
             acts_on = name, *_links_of_joint(scope, name)
-            gear = UnreadElement(f"joint {name!r}: {kind}: not read", acts_on, is_decisive=True)
-            tree.left_out.insert(0, gear)
-    part, apart = {link for joint in joints for link in joint.links}, []
+            gears.append(UnreadElement(f"joint {name!r}: {kind}: not read", acts_on, is_decisive=True))
+    tree.left_out[:0] = gears  # first, since their errors are the more precise ones
+
+    links = {link for joint in joints for link in joint.links}
+    apart = []
     for name, link in scope.links.items():
         mass = link.findtext("inertial/mass", "1").strip()
         if link.findtext("gravity", "1").strip() in ("0", "false"):
             tree.left_out.append(UnreadElement(f"link {name!r}: <gravity> off, {mass} kg", (name,)))
-        if name not in part:
+        if name not in links:
             apart.append(f"{name} of {mass} kg")
     if apart:
         tree.remarks.append(f"not read: {', '.join(apart)}, which no joint joins with the mechanism")
 
 
 def _scope_name(prefix: str, name: str) -> str:
-    """Return the scoped name of a name in a model."""
+    """Return the scoped name of a name in the model with a prefix."""
     return name if name == WORLD else prefix + name
 
 
 def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> list[float]:
-    """Read the number at each path below an element, or its default."""
-    return [
-        parse_numbers(f"{where}: <{path.rsplit('/', 1)[-1]}>", element.findtext(path, default), 1)[0]
-        for path, default in defaults.items()
-    ]
+    """Read the number at each path below an element, or the path's default."""
+    values: list[float] = []
+    for path, default in defaults.items():
+        tag = path.rsplit("/", 1)[-1]
+        values += parse_numbers(f"{where}: <{tag}>", element.findtext(path, default), 1)
+    return values
 
 
 # ------------------------------------------------------------------ models and frames
 
 
 def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add the models in an element and in its included files."""
+    """Add the models in an element and in files that the element includes."""
     for model in parent.findall("model"):
         _add_model(scope, model, folder, prefix, base)
     for include in parent.findall("include"):
         uri = (include.findtext("uri") or "").removeprefix("model://").removeprefix("file://")
-        file = next((f for f in (folder / uri, folder.parent / uri) if f.exists()), folder / uri)
+        file = folder / uri
+        if not file.exists():
+            file = folder.parent / uri
         if file.is_dir():
             file = file / "model.sdf"
         if not file.is_file():
-            continue  # scenery, such as a ground plane; a joint to it says what is missing
+            continue  # scenery, such as a ground plane; a joint to it would raise an error
         with prefix_errors(f"<include> {uri}"):
             document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
             model = child_element(document, "<sdf>", "model")
@@ -211,82 +225,93 @@ def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: 
 
 
 def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model to the scope; if nested or not the first, prefix its names."""
+    """Add a model to the scope.
+
+    The names in the first model have no prefix; the names in all others begin with the name of the model.
+    """
     name = attribute(model, "<model>", "name")
-    full = f"{prefix}{name}"
-    own, is_first = f"{full}::{MODEL}", base == WORLD and not prefix and not scope.links
-    inner = "" if is_first else f"{full}::"
-    relative, pose = _read_pose(model, prefix, base, f"model {name!r}")
-    scope.relative[own] = (relative, pose)
+    scoped = f"{prefix}{name}"
+    model_frame = f"{scoped}::{MODEL}"
+    is_first = base == WORLD and not prefix and not scope.links
+    inner = "" if is_first else f"{scoped}::"
+    relative_to, pose = _read_pose(model, prefix, base, f"model {name!r}")
+    scope.relative[model_frame] = (relative_to, pose)
     if is_first:
-        scope.relative[MODEL] = (own, np.eye(4))
-    add_content(scope, model, folder, inner, own)
-    links = [key for key in scope.links if key.startswith(inner)]
-    canonical = model.get("canonical_link")
+        scope.relative[MODEL] = (model_frame, np.eye(4))
+    add_content(scope, model, folder, inner, model_frame)
+
+    links = [link for link in scope.links if link.startswith(inner)]
     if links:
+        canonical = model.get("canonical_link")
         link = f"{inner}{canonical}" if canonical else links[0]
-        scope.attached |= dict.fromkeys((own, f"{inner}{MODEL}", full), link)
-        scope.relative.setdefault(full, (own, np.eye(4)))
-    if frame := model.get("placement_frame"):
-        within = invert_placement(scope.place(own)) @ scope.place(f"{inner}{frame}")
-        scope.relative[own] = (relative, pose @ invert_placement(within))
+        scope.attached |= dict.fromkeys((model_frame, f"{inner}{MODEL}", scoped), link)
+        scope.relative.setdefault(scoped, (model_frame, np.eye(4)))
+    if frame := model.get("placement_frame"):  # the pose is that of this frame, not of the model
+        in_model = invert_placement(scope.placement_of(model_frame)) @ scope.placement_of(f"{inner}{frame}")
+        scope.relative[model_frame] = (relative_to, pose @ invert_placement(in_model))
 
 
 def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
     """Add the links, frames, joints and models of a model whose frame is `base`."""
-    replaced = [
-        part
-        for number, element in enumerate(model)
-        if local_name(element.tag) in _CONSTRAINTS
-        for part in _constraint_elements(element, f"{local_name(element.tag)}_{number}")
-    ]
-    for element in (*model, *replaced):
-        tag, default = element.tag, base
+    elements = list(model)
+    for number, element in enumerate(model):
+        kind = local_name(element.tag)
+        if kind in _CONSTRAINTS:
+            elements += _constraint_elements(element, kind, f"{kind}_{number}")
+    for element in elements:
+        tag = element.tag
         if tag not in ("link", "frame", "joint"):
             continue
         name = prefix + attribute(element, f"<{tag}>", "name")
         if name in (scope.joints if tag == "joint" else scope.relative):
             raise RobotFileError(f"duplicate {tag} {name!r}")
+        relative_to = base  # of a pose that does not say so itself
         if tag == "link":
             scope.links[name] = element
         elif tag == "frame":
-            to = element.get("attached_to")
-            default = scope.attached[name] = _scope_name(prefix, to) if to else base
+            if attached_to := element.get("attached_to"):
+                relative_to = _scope_name(prefix, attached_to)
+            scope.attached[name] = relative_to
         else:
             element.set("scope", prefix)
             scope.joints[name] = element
-            default = _end_name(element, "child")
-            scope.attached.setdefault(name, default)
-        pose = _read_pose(element, prefix, default, f"{tag} {name!r}")
-        if tag == "joint":
+            relative_to = _end_name(element, "child")
+            scope.attached.setdefault(name, relative_to)
+        pose = _read_pose(element, prefix, relative_to, f"{tag} {name!r}")
+        if tag == "joint":  # a joint may have the name of a link or frame
             scope.relative[f"joint {name}"] = pose
         scope.relative.setdefault(name, pose)
     _add_models(scope, model, folder, prefix, base)
 
 
-def _constraint_elements(element: Element, name: str) -> Iterator[Element]:
-    """Yield Drake's constraint of two bodies as two frames and a joint."""
-    kind, parts = local_name(element.tag), dict[str, str]()
-    for child in element:  # of SDF with a text, of URDF with an attribute
+def _constraint_elements(element: Element, kind: str, name: str) -> Iterator[Element]:
+    """Yield Drake's constraint of two bodies as two frames and a joint.
+
+    The parts of the constraint have a text in SDF, and an attribute in a URDF.
+    """
+    parts: dict[str, str] = {}
+    for child in element:
         text = child.text or child.get("name") or child.get("value") or ""
         parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
     joint = Element("joint", name=name, type=_CONSTRAINTS[kind])
-    origin = "" if kind == BALL_CONSTRAINT else "0 0 0"  # a ball needs its points
-    for end, body, point in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
-        needed = {body: parts.get(end) or parts.get(body) or "", point: parts.get(point) or origin}
-        for part, text in needed.items():
-            if not text:
-                raise RobotFileError(f"<{kind}>: {part} is missing")
-        parse_numbers(f"<{kind}> {point}", needed[point], 3)
-        frame = Element("frame", name=f"{name}_at_{end}", attached_to=needed[body])
-        SubElement(frame, "pose").text = f"{needed[point]} 0 0 0"
+    default_point = "" if kind == BALL_CONSTRAINT else "0 0 0"
+    for end, body_part, point_part in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
+        body = parts.get(end) or parts.get(body_part)
+        point = parts.get(point_part) or default_point
+        if not body:
+            raise RobotFileError(f"<{kind}>: {body_part} is missing")
+        if not point:
+            raise RobotFileError(f"<{kind}>: {point_part} is missing")
+        parse_numbers(f"<{kind}> {point_part}", point, 3)
+        frame = Element("frame", name=f"{name}_at_{end}", attached_to=body)
+        SubElement(frame, "pose").text = f"{point} 0 0 0"
         SubElement(joint, end).text = frame.get("name")
         yield frame
     yield joint
 
 
 def _end_name(joint: Element, end: str) -> str:
-    """Return the scoped name of the parent or child of a joint."""
+    """Return the scoped name of a joint's parent or child."""
     name = (joint.findtext(end) or "").strip()
     if not name:
         raise RobotFileError(f"joint {joint.get('name')!r}: <{end}> is missing")
@@ -294,26 +319,29 @@ def _end_name(joint: Element, end: str) -> str:
 
 
 def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
-    """Read an element's `<pose>`: its base frame, and the placement (4, 4)."""
+    """Read an element's `<pose>`: base frame and placement (4, 4)."""
     pose = element.find("pose")
     if pose is None:
         return default, np.eye(4)
-    to = pose.get("relative_to") or pose.get("frame")
     has_quaternion = pose.get("rotation_format") == "quat_xyzw"
     count = 7 if has_quaternion else 6
-    position, turn = np.split(parse_numbers(f"{where}: <pose>", pose.text or " 0" * count, count), [3])
+    numbers = parse_numbers(f"{where}: <pose>", pose.text or " 0" * count, count)
+    position, orientation = numbers[:3], numbers[3:]
     if has_quaternion:
-        matrix = from_quaternion(*np.roll(turn, 1))
+        x, y, z, w = orientation
+        rotation = from_quaternion(w, x, y, z)
     else:
-        matrix = from_rpy(np.radians(turn) if pose.get("degrees") in ("true", "1") else turn)
-    return _scope_name(prefix, to) if to else default, placement(matrix, position)
+        in_degrees = pose.get("degrees") in ("true", "1")
+        rotation = from_rpy(np.radians(orientation) if in_degrees else orientation)
+    relative_to = pose.get("relative_to") or pose.get("frame")
+    return _scope_name(prefix, relative_to) if relative_to else default, placement(rotation, position)
 
 
 # ------------------------------------------------------------------ joints
 
 
 def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
-    """Return the links of a joint, parent first."""
+    """Return the two links of a joint, the parent first."""
     joint, where = scope.joints[name], f"joint {name!r}"
     kind = attribute(joint, where, "type")
     check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
@@ -325,31 +353,34 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
 
 
 def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Make a joint with its motions, placed in its parent's frame and in its child's."""
+    """Make a joint with its motions and its placement in each link."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
-    ends = [scope.place(f"joint {name}")] * 2  # of the joint on its parent and its child
+    on_child = scope.placement_of(f"joint {name}")
     parent = _end_name(element, "parent")
-    if parent in scope.attached and parent not in scope.links:  # a frame, which the joint begins at
-        ends[0] = scope.place(parent)
-    in_parent, in_child = (
-        invert_placement(scope.place(link)) @ end for link, end in zip(links, ends, strict=True)
+    is_frame = parent in scope.attached and parent not in scope.links
+    on_parent = scope.placement_of(parent) if is_frame else on_child
+    placements = (
+        invert_placement(scope.placement_of(links[0])) @ on_parent,
+        invert_placement(scope.placement_of(links[1])) @ on_child,
     )
-    motions, dynamics = [], dict[str, JointDynamics]()
+    motions = []
+    dynamics: dict[str, JointDynamics] = {}
     for suffix, motion, tag in _MOTIONS.get(kind, ()):
         axis = _read_axis(scope, name, "axis" if tag == "slide" else tag)  # a screw slides along its axis
-        motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, _read_limits(element, name, tag)))
+        limits = _read_limits(element, name, tag)
+        motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, limits))
         if (acting := _read_dynamics(element, name, tag)) != JointDynamics():
             dynamics[name + suffix] = acting
     motions = motions or [NewJoint(name, kind, np.eye(4))]
-    return _Joint(name, element, kind, links, (in_parent, in_child), tuple(motions), dynamics)
+    return _Joint(name, element, kind, links, placements, motions, dynamics)
 
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
     """Read damping, friction and spring along an axis of a joint."""
-    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS.values()}
-    values = dict(zip(_DYNAMICS, _read_values(joint, f"joint {name!r}", paths), strict=True))
-    return JointDynamics(**values | ({} if values["stiffness"] else {"rest": 0.0}))
+    paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS}
+    damping, friction, stiffness, rest = _read_values(joint, f"joint {name!r}", paths)
+    return JointDynamics(0.0, damping, friction, stiffness, rest if stiffness else 0.0)
 
 
 def _read_axis(scope: Scope, name: str, tag: str) -> Array:
@@ -359,112 +390,110 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     if not axis.any():
         raise RobotFileError(f"{where}: the axis is zero")
     xyz = joint.find(f"{tag}/xyz")
-    within = None if xyz is None else xyz.get("expressed_in")
+    expressed_in = None if xyz is None else xyz.get("expressed_in")
     in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in ("true", "1")
-    if not within and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
+    if not expressed_in and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
         return axis
-    frame = scope.place(_scope_name(joint.get("scope", ""), within or MODEL))
-    return scope.place(f"joint {name}")[:3, :3].T @ frame[:3, :3] @ axis
+    frame = _scope_name(joint.get("scope", ""), expressed_in or MODEL)
+    to_world = scope.placement_of(frame)[:3, :3]
+    from_joint = scope.placement_of(f"joint {name}")[:3, :3]
+    return from_joint.T @ to_world @ axis
 
 
 def _has_property(joint: Element, *properties: str) -> bool:
-    """Return whether an axis of a joint has one of the properties."""
-    return any(axis.find(tag) is not None for axis in joint.findall("axis") for tag in properties)
+    """Return whether the `<axis>` of a joint has one of the properties."""
+    return any(joint.find(f"axis/{tag}") is not None for tag in properties)
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
-    """Yield the couplings of a mimic joint and of a screw's slide."""
+    """Yield the coupling of a mimic joint, and that of a screw's slide."""
     where, element = f"joint {joint.name!r}", joint.element
     for mimic in element.findall("axis/mimic"):
-        of = element.get("scope", "") + (mimic.get("joint") or "")
+        of = element.get("scope", "") + mimic.get("joint", "")
         check_name(f"{where}: <mimic>", "joint", of, names)
         defaults = {"multiplier": "1", "offset": "0", "reference": "0"}
         ratio, offset, reference = _read_values(mimic, f"{where}: <mimic>", defaults)
         yield Coupling(joint.name, of, ratio, offset - ratio * reference)
     if joint.kind == "screw":
-        pitch, left_handed = _read_values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
+        # screw_thread_pitch is in [m] per turn; the older thread_pitch is left-handed and in [rad/m]
+        pitch, old_pitch = _read_values(element, where, {"screw_thread_pitch": "1", "thread_pitch": "0"})
         lead = pitch / (2.0 * np.pi)  # [m/rad]
-        if left_handed and element.find("screw_thread_pitch") is None:
-            lead = -1.0 / left_handed  # which was in [rad/m]
+        if old_pitch and element.find("screw_thread_pitch") is None:
+            lead = -1.0 / old_pitch
         yield Coupling(f"{joint.name}_slide", joint.name, lead)
 
 
-# ------------------------------------------------------------------ the tree and what it is cut from
+# ------------------------------------------------------------------ the spanning tree
 
 
 def _joints_of_main_part(scope: Scope) -> list[_Joint]:
-    """Return the joints of the part with a loop and the most joints."""
+    """Return the joints of the largest connected part with a loop."""
     ends = {name: _links_of_joint(scope, name) for name in scope.joints}
     if not ends:
         raise RobotFileError("there is no joint in it")
-
-    def loops_and_joints(part: tuple[list[str], list[str]]) -> tuple[bool, int]:
-        """Return whether a part closes a loop, and its number of joints.
-
-        A tree has one joint less than links. A mimic is a loop equation too.
-        """
-        links, names = part
+    parts = []  # whether there is a loop, number of joints, names of joints
+    for links in merge_overlapping(ends.values()):
+        names = [name for name, pair in ends.items() if pair[0] in links]
+        # a tree has one joint less than links, and a mimic is a loop equation too
         mimics = sum(_has_property(scope.joints[name], "mimic") for name in names)
-        return len(names) + mimics >= len(links), len(names)
-
-    parts = [
-        (links, [name for name, pair in ends.items() if pair[0] in links])
-        for links in merge_overlapping(ends.values())
-    ]
-    _, names = max(parts, key=loops_and_joints)
+        has_loop = len(names) + mimics >= len(links)
+        parts.append((has_loop, len(names), names))
+    *_, names = max(parts, key=itemgetter(0, 1))
     return [_make_joint(scope, name, ends[name]) for name in names]
 
 
 def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
-    """Choose the joints of a spanning tree: with own properties first, balls last."""
+    """Choose the joints of a spanning tree; cut loops where a closure loses least."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
     def reasons_to_cut(joint: _Joint) -> tuple[bool, ...]:
         """Return the reasons to cut a loop at a joint, the strongest first."""
         is_coupled = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
         return (
-            f"{joint.name}_at_child" in scope.relative,  # made of a constraint: `_constraint_elements`
+            f"{joint.name}_at_child" in scope.relative,  # from a constraint, by `_constraint_elements`
             joint.kind != "screw",
             not is_coupled,
             not _has_property(joint.element, *_OWN),
             joint.kind in ("universal", "spherical"),
         )
 
+    # Kruskal's algorithm: a joint enters the tree if it joins two groups of links
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
     for joint in sorted(joints, key=reasons_to_cut):
         first, second = (groups[link] for link in joint.links)
-        if first is not second:  # the joint closes no loop with those chosen
+        if first is not second:
             first |= second
             groups |= dict.fromkeys(second, first)
             chosen.add(joint.name)
     return [joint.name for joint in joints if joint.name in chosen]
 
 
-def _make_urdf(scope: Scope, joints: Sequence[_Joint], chosen: Sequence[str], name: str) -> Element:
-    """Return the tree as a URDF, rooted in the world or a link without parent."""
+def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str], name: str) -> Element:
+    """Return the tree as a URDF, from the world or a link without parent."""
     root = Element("robot", name=name)
-    part = {link for joint in joints for link in joint.links}
+    ends = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
-    links = [link for link in scope.links if link in part]
-    waiting = [WORLD if WORLD in part else next((link for link in links if link not in children), links[0])]
+    links = [link for link in scope.links if link in ends]
+    base = WORLD if WORLD in ends else next((link for link in links if link not in children), links[0])
+    reached = [base]
     taken = {*links, WORLD}
-    in_tree = [joint for joint in joints if joint.name in chosen]
-    for link in waiting:  # which grows
+    tree_joints = [joint for joint in joints if joint.name in tree_names]
+    for link in reached:  # grows during the loop: breadth first
         root.append(_make_link(scope, link))
-        for joint in in_tree:
-            is_reversed = link != joint.links[0]
+        for joint in tree_joints:
+            is_reversed = link != joint.links[0]  # the tree leads from the joint's child to its parent
             inner, outer = joint.links[is_reversed], joint.links[not is_reversed]
-            if link != inner or outer in waiting:
+            if link != inner or outer in reached:
                 continue
-            end = invert_placement(joint.places[not is_reversed])
+            end = invert_placement(joint.placements[not is_reversed])
             root.extend(chain_elements(link, joint.chain(is_reversed=is_reversed), outer, end, taken))
-            waiting.append(outer)
+            reached.append(outer)
     return root
 
 
 def _make_link(scope: Scope, name: str) -> Element:
-    """Return a link with its inertia, by default SDF's, and its primitive shapes."""
+    """Return a link with its inertia, or SDF's default inertia, and its primitive shapes."""
     link = Element("link", name=name)
     if name == WORLD:
         return link
@@ -473,25 +502,27 @@ def _make_link(scope: Scope, name: str) -> Element:
     if inertial is None:
         inertial = Element("inertial")
     mass, *moments = _read_values(inertial, where, _INERTIA)
-    origin = _read_pose(inertial, "", "", where)[1]
-    turn = origin[:3, :3]
-    link.append(inertial_element(mass, origin[:3, 3], turn @ symmetric_matrix(*moments) @ turn.T))
+    _, origin = _read_pose(inertial, "", "", where)
+    axes = origin[:3, :3]
+    link.append(inertial_element(mass, origin[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
     for visual in element.findall("visual"):
         for shape, keys in _SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
-                words = {key: (geometry.findtext(key) or "1").strip() for key in keys}
-                link.append(visual_element(shape, words, _read_pose(visual, "", "", where)[1]))
+                sizes = {key: (geometry.findtext(key) or "1").strip() for key in keys}
+                _, origin = _read_pose(visual, "", "", where)
+                link.append(visual_element(shape, sizes, origin))
     return link
 
 
 def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
-    """Read lower and upper limit [rad, m]; None if infinite, in words or numbers."""
-    where, ends = f"joint {name!r}", list[float]()
+    """Read lower and upper limit [rad, m]; None if one is unlimited."""
+    where = f"joint {name!r}"
+    limits: list[float] = []
     for end, default in (("lower", "-inf"), ("upper", "inf")):
         text = joint.findtext(f"{tag}/limit/{end}", default).lower()
-        ends += parse_numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
-    lower, upper = ends
+        limits += parse_numbers(f"{where}: <{end}>", text.replace("inf", f"{UNLIMITED:g}"), 1)
+    lower, upper = limits
     if max(abs(lower), abs(upper)) >= UNLIMITED:
         return None
     if lower > upper:
@@ -500,14 +531,14 @@ def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | N
 
 
 def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
-    """Close the loop of a joint of `scope` between links of a tree."""
+    """Close the loop of a joint in `scope`, between links of a tree."""
     _close_cut_joint(tree, _make_joint(scope, name, _links_of_joint(scope, name)))
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop of a cut joint."""
+    """Close the loop that is cut at a joint."""
     if (kind := joint.element.get("type")) in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop")
-    ends = zip("12", joint.links, joint.places, strict=True)
+    ends = zip("12", joint.links, joint.placements, strict=True)
     axes = [motion.axis for motion in joint.motions if motion.axis is not None]
     tree.close(joint.name, locked_axes(joint.kind), ends, axes)

@@ -1,6 +1,6 @@
-"""URDFs with loops, in whichever of the ways that programs write them.
+"""Read URDFs with loops, in the syntaxes of several programs.
 
-URDF+ (Chignoli, Slotine, Wensing, Kim 2024); the axis is in both frames:
+URDF+ (Chignoli, Slotine, Wensing, Kim 2024). The axis is the same in both frames:
 
     <loop name="tip" type="revolute">
       <predecessor link="left_rod">  <origin xyz="0.25 0 0"/> </predecessor>
@@ -10,30 +10,35 @@ URDF+ (Chignoli, Slotine, Wensing, Kim 2024); the axis is in both frames:
       <predecessor link="pulley"/> <successor link="wheel"/> <ratio value="1"/>
     </coupling>
 
-The angle of a link is the sum of the joints that carry it and not the other. Read are the coupling that holds
-a joint, that of links turned alike (ratio 1, all axes parallel), and that of two joints, a `<mimic>`.
+The angle of a link is the sum of the angles of the joints that carry this link and not the other. Three forms
+are read: a coupling that fixes one joint, a coupling of links with equal rotations (ratio 1, all axes
+parallel), and a coupling of two joints, which becomes a `<mimic>`.
 
-The proposal for ROS (urdfdom pull request 264), each axis in its own frame; a kind may end in `_joint`:
+The proposal for ROS (urdfdom pull request 264). Each axis is in its own frame; a type may end in `_joint`:
 
     <constraint name="tip" type="spherical">
       <parent link="left_rod"/>   <parent_origin xyz="0.25 0 0" rpy="0 0 0"/>  <parent_axis xyz="0 0 1"/>
       <child link="right_rod"/>   <child_origin xyz="0.25 0 0"/>               <child_axis xyz="0 0 1"/>
     </constraint>
 
-The child's axis is the parent's unless given; a universal joint has two at right angles, both needed.
+Without `<child_axis>` the child's axis is the parent's. A universal joint needs both, at right angles.
 
-Isaac Sim, whose links are in the order of the document, the second perhaps a second `<link1>`;
-`<fixed_frame>` is a frame:
+Isaac Sim. The order in the document decides which link is the first; the second may be another `<link1>`.
+`<fixed_frame>` adds a frame:
 
     <loop_joint name="tip" type="spherical">
       <link1 link="left_rod" xyz="0.25 0 0" rpy="0 0 0"/>   <link2 link="right_rod" xyz="0.25 0 0"/>
     </loop_joint>
 
-Drake's `<drake:ball_constraint>`; Gazebo's joints of SDF, `<gazebo><joint>`; `<mimic>`; pairs of links
-`closing_NAME_1` and `closing_NAME_2` of onshape-to-robot, which are points (a hinge has a second pair,
-`closing_NAME_1_z`); and loop_closures.yaml beside the URDF, the hinges that sw2robot, an exporter of CAD for
-ROS 2, has cut. Motors are the joints with a transmission or a command interface of ros2_control, else likely
-those marked `independent`; the file says nothing about the platform.
+Also read are
+
+- Drake's `<drake:ball_constraint>`, Gazebo's SDF joints `<gazebo><joint>`, and `<mimic>`;
+- pairs of links `closing_NAME_1` and `closing_NAME_2` of onshape-to-robot, whose origins coincide (a hinge
+  has a second pair, `closing_NAME_1_z`);
+- loop_closures.yaml beside the URDF, with the hinges that sw2robot, a CAD exporter for ROS 2, has cut.
+
+Motors are the joints with a transmission or a command interface of ros2_control. Without these, joints marked
+`independent` are likely motors. The file says nothing about the platform.
 """
 
 from __future__ import annotations
@@ -76,10 +81,10 @@ _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
 class _Syntax(NamedTuple):
-    """The elements of a loop's ends and axes, and its kinds."""
+    """The syntax of a loop element: tags of its ends and axes, and its types."""
 
     ends: tuple[str, str]
-    kinds: Mapping[str, str]
+    kinds: Mapping[str, str]  # closure kind by type
     axes: tuple[str, ...] = ("axis",)
 
 
@@ -91,7 +96,7 @@ _LOOPS = {
 
 
 def _element_name(element: Element) -> tuple[str, str]:
-    """Return an element's name, and the element's name in messages."""
+    """Return an element's name, and how messages name the element."""
     name = attribute(element, f"<{element.tag}>", "name")
     return name, f"{element.tag} {name!r}"
 
@@ -99,8 +104,9 @@ def _element_name(element: Element) -> tuple[str, str]:
 def _read_loop(tree: UrdfTree, element: Element) -> None:
     """Read a loop element and add its closure to the tree."""
     syntax = _LOOPS[element.tag]
-    if element.tag == "loop_joint":  # its ends are in the order of the document, and may have one tag
-        for tag, end in zip(syntax.ends, (end for end in element if end.tag in syntax.ends), strict=False):
+    if element.tag == "loop_joint":
+        ends_in_order = [end for end in element if end.tag in syntax.ends]
+        for tag, end in zip(syntax.ends, ends_in_order, strict=False):
             end.tag = tag
     name, where = _element_name(element)
     origins = [f"{end}_origin" for end in syntax.ends]
@@ -114,15 +120,18 @@ def _read_loop(tree: UrdfTree, element: Element) -> None:
 
 
 def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
-    """Read the axes (3,) of a closure in its ends, or one for both."""
+    """Read the axes (3,) of a closure, one for each end or one for both."""
     if kind in ("fixed", "spherical"):
         return []
-    needed = [tag for tag in tags if tag == tags[0] or kind == "universal" or element.find(tag) is not None]
-    axes = [read_axis(child_element(element, where, tag), f"{where}: <{tag}>") for tag in needed]
+    axes = []
+    for tag in tags:
+        # a second axis is optional but for a universal joint
+        if tag == tags[0] or kind == "universal" or element.find(tag) is not None:
+            axes.append(read_axis(child_element(element, where, tag), f"{where}: <{tag}>"))
     if kind == "prismatic" and len(axes) == 2:
         first, second = axes
-        apart = np.linalg.norm(np.cross(first, second)) / (np.linalg.norm(first) * np.linalg.norm(second))
-        if apart > FILE_ROUNDING:
+        sine = np.linalg.norm(np.cross(first, second)) / (np.linalg.norm(first) * np.linalg.norm(second))
+        if sine > FILE_ROUNDING:
             raise RobotFileError(
                 f"{where}: <child_axis>: differs from <parent_axis>; a prismatic joint does not turn, so "
                 f"turn the frame by the rpy of <child_origin> instead"
@@ -132,21 +141,29 @@ def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> 
 
 
 def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[str, Array]:
-    """Read link and placement (4, 4) of an end, by origin or attributes."""
-    body, label = child_element(element, where, end), f"{where}: <{end}>"
+    """Read a loop's end: the link, and the joint's placement (4, 4).
+
+    The placement is an `<origin>` in the end, an `<END_origin>` beside it, or attributes of the end.
+    """
+    body = child_element(element, where, end)
+    label = f"{where}: <{end}>"
     check_parts(body, label, ("origin",), ("link", "xyz", "rpy"))
     link = attribute(body, label, "link")
     check_name(label, "link", link, tree.links)
-    own: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
-    origins = [*body.findall("origin"), *element.findall(f"{end}_origin")]
-    if len(origins) + bool(own) > 1:
+    origins = body.findall("origin") + element.findall(f"{end}_origin")
+    attributes: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
+    if attributes:
+        origins.append(Element("origin", attributes))
+    if len(origins) > 1:
         raise RobotFileError(f"{label}: has more than one origin; leave one")
-    origin = origins[0] if origins else Element("origin", own)
+    if not origins:
+        return link, np.eye(4)
+    (origin,) = origins
     return link, read_origin(origin, f"{label}: <{origin.tag}>")
 
 
 def _read_coupling(tree: UrdfTree, element: Element) -> None:
-    """Read a `<coupling>` as a fixed joint, as equal turns, or as `<mimic>`."""
+    """Read a `<coupling>` as a fixed joint, as equal rotations, or as `<mimic>`."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     check_parts(element, where, (*ends, "ratio"), ("name", "type"))
@@ -156,15 +173,19 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
     ratio = read_number(value, f"{where}: <ratio>", "value")
     if first == second:
         raise RobotFileError(f"{where}: couples {first!r} with itself")
+
     drivers, driven = tree.moving_chains(first, second)
-    lone, opposite = (driven, drivers) if ratio == 0.0 or not drivers else (drivers, driven)
-    if len(lone) == 1 and lone[0].kind in MOVING and (ratio == 0.0 or not opposite):
-        tree.fix(lone[0])
+    # with the ratio 0, or without joints on one side, the angle of one side must be zero
+    is_zero = ratio == 0.0 or not (drivers and driven)
+    joints_at_zero = driven if ratio == 0.0 or not drivers else drivers
+    if is_zero and len(joints_at_zero) == 1 and joints_at_zero[0].kind in MOVING:
+        tree.fix(joints_at_zero[0])
         return
     if ratio == 1.0 and tree.close_turns(name, first, second):
         return
-    if [joint.kind in MOVING for joint in (*drivers, *driven)] != [True, True] or not drivers or not driven:
-        listed = ", ".join(joint.name for joint in (*drivers, *driven))
+    joints = drivers + driven
+    if not len(drivers) == len(driven) == 1 or not all(joint.kind in MOVING for joint in joints):
+        listed = ", ".join(joint.name for joint in joints)
         raise RobotFileError(
             f"{where}: couples {listed}: needs one joint of one freedom on each side, or the ratio 1 and "
             f"parallel axes"
@@ -173,14 +194,14 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
 
 
 def _read_fixed_frame(tree: UrdfTree, element: Element) -> None:
-    """Add a named frame at its origin on its parent link."""
+    """Read a `<fixed_frame>` and add the frame to the tree."""
     name, where = _element_name(element)
     parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
     check_name(f"{where}: <parent>", "link", parent, tree.links)
     tree.add_frame(name, parent, read_origin(element.find("origin"), f"{where}: <origin>"))
 
 
-# by element: the dialect and its reader
+# the dialect of each element, and the reader of the element
 _ELEMENTS: dict[str, tuple[str, Callable[[UrdfTree, Element], None]]] = {
     "loop": ("urdf+", _read_loop),
     "coupling": ("urdf+", _read_coupling),
@@ -198,10 +219,10 @@ def read_urdf(
     `beside` is the content of a loop_closures.yaml, by default of the one near the file.
 
     Raises:
-        RobotFileError: names the element.
+        RobotFileError: the file is malformed or has no loop; the message names the element.
     """
     beside = _find_loop_closures(file) if beside is None else beside
-    independent = [
+    independent = [  # before UrdfTree removes the attribute
         joint.get("name", "")
         for joint in root.findall("joint")
         if joint.get("independent", "").lower() in ("true", "1")
@@ -209,9 +230,13 @@ def read_urdf(
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))
     tree.likely_motors = [*independent, *beside_independent]
-    elements = [element for element in tree.extra if element.tag in _ELEMENTS]
-    for element in elements:
-        _ELEMENTS[element.tag][1](tree, element)
+
+    dialect = ""
+    for element in tree.extra:
+        if element.tag in _ELEMENTS:
+            dialect_of_element, read = _ELEMENTS[element.tag]
+            read(tree, element)
+            dialect = dialect or dialect_of_element
     _close_joints_of_other_programs(tree)
     has_closing_frames = _close_named_frames(tree)
     _close_hinges(tree, beside)
@@ -221,7 +246,7 @@ def read_urdf(
             "Isaac Sim, <mimic>, links closing_X_1 and closing_X_2 of onshape-to-robot) or in a YAML file "
             "beside it (ours, or Gepetto's with closed_loop), and give that file"
         )
-    dialect = _ELEMENTS[elements[0].tag][0] if elements else "onshape" if has_closing_frames else "urdf"
+    dialect = dialect or ("onshape" if has_closing_frames else "urdf")
     for name in tree.motors:
         if dialect == "ros":
             check_name("transmission", "movable joint", name, tree.movable)
@@ -231,7 +256,7 @@ def read_urdf(
 
 
 def _close_named_frames(tree: UrdfTree) -> bool:
-    """Close loops at pairs of links named closing_X_1, closing_X_2; return whether any."""
+    """Close loops at pairs of links closing_X_1, closing_X_2; return whether any exists."""
     pairs: dict[str, dict[str, str]] = {}
     for link in tree.links:
         if match := _CLOSING.fullmatch(link):
@@ -246,12 +271,16 @@ def _close_named_frames(tree: UrdfTree) -> bool:
 
 
 def _close_joints_of_other_programs(tree: UrdfTree) -> None:
-    """Close the loops of Gazebo's joints and Drake's constraints."""
-    scope, model = Scope(version=np.inf), Element("model")
+    """Close the loops of Gazebo's joints and Drake's constraints.
+
+    They are the content of an SDF model, in which the links stand as at zero of the joints.
+    """
+    scope = Scope(version=np.inf)
     for link in tree.links:
         scope.links[link] = Element("link")
         scope.relative[link] = (WORLD, tree.zero_pose(link))
-    model.extend(joint for joint in tree.root.findall("gazebo/joint") if joint.find("child") is not None)
+    model = Element("model")
+    model.extend(tree.root.findall("gazebo/joint[child]"))
     model.extend(element for element in tree.extra if element.tag == BALL_CONSTRAINT)
     add_content(scope, model, Path(), "", WORLD)
     for name in scope.joints:
@@ -259,9 +288,10 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
 
 
 def _find_loop_closures(file: Path) -> Mapping[str, Any]:
-    """Return the content of a loop_closures.yaml near a URDF, or nothing."""
+    """Return the content of the loop_closures.yaml near a URDF; empty without one."""
     folder = file.parent
-    for path in (folder / LOOP_CLOSURES, *(folder.parent / name / LOOP_CLOSURES for name in ("", "config"))):
+    for place in (folder, folder.parent, folder.parent / "config"):
+        path = place / LOOP_CLOSURES
         if path.is_file():
             with prefix_errors(path):
                 content = parse_yaml(read_text(path, "cannot read it", error=RobotFileError))
@@ -270,14 +300,17 @@ def _find_loop_closures(file: Path) -> Mapping[str, Any]:
 
 
 def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
-    """Close the hinges of a loop_closures.yaml, given in root axes at zero."""
+    """Close the hinges of a loop_closures.yaml, given in base axes at zero."""
     link = required(one_of("link", tree.links))
     hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
     read = list_of(lambda where, given: read_table(where, given, hinge, others=None))
     for i, entry in enumerate(read(f"{LOOP_CLOSURES}: closures", content.get("closures", []))):
-        axis, point = np.array(entry["axis"]), placement(None, entry["point"])
+        axis = np.array(entry["axis"])
         if not axis.any():
             raise RobotFileError(f"{LOOP_CLOSURES}: closures[{i}].axis: the axis is zero")
-        ends = [(end, entry[f"link_{end}"]) for end in "ab"]
-        places = [(end, name, invert_placement(tree.zero_pose(name)) @ point) for end, name in ends]
-        tree.close(f"loop_{i + 1}", locked_axes("revolute"), places, [axis])
+        hinge_at_zero = placement(None, entry["point"])
+        ends = []
+        for end in "ab":
+            name = entry[f"link_{end}"]
+            ends.append((end, name, invert_placement(tree.zero_pose(name)) @ hinge_at_zero))
+        tree.close(f"loop_{i + 1}", locked_axes("revolute"), ends, [axis])

@@ -1,13 +1,14 @@
-"""What the readers of all dialects write into: an open URDF, and what a file says beside its tree.
+"""The URDF that the readers of all dialects fill, with the content of a file beside its tree.
 
-`UrdfTree` holds the tree, checked and open to edits, with loops, motors and forces in lists; `describe` makes
-the records of them.
+`UrdfTree` holds the checked tree, which readers edit, and lists of loops, motors and forces. `describe` turns
+both into records.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
@@ -16,7 +17,7 @@ import numpy as np
 from framework.errors import RobotFileError, choose_from, nearest
 from framework.model.description import Closure, Coupling, JointDynamics, locked_axes
 from framework.model.documents import attribute, remove_children
-from framework.model.placement import placement, rotation_about, rotation_with_axis
+from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
 from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
@@ -31,8 +32,8 @@ from framework.numerics.arrays import Array, Names
 from framework.tolerances import FILE_ROUNDING
 
 MAX_LOOPS = 1000  # in a file
-MAX_FREEDOMS = 1000  # freedoms of the joints in a file
-_PLAIN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
+MAX_FREEDOMS = 1000  # sum over the joints in a file
+_KNOWN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 _USED = {
     "link": ("inertial", "visual", "collision"),
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
@@ -40,10 +41,10 @@ _USED = {
 
 
 class UnreadElement(NamedTuple):
-    """An element that is not read, with the joints and links under its action.
+    """An unread element, with the joints and links under its action.
 
-    Without the force of most elements a robot is still the same mechanism. Where an element decides how the
-    mechanism moves (`is_decisive`), the file is refused if that part moves.
+    Most such elements are forces, and without them the mechanism is the same. If an element decides how the
+    mechanism moves (`is_decisive`) and acts on a part that moves, the file is refused.
     """
 
     what: str
@@ -52,21 +53,21 @@ class UnreadElement(NamedTuple):
 
 
 class Transmission(NamedTuple):
-    """A motor or tendon that acts along the length sum(coefficient q) of joints."""
+    """A motor or tendon that acts along a length sum(arm q) of joints."""
 
-    name: str  # with its kind
-    arms: Mapping[str, float]
+    name: str  # such as "motor 'm'"
+    arms: Mapping[str, float]  # moment arms by joint: d length / d q
     gear: float = 1.0
-    dynamics: JointDynamics = JointDynamics()  # before the gear; a motor's whether or not it is chosen
+    dynamics: JointDynamics = JointDynamics()  # before the gear; also of a motor that is not chosen
     torque_limit: float | None = None  # motor side [N m]
     is_motor: bool = True
 
 
 def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str]:
-    """Remove other programs' elements and attributes from a URDF without xacro; count unused tags.
+    """Remove elements and attributes of other programs; count unused tags.
 
     Raises:
-        RobotFileError: a mistyped element, or a xacro macro.
+        RobotFileError: an element is misspelled, or a xacro macro is not expanded.
     """
     _remove_xacro_definitions(root)
     unused = Counter[str]()
@@ -80,37 +81,40 @@ def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str
             unused[f"<{tag}>"] += 1
             root.remove(element)
     for element in root.iter():
-        for key in [key for key in element.attrib if key.startswith("{")]:
-            del element.attrib[key]
+        for key in list(element.attrib):
+            if key.startswith("{"):
+                del element.attrib[key]
     return unused
 
 
 def _remove_xacro_definitions(root: Element) -> None:
-    """Remove definitions of xacro, which expanded files may keep.
+    """Remove xacro definitions, which may remain in expanded files.
 
     Raises:
-        RobotFileError: a macro or a value is not expanded; advises the command with the file's arguments.
+        RobotFileError: a macro or a value is not expanded; the message has the command to do so.
     """
     arguments = ""
     for element in list(root):
         tag = local_name(element.tag)
         if _is_xacro(element) and tag in ("property", "arg", "macro"):
             root.remove(element)
-            arguments += f" {element.get('name')}:={element.get('default')}" if tag == "arg" else ""
+            if tag == "arg":
+                arguments += f" {element.get('name')}:={element.get('default')}"
     for element in root.iter():
-        if _is_xacro(element) or any("${" in value or "$(" in value for value in element.attrib.values()):
+        values = " ".join(element.attrib.values())
+        if _is_xacro(element) or "${" in values or "$(" in values:
             raise RobotFileError(
                 f"<{local_name(element.tag)}>: expand the xacro macros first: xacro FILE{arguments} > OUT"
             )
 
 
 def _is_xacro(element: Element) -> bool:
-    """Return whether an element has the namespace of xacro."""
+    """Return whether an element is in the namespace of xacro."""
     return "xacro" in element.tag.partition("}")[0]
 
 
 def _unused_parts(element: Element, tag: str) -> Iterator[str]:
-    """Yield the tags of unread children of an element, or its own."""
+    """Yield the tags of an element and of its children that are not read."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
     for child in element if tag in _USED else ():
@@ -127,34 +131,36 @@ def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
         union = list(dict.fromkeys([*shared, *members]))
         unions.append(union)
         union_of |= dict.fromkeys(union, union)
+    # a union that was merged into a later one is no longer that of its members
     return [union for union in unions if union and union_of[union[0]] is union]
 
 
 class UrdfTree(Tree):
-    """A checked URDF, open to small edits, with loops, motors and forces.
+    """A checked URDF with loops, motors and forces, which readers edit.
 
-    `extra` are the top-level elements of the dialect; they are taken out of the URDF. Complaints name
-    the element; the caller puts the file in front.
+    `extra` are the top-level elements of the dialect, taken out of the URDF. Messages name the element; the
+    caller prefixes the file.
     """
 
     def __init__(self, root: Element, extra: Sequence[str] = ()) -> None:
-        """Check a URDF and take out elements of other programs, `extra` ones kept aside."""
+        """Check a URDF, remove other programs' elements, and set `extra` ones aside."""
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
         self.root = root
-        names = {link.get("name") for link in root.findall("link")}
-        if "world" not in names and any(end.get("link") == "world" for end in root.findall("joint/parent")):
-            SubElement(root, "link", name="world")  # Drake's, which need not be declared
-        self.unused = _remove_foreign_elements(root, (*_PLAIN, *extra))
+        # Drake's files need not declare the link `world`
+        if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
+            SubElement(root, "link", name="world")
+        self.unused = _remove_foreign_elements(root, (*_KNOWN, *extra))
         self.extra = [element for element in root if local_name(element.tag) in extra]
-        with_interface = root.findall("ros2_control/joint[command_interface]")
-        driven = [joint.get("name") for joint in (*root.findall("transmission/joint"), *with_interface)]
-        self.motors = list(dict.fromkeys(filter(None, driven)))  # as ROS declares motors
         for element in self.extra:
             root.remove(element)
             for part in element.iter():
-                part.tag = local_name(part.tag)  # its dialect has no namespace, or another program's
+                part.tag = local_name(part.tag)
+        # the two ways in which ROS declares motors
+        driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
+        self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
+
         impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
         tree = read_tree(root, impossible)
         super().__init__(tree.links, tree.joints, tree.base)
@@ -164,10 +170,11 @@ class UrdfTree(Tree):
             raise RobotFileError(
                 f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MAX_FREEDOMS} are read"
             )
-        self.fixed_at: dict[str, tuple[float, ...]] = {}  # joints that were fixed, and where [rad, m]
-        self._added: dict[str, str] = {}  # the link that carries each frame
-        self._taken = {*self.links, *self.joints}  # names
-        # what a dialect says beside the tree
+        self.fixed_positions: dict[str, float] = {}  # of fixed joints, in their first coordinate [rad, m]
+        self._added: dict[str, str] = {}  # the link that carries each added frame
+        self._taken = {*self.links, *self.joints}  # names of links, joints and added frames
+
+        # the content of the file beside the tree
         self.closures: list[Closure] = []
         self.couplings: list[Coupling] = []
         self.transmissions: list[Transmission] = []
@@ -188,11 +195,11 @@ class UrdfTree(Tree):
         return self._added[frame] if frame in self._added else super().link_of(frame)
 
     def path_to_base(self, link: str) -> list[Joint]:
-        """Return the joints from a link down to the base."""
+        """Return the joints from a link to the base, in this order."""
         path = []
-        while link in self.parent_joint:
-            path.append(self.parent_joint[link])
-            link = path[-1].parent
+        while joint := self.parent_joint.get(link):
+            path.append(joint)
+            link = joint.parent
         return path
 
     def zero_pose(self, link: str) -> Array:
@@ -203,15 +210,14 @@ class UrdfTree(Tree):
         return matrix
 
     def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
-        """Return the movable joints that carry only the first, only the second link."""
-        paths = self.path_to_base(first), self.path_to_base(second)
-        shared = {joint.name for joint in paths[0]} & {joint.name for joint in paths[1]}
-        of_first, of_second = (
-            [joint for joint in path if joint.moves and joint.name not in shared] for path in paths
-        )
-        return of_first, of_second
+        """Return the moving joints that carry only the first link, and only the second."""
+        path, other_path = self.path_to_base(first), self.path_to_base(second)
+        shared = set(path) & set(other_path)
+        only_first = [joint for joint in path if joint.moves and joint not in shared]
+        only_second = [joint for joint in other_path if joint.moves and joint not in shared]
+        return only_first, only_second
 
-    # -------------------------------------------------------------- small edits
+    # -------------------------------------------------------------- edits
 
     def close(
         self,
@@ -220,28 +226,34 @@ class UrdfTree(Tree):
         ends: Iterable[tuple[str, str, Array]],
         axes: Sequence[Array] = (),
     ) -> None:
-        """Add a closure with `locked` axes of two ends: suffix of a frame, link, placement (4, 4).
+        """Add a closure with `locked` axes between two ends.
 
-        `axes` (3,) are in both ends. Of a universal joint the first axis is x of the first frame, the second
-        is y of the second frame. Of other kinds they are z, one may stand for both, and a kind without an
-        axis needs none.
+        Args:
+            ends: for each end the suffix of the frame's name, the link, and the joint's placement (4, 4) in
+                the link.
+            axes: (3,) each, in the joint's placement; one for each end, one for both, or none. The first axis
+                of a universal joint becomes x of the first frame, the second becomes y of the second frame.
+                Axes of other kinds become z.
         """
         letters = "xy" if locked == locked_axes("universal") else "zz"
-        turns = [rotation_with_axis(*pair) for pair in zip(letters, 2 * tuple(axes), strict=False)]
-        turns = turns or 2 * [np.eye(3)]
+        # one axis stands for both ends: the doubled list is cut to two
+        rotations = list(map(rotation_with_axis, letters, 2 * list(axes))) or 2 * [np.eye(3)]
         frames = []
-        for (suffix, link, origin), turn in zip(ends, turns, strict=True):
-            where = origin @ placement(turn)
-            is_own = np.array_equal(where, np.eye(4))
-            frames.append(link if is_own else self.add_frame(f"{name}_{suffix}", link, where))
+        for (suffix, link, origin), rotation in zip(ends, rotations, strict=True):
+            in_link = origin @ placement(rotation)
+            is_link_frame = np.array_equal(in_link, np.eye(4))
+            frames.append(link if is_link_frame else self.add_frame(f"{name}_{suffix}", link, in_link))
         self.closures.append(Closure(name, (frames[0], frames[1]), locked))
 
     def add_motor(self, joint: str) -> None:
         """Add a motor without a gear to a joint."""
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}))
 
-    def add_frame(self, name: str, link: str, where: Array) -> str:
-        """Add a frame to a link; return its name, with underscores if taken."""
+    def add_frame(self, name: str, link: str, origin: Array) -> str:
+        """Add a frame at a placement (4, 4) in a link; return the name.
+
+        The name has underscores added if it was taken.
+        """
         if len(self._added) >= MAX_TREE_ELEMENTS:
             raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
         free = name
@@ -249,7 +261,7 @@ class UrdfTree(Tree):
             free += "_"
         self._taken |= {free, f"{free}_mount"}
         self._added[free] = link
-        add_frame(self.root, free, link, where)
+        add_frame(self.root, free, link, origin)
         return free
 
     def fix_at_reference(self, joint: Joint, reference: Mapping[str, float]) -> None:
@@ -259,7 +271,7 @@ class UrdfTree(Tree):
     def fix(self, joint: Joint, *values: float) -> None:
         """Fix a joint at the values [rad, m] of its coordinates, zero by default."""
         values = values or (0.0,) * len(joint.coordinates)
-        self.fixed_at[joint.name] = values
+        self.fixed_positions[joint.name] = values[0]
         fix_joint(joint, *values)
 
     def replace_by_ball(self, joint: Joint) -> None:
@@ -269,64 +281,66 @@ class UrdfTree(Tree):
         joint.element.set("type", joint.kind)
 
     def lock_turn_of_ball(
-        self, ball: Joint, axis: str, value: float | None, turn: Sequence[float]
+        self, ball: Joint, axis: str, value: float | None, rotation_vector: Sequence[float]
     ) -> dict[str, float]:
-        """Replace a ball by two hinges, one turn locked; return their angles [rad].
+        """Lock one rotation of a ball, which becomes two hinges; return their angles [rad].
 
         Args:
-            axis: letter of the turn that is held.
-            value: of that turn, ahead of the other two [rad]; None: as the reference has it.
-            turn: (3,) rotation vector of the ball in the reference [rad].
+            axis: letter of the locked rotation, the first of the three in the chain.
+            value: its angle [rad]; None for the one in the reference.
+            rotation_vector: (3,) of the ball in the reference [rad].
         """
         from scipy.spatial.transform import Rotation
 
         others = "xyz".replace(axis, "")
-        locked_angle, *angles = Rotation.from_rotvec(turn).as_euler(f"{axis}{others}".upper())
+        locked_angle, *angles = Rotation.from_rotvec(rotation_vector).as_euler(f"{axis}{others}".upper())
         locked_angle = locked_angle if value is None else value
-        locked_turn = rotation_about(np.eye(3)["xyz".index(axis)], locked_angle)
-        ball.origin = ball.origin @ placement(locked_turn)
+        ball.origin = ball.origin @ placement(rotation_about(unit_vector(axis), locked_angle))
         names = [f"{ball.name}_r{other}" for other in others]
         self.replace_by_turns(ball, others, names)
-        self.fixed_at[f"{ball.name}_r{axis}"] = (locked_angle,)
+        self.fixed_positions[f"{ball.name}_r{axis}"] = locked_angle
         return dict(zip(names, map(float, angles), strict=True))
 
-    def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str] = ()) -> None:
-        """Replace a joint by hinges about axes (letters of x, y, z), one behind another."""
-        names = names or [f"{joint.name}_{axis.upper()}" for axis in axes]
+    def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str]) -> None:
+        """Replace a joint by hinges about `axes`, letters of x, y, z."""
         for name in names:
             if name in self._taken or f"{name}_link" in self._taken:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
+        motions = []
+        origin = joint.origin
+        for name, axis in zip(names, axes, strict=True):
+            motions.append(NewJoint(name, "continuous", origin, unit_vector(axis)))
+            origin = np.eye(4)
+        elements = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), self._taken))
         position = list(self.root).index(joint.element)
+        self.root[position : position + 1] = elements
         del self.joints[joint.name]
-        motions = [
-            NewJoint(name, "continuous", np.eye(4), np.eye(3)["xyz".index(axis)])
-            for name, axis in zip(names, axes.lower(), strict=True)
-        ]
-        motions[0] = motions[0]._replace(origin=joint.origin)
-        chain = list(chain_elements(joint.parent, motions, joint.child, np.eye(4), self._taken))
-        self.root[position : position + 1] = chain
-        for element in chain:
+        for element in elements:
             if element.tag == "link":
                 self.links.append(element.get("name", ""))
             else:
-                turn = read_joint(element, set(self.links))
-                self._taken.add(turn.name)
-                self.joints[turn.name] = self.parent_joint[turn.child] = turn
+                hinge = read_joint(element, set(self.links))
+                self._taken.add(hinge.name)
+                self.joints[hinge.name] = self.parent_joint[hinge.child] = hinge
 
     def close_turns(self, name: str, first: str, second: str) -> bool:
-        """Add the closure that keeps the rotations of two links equal, one loop equation.
+        """Add the loop equation that keeps the rotations of two links equal.
 
-        The rotation of a link is the sum of its joints' angles if all joints between are parallel hinges;
-        return False where they are not. Hinges about opposite axes count as not parallel.
+        It exists if all joints between the links are parallel hinges: the rotation of a link is then the sum
+        of the angles. Return False otherwise. Hinges about opposite axes count as not parallel.
         """
-        joints = [joint for chain in self.moving_chains(first, second) for joint in chain]
-        axes = [self.zero_pose(joint.child)[:3, :3] @ joint.axis for joint in joints]
-        axes = [axis / np.linalg.norm(axis) for axis in axes]
-        if not axes or any(joint.kind in ("prismatic", *SEVERAL) for joint in joints):
+        axes = []
+        for joint in chain(*self.moving_chains(first, second)):
+            if joint.kind in ("prismatic", *SEVERAL):
+                return False
+            axis = self.zero_pose(joint.child)[:3, :3] @ joint.axis
+            axes.append(axis / np.linalg.norm(axis))
+        if not axes or any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
-        if any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
-            return False
-        # on the axes of the base
-        turns = [placement(self.zero_pose(link)[:3, :3].T) for link in (first, second)]
-        self.close(name, ("rz",), zip(("first", "second"), (first, second), turns, strict=True), axes[:1])
+        # frames on the links with the axes of the base, in which `axes` are
+        ends = [
+            (end, link, placement(self.zero_pose(link)[:3, :3].T))
+            for end, link in (("first", first), ("second", second))
+        ]
+        self.close(name, ("rz",), ends, axes[:1])
         return True
