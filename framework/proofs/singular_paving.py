@@ -344,7 +344,7 @@ class SingularBoxTest:
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
         boxes = select(boxes, possible)
         parts = select(remaining, possible)
-        return boxes, parts, derivatives.take(possible), select(loops, possible)
+        return boxes, parts, derivatives.take(np.flatnonzero(possible)), select(loops, possible)
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Return whether boxes may have poses in the window, (S,).
