@@ -149,7 +149,7 @@ class PathEnds(NamedTuple):
     last: ComplexArray  # (S, N) last point tracked by the endgame; before their ends distinct paths are apart
 
 
-def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> PathEnds:
+def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> PathEnds:
     """Find the ends of all paths from the start system to coefficients (K, M).
 
     `seed` chooses the paths. The endgame tracks paths again that do not arrive or end far away, and decides
