@@ -1,4 +1,4 @@
-"""All real displacements that solve a system of leg conditions, each proved, and the sense in which they are all.
+"""All real displacements that solve a system of leg conditions, each proved, and how many there are.
 
 Krawczyk's test encloses the ends of all paths of `homotopy`: each enclosure holds exactly one solution, for
 all coefficients within their rounding. The solution is real if the enclosure is about a real point, and not
