@@ -95,7 +95,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
             is_new = _is_apart(root.place, single, SAME_PLACE)
             is_new = is_new and not any(stretch.contains(root.place) for stretch in stretches)
             is_root = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
-            is_root = is_root and abs(root.depth) < residual
+            is_root = is_root and abs(root.residual) < residual
             if is_new and is_root and _is_crossing(measured, root, size):
                 single.append(Contact(root.place, "transversal"))
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
