@@ -75,7 +75,7 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
     unit = np.zeros((count, n + size, size))
     unit[:, n:] = np.eye(size)
-    # with exactly more null vectors than borders the system is singular: least squares, and G is singular, too
+    # least squares, as the system is singular if M has more null vectors than borders; G is singular then
     solution = solve_or_fit(bordered, unit)
     return BorderedSolution(solution[:, :n], solution[:, n:])
 
