@@ -151,8 +151,8 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
     X = approximate_inverses(M)
     M_errors = np.zeros_like(M)
     M_errors[:, :s, :s] = errors + rounding
-    transposed = (stack.swapaxes(1, 2) for stack in (M, X, M_errors))
-    return _enclose_last_column(M, X, M_errors, rounding), _enclose_last_column(*transposed, rounding)
+    M_t, X_t, errors_t = (stack.swapaxes(1, 2) for stack in (M, X, M_errors))
+    return _enclose_last_column(M, X, M_errors, rounding), _enclose_last_column(M_t, X_t, errors_t, rounding)
 
 
 def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -> LastColumns:

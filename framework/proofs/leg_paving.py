@@ -141,15 +141,13 @@ class LegEquations:
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
 
         attitude = None
-        if (
-            not isinstance(robot.platform, FramePlatform)
-            or carried[0, free].any()
-            or not carried[0, own].any()
-        ):
-            x = None
-        if x is not None:
+        platform = robot.platform
+        is_determined = carried[0, own].any() and not carried[0, free].any()
+        if not (isinstance(platform, FramePlatform) and is_determined):
+            x = None  # other joints move the platform, too
+        elif x is not None:
             chains.append(LeverChain.of(robot, own, BASE, 0))
-            if len(robot.platform.turning) == (3 if planar_normal(robot) is None else 1):
+            if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
                 attitude = frames_at(robot, q[None]).rotation[0, 0]
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 

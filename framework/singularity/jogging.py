@@ -229,19 +229,20 @@ def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> Jog
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return describe_jogged_pose(robot, q)
-    end = start
+    linearised = start.linearised
     try:
         followed = follow_path(robot, Line(start.x[0], target), q)
-        end = followed.last
+        q = followed.last.q[0]
+        linearised = followed.last.linearised
         if followed.complete:
-            return describe_jogged_pose(robot, end.q[0])
+            return describe_jogged_pose(robot, q)
     except NotAssembled:  # the start is singular
         pass
     reason = (
-        f"The edge of the workspace: the leg of {weakest_leg(robot, end.linearised)} is stretched or folded "
-        f"here (Type 1 singularity) and reaches no further in this working mode."
+        f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded here "
+        f"(Type 1 singularity) and reaches no further in this working mode."
     )
-    return describe_jogged_pose(robot, end.q[0], reason)
+    return describe_jogged_pose(robot, q, reason)
 
 
 def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:

@@ -29,7 +29,7 @@ from framework.tolerances import DISTINCT_SOLUTIONS
 
 STARTS_PER_ROUND = 24  # of tracing, chosen evenly among the unexplained sign changes
 MAX_ROUNDS = 4  # of tracing for each working mode
-# Curves closer together than this are one, in cells: on one branch of the map the joints at a point are unique.
+# Distance in cells below which two curves are one: on one branch of the map the joints at a point are unique.
 SAME_CURVE_CELLS = 0.25
 MAX_TOUCHES = 16  # minima of |g| from which tracing starts: g keeps its sign across some curves
 STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region

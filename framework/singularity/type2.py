@@ -75,7 +75,7 @@ def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -
     return twist / scale, motion / scale
 
 
-# A configuration of several kinds is called by the first; closure and constraint, which no law can cross, precede.
+# Of several kinds the first one counts: closure and constraint, which no law can cross, precede type_2.
 PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
 
 
