@@ -26,7 +26,7 @@ Equations = Callable[[Array, Array], LinearEnclosure]  # of middles and radii (B
 
 
 class KnownSolutions(NamedTuple):
-    """Known solutions, each the only one in a box about it."""
+    """Known solutions, each alone in a box about its point."""
 
     points: Array  # (k, n)
     radii: Array  # (k,) of the boxes

@@ -229,11 +229,11 @@ def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """Quadrics z' (start + t change) z = 0 for t from 0 to 1, and chart . z = 1."""
+    """Quadrics z' (start + t change) z = 0, t from 0 to 1, in the chart."""
 
     start: ComplexArray  # (N - 1, N, N)
     change: ComplexArray  # (N - 1, N, N)
-    chart: ComplexArray  # (N,)
+    chart: ComplexArray  # (N,) chart . z = 1
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute half the Jacobian (S, N, N) at z (S, N), t (S,), the chart row last."""

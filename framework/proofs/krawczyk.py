@@ -135,33 +135,36 @@ def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: Com
         radii: (N - 1, N, N) of the entries of Q; zero for exact entries.
         chart: (N,) real and exact; z is normalised to chart . z = 1.
     """
-    rounding = gamma(2 * len(chart))  # of a quadratic form in complex numbers
-    chart_size = np.abs(chart)
-    z_size = np.abs(z)  # (S, N)
-    Q_size = ROUND_UP * np.abs(quadrics)
-    Q_error = rounding * Q_size + radii  # (N - 1, N, N)
-
-    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
-    gradient_errors = matrix_products(Q_error, z_size)
-    J = append_row(2 * gradients, chart)  # (S, N, N)
-    J_error = append_row(2 * ROUND_UP * gradient_errors, rounding * chart_size)
-    F = np.column_stack([np.matvec(gradients, z), z @ chart - 1.0])  # (S, N)
-    chart_error = rounding * (z_size @ chart_size + 1.0)
-    F_error = ROUND_UP * np.column_stack([np.matvec(gradient_errors, z_size), chart_error])
+    residual, J, J_error = _evaluate_quadrics(quadrics, radii, chart, z)
     Y = approximate_inverses(J)
     Y_size = np.abs(Y)
-    offset = ROUND_UP**2 * np.matvec(Y_size, np.abs(F) + F_error)  # at least |Y F(z)|
+    offset = ROUND_UP**2 * np.matvec(Y_size, residual)  # at least |Y F(z)|
     defect = identity_defect(Y, J) + Y_size @ J_error  # at least |1 - Y J(z)|
+    Q_size = ROUND_UP * np.abs(quadrics) + radii
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        gradient_changes = matrix_products(Q_size + radii, r)  # |Q| r
-        J_change = append_row(2 * ROUND_UP * gradient_changes, 0.0 * chart)
-        row_bound = ROUND_UP**2 * np.matvec(defect + Y_size @ J_change, r)
-        image = ROUND_UP * (offset + row_bound)
+        J_change = append_row(2 * ROUND_UP * matrix_products(Q_size, r), 0.0 * chart)
+        image = ROUND_UP * (offset + ROUND_UP**2 * np.matvec(defect + Y_size @ J_change, r))
         return Enclosures(np.all(image < r, axis=1), r, image)
 
     return widen_until_proved(test, 2 * offset + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
+
+
+def _evaluate_quadrics(
+    quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray
+) -> tuple[Array, ComplexArray, Array]:
+    """Compute a bound on |F| (S, N), J and its errors (S, N, N) at z (S, N)."""
+    rounding = gamma(2 * len(chart))  # of a quadratic form in complex numbers
+    chart_size = np.abs(chart)
+    z_size = np.abs(z)
+    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
+    gradient_errors = matrix_products(rounding * ROUND_UP * np.abs(quadrics) + radii, z_size)
+    F = np.column_stack([np.matvec(gradients, z), z @ chart - 1.0])
+    chart_error = rounding * (z_size @ chart_size + 1.0)
+    F_error = ROUND_UP * np.column_stack([np.matvec(gradient_errors, z_size), chart_error])
+    J_error = append_row(2 * ROUND_UP * gradient_errors, rounding * chart_size)
+    return np.abs(F) + F_error, append_row(2 * gradients, chart), J_error
 
 
 def choose_chart(z: ComplexArray) -> Array:

@@ -87,7 +87,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
 
 
 def _displacement_group(robot: ParallelRobot) -> Displacements | None:
-    """Choose the group of the platform's displacements; None if it has no known family."""
+    """Choose the group of the platform's displacements; None without a known family."""
     if not len(robot.following) or robot.rows.has_couplings:
         return None
     if planar_normal(robot) is not None:

@@ -204,7 +204,7 @@ class LegEquations:
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
 
     def _enclose_attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
-        """Enclose the axes of the platform's frame less those of `attitude` (3, 3): 9 equations.
+        """Enclose 9 equations: the axes of the platform's frame less the `attitude` (3, 3).
 
         The derivative of an axis e along a joint that turns about w_j is w_j x e.
         """
@@ -262,7 +262,7 @@ class ChainBounds(NamedTuple):
 
 
 class LeverChain(NamedTuple):
-    """The joints from a carried point to the frame in which it is observed, with their levers.
+    """The joints between a carried point and the observing frame, with their levers.
 
     A length [m] is a row (1 + nv,): the sum of the links, then 1 for each slide that adds to the sum.
     """

@@ -51,7 +51,7 @@ from framework.proofs.interval_newton import (
     enclose_bordered_solutions,
     pivoted_inverses,
 )
-from framework.proofs.krawczyk import prove_existence
+from framework.proofs.krawczyk import Existence, prove_existence
 from framework.proofs.rounding import ROUND_UP
 
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
@@ -247,17 +247,16 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
     [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0; 1]. The slope is -psi' dP eta (Govaerts
     2000).
     """
-    rows = block.rows[:, None]
-    columns = block.columns
+    entries = (slice(None), block.rows[:, None], block.columns)  # of the block
     rounding = derivatives.bounds.rounding
-    P = derivatives.slopes[:, rows, columns]  # (S, s, s)
-    right, left = enclose_bordered_solutions(P, remainders.slopes[:, rows, columns], rounding)
+    P = derivatives.slopes[entries]  # (S, s, s)
+    right, left = enclose_bordered_solutions(P, remainders.slopes[entries], rounding)
     eta = right.z[:, :-1]  # (S, s)
     eta_error = right.error[:, :-1]
     psi = left.z[:, :-1]
     psi_error = left.error[:, :-1]
-    dP = derivatives.hessians[:, rows, columns]  # (S, s, s, k)
-    dP_change = remainders.hessians[:, rows, columns] + rounding
+    dP = derivatives.hessians[entries]  # (S, s, s, k)
+    dP_change = remainders.hessians[entries] + rounding
 
     # in psi' dP eta one factor changes at a time: dP, then eta, then psi
     psi_size = np.abs(psi)
@@ -298,6 +297,15 @@ class _SingularEquations(NamedTuple):
     x: Array  # (S, n)
     x_slopes: Array  # (S, n, k) without dimension
     x_errors: Array  # (S, n) of x + x_slopes d in the wider box, without dimension
+
+    def bound_arcs(self, proof: Existence, reach: Array) -> Array:
+        """Bound the extent (S, n) of arcs in x, parameters within reach (S,), without dimension.
+
+        An arc runs along the parameter p, within a tube about its tangent: x = x_slopes (along p + spread).
+        """
+        along = np.abs(np.matvec(self.x_slopes, proof.along)) * reach[:, None]
+        spread = np.matvec(np.abs(self.x_slopes), proof.spread)
+        return ROUND_UP * (along + self.x_errors + spread)
 
 
 class _Decision(NamedTuple):
@@ -421,12 +429,9 @@ class SingularBoxTest:
         np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)
         np.minimum(remaining.upper, proof.upper, out=remaining.upper, where=proved)
 
-        # an arc runs along the parameter p, within a tube about its tangent: x = x_slopes (along p + spread)
-        arc_radii = np.abs(np.matvec(equations.x_slopes, proof.along)) * reach[:, None]
-        tube_radii = np.matvec(np.abs(equations.x_slopes), proof.spread)
-        x_radii = ROUND_UP * (arc_radii + equations.x_errors + tube_radii)  # (S, n)
-        is_small = (2 * robot.length * x_radii <= self.resolution).all(axis=1)
-        is_arc = proof.proved & ~remaining.empty & is_small
-        middle = boxes.sub_boxes(proof.lower, proof.upper).middle
-        arcs = Arcs(equations.x, robot.platform_scale * x_radii, middle, along)
+        x_radii = equations.bound_arcs(proof, reach)  # (S, n)
+        is_arc = proof.proved & ~remaining.empty
+        is_arc &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
+        middles = boxes.sub_boxes(proof.lower, proof.upper).middle
+        arcs = Arcs(equations.x, robot.platform_scale * x_radii, middles, along)
         return _Decision(remaining, np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc))

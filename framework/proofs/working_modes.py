@@ -174,7 +174,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the modes among configurations (T, nq): those with closed loops, the platform at x.
+    """Return the modes: configurations (T, nq) with closed loops, the platform at x.
 
     Modes within joint limits come first, then those near the reference.
     """

@@ -66,7 +66,7 @@ class BorderedSolution(NamedTuple):
 
 
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
-    """Solve [M b; c' 0] [eta; G] = [0; 1] for matrices M (T, n, n), with one border or T."""
+    """Solve [M b; c' 0] [eta; G] = [0; 1] for M (T, n, n), one border or T."""
     count, n = matrices.shape[:2]
     size = border.b.shape[-1]
     bordered = np.zeros((count, n + size, n + size))

@@ -218,7 +218,7 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
 
 
 def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect the points of a piece and of all that follow it, and the end of the last.
+    """Collect the points of a piece and all following pieces, and the last end.
 
     Pieces are numbered as in `_trace_pieces`. Starts on the way are added to `done`.
     """
@@ -245,8 +245,7 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
     it. All points are corrected together. A step is rejected if its system is singular, its corrections are
     long against the step, or its tangent turns too far; its point stays.
     """
-    length = step[:, None]
-    q = equations.move(points.q, length * points.tangent + 0.5 * length**2 * bend)
+    q = equations.move(points.q, step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * bend)
     ahead = points
     accepted = np.zeros(len(q), dtype=bool)
     correction = np.zeros(len(q))  # [rad, lengths] by all Newton steps so far
@@ -262,10 +261,10 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
         ready = is_regular & (size < NEWTON_STEP)
         if ready.any():
             corrected = _points_of(q[live[ready]], select(evaluated, ready), select(start, ready))
-            turn = np.linalg.norm(corrected.tangent - start.tangent[ready], axis=1)
-            rows = live[ready][turn < MAX_TANGENT_TURN]
-            accepted[rows] = True
-            ahead = _replace_rows(ahead, rows, select(corrected, turn < MAX_TANGENT_TURN))
+            turns = np.linalg.norm(corrected.tangent - start.tangent[ready], axis=1)
+            is_smooth = turns < MAX_TANGENT_TURN
+            accepted[live[ready]] = is_smooth
+            ahead = _replace_rows(ahead, live[ready][is_smooth], select(corrected, is_smooth))
         live = live[is_regular & ~ready]
         if not len(live):
             break

@@ -151,7 +151,7 @@ class LocusEquations:
 
 
 def _measure_slopes(P: Array, border: Border, eta: Array, dP: Array) -> Array:
-    """Compute the gradient dg = -psi' dP eta (S, k) of g from derivatives dP (S, k, m, m) of P."""
+    """Compute dg = -psi' dP eta (S, k) from derivatives dP (S, k, m, m) of P."""
     psi = solve_bordered(P.swapaxes(1, 2), Border(border.c, border.b)).eta[:, :, 0]
     return -np.matvec(np.matvec(dP, eta[:, None]), psi)
 

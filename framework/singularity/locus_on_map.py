@@ -91,8 +91,9 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     """Trace the locus on a map, on the branch of its poses."""
     started = time.perf_counter()
     first = tuple(np.argwhere(poses.reached)[0])
+    free = robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
     try:
-        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], _free_axes(robot, poses))
+        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], free)
     except InvalidInput as error:
         return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
     changes = _sign_changes(poses.g)
@@ -129,7 +130,7 @@ def _trace_modes(
             cells = np.concatenate([cells, changes[_choose_evenly(todo), :2]])
             if not len(cells):
                 break
-            for curve in _trace_near(equations.robot, poses, _poses_at(poses, cells)):
+            for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
                 for part in _parts_on_branch(equations, poses, curve):
                     if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # not only a known curve
                         curves.append(part)
@@ -152,18 +153,14 @@ def _choose_evenly(indices: IntArray) -> IntArray:
     return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
 
 
-def _free_axes(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
-    """Return the names of the map's two platform coordinates."""
-    return robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
-
-
 def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
     """Compute the working modes (e, legs), a sign for each leg, at cells (e, 2) of the map."""
     return leg_signs(robot, linearised_at(robot, _poses_at(poses, cells), None))
 
 
-def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: Array) -> list[LocusCurve]:
+def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
     """Trace the locus over the map from starts (k, nq), in the working mode of the first."""
+    robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
     sides = np.abs(np.stack([poses.lower, poses.upper]) - centre) / robot.platform_scale[axes]  # (2, 2)
@@ -171,7 +168,7 @@ def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: Array) -> list[Lo
     traced = trace_locus(
         robot,
         starts[0],
-        free=_free_axes(robot, poses),
+        free=equations.free_names,
         reach=reach,
         starts=0,
         one_mode=True,

@@ -55,7 +55,7 @@ class Measured(NamedTuple):
         return count_small_values(self.evaluate(np.array([s]))[0], RANK_LOST**self.power)
 
     def guess(self, s: Array) -> LinearisedLoops:
-        """Linearise the loops at the branch's guesses for s (T,), where they may not close."""
+        """Linearise the possibly open loops at the branch's guesses for s (T,)."""
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 

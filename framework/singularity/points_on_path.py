@@ -92,8 +92,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     """
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
-    samples, type1, type1_panels = _continue_branch(branch)
-    _refuse_type_1(type1, type1_panels)
+    samples = _continue_branch(branch)
     if not len(robot.following):  # every joint has a motor: no motion escapes
         return SearchedPath(branch, ())
     power = 1 if len(robot.loops.names) == len(robot.following) else 2
@@ -139,16 +138,12 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-class _ContinuedBranch(NamedTuple):
-    """A branch continued where the inverse kinematics is singular and the branch still smooth."""
+def _continue_branch(branch: Branch) -> Samples:
+    """Continue the branch wherever the inverse kinematics is singular and the branch smooth.
 
-    samples: Samples  # the branch closed on panels
-    type1: Measured  # the matrix of the inverse kinematics along the branch
-    panels: list[Panel] | Unresolved  # measure of `type1`, or the error where it is not resolved
-
-
-def _continue_branch(branch: Branch) -> _ContinuedBranch:
-    """Continue the branch wherever the inverse kinematics is singular and the branch smooth."""
+    Raises:
+        Type1Singularity: it is singular and the branch not smooth, at a stretched or folded leg.
+    """
     for _ in range(MAX_CONTINUATIONS):
         samples = Samples(branch, {})
         type1 = Measured(branch, partial(type1_matrix, branch.robot))
@@ -163,7 +158,8 @@ def _continue_branch(branch: Branch) -> _ContinuedBranch:
         if continued is None:
             break
         branch = continued
-    return _ContinuedBranch(samples, type1, panels)
+    _refuse_type_1(type1, panels)
+    return samples
 
 
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:

@@ -104,7 +104,7 @@ class Classification(ReadOnlyArrays):
 
 
 def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = None) -> Classification:
-    """Classify the singularities of an assembled configuration, and compute its distances from them.
+    """Classify the singularities of an assembled configuration, and compute its distances.
 
     A pose is singular if a singular value, in radians and characteristic lengths, is below 1e-7 of a unit
     motion. A pose with a value of 4e-5 is near a singularity and regular. Springs keep their deflections in

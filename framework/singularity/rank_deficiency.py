@@ -137,9 +137,9 @@ def _miss_at_extremum(
 
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> Iterator[NearMiss]:
-    """Yield the end s, 0 or 1, of the path as a near miss, if |g| falls out of the path.
+    """Yield the path's end s, 0 or 1, as a near miss if |g| decreases outwards.
 
-    The end is no near miss if a contact is within reach.
+    It is none if a contact is within reach.
     """
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     value = chebyshev.chebval(outwards, panel.series)

@@ -322,17 +322,15 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     evaluated = equations.evaluate(crossing.q, crossing.border)
     U, _, V_rows = np.linalg.svd(evaluated.slopes[0])
     tangent = crossing.tangent[0]
-    first, second = V_rows[-2:] @ tangent  # components of the tangent in the null space
-    normal = first * V_rows[-1] - second * V_rows[-2]  # orthogonal to the tangent in the null space
+    shares = V_rows[-2:] @ tangent  # components of the tangent in the null space
+    normal = shares[0] * V_rows[-1] - shares[1] * V_rows[-2]  # orthogonal to the tangent in the null space
     normal /= np.linalg.norm(normal)
-    border = select(crossing.border, np.zeros(2, dtype=np.intp))
 
     def second_derivative(w: Array) -> float:
         """Compute y . F"(w, w) by a central difference along w (k,)."""
-        steps = DIFFERENCE_STEP * np.stack([w, -w])
-        ahead, back = equations.evaluate(equations.move(crossing.q, steps), border).values
-        second_difference = ahead + back - 2 * evaluated.values[0]
-        return float(U[:, -1] @ second_difference / DIFFERENCE_STEP**2)
+        ends = equations.move(crossing.q, DIFFERENCE_STEP * np.stack([w, -w]))
+        ahead, back = equations.evaluate(ends, crossing.border).values
+        return float(U[:, -1] @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
 
     along = second_derivative(tangent)
     across = second_derivative(normal)
@@ -388,7 +386,7 @@ class Region(NamedTuple):
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
-        """Move the last point to the edge of the working mode if it is outside."""
+        """Move a last point outside of the working mode to the edge."""
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points

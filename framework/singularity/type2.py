@@ -138,7 +138,7 @@ def twist_norm(robot: ParallelRobot, twist: Array) -> float:
 
 
 def moves_point(robot: ParallelRobot, twist: Array) -> bool:
-    """Return whether a twist (n,) moves the platform's point; otherwise it turns about this point."""
+    """Return whether a twist (n,) moves the platform's point, not only turns about the point."""
     linear = np.linalg.norm(twist[robot.translations])
     angular = np.linalg.norm(twist[~robot.translations])
     return bool(linear > RANK_LOST * robot.length * angular)
