@@ -224,7 +224,7 @@ def _term_vector(
     """
     turn_axes = derivatives.turn_axes  # (S, L, 3)
     if term.kind == "direction":
-        axis = frames.rotation[:, term.ends[1], :, term.selected]
+        axis = frames.rotation[:, term.ends[1], :, term.second_axis]
         slopes = cross(turn_axes, axis[:, None])
         return _ChainVector(axis, slopes, _second_derivatives(chain, turn_axes, slopes))
     if term.kind == "turn":
@@ -247,9 +247,9 @@ def _differentiate_term(
     if is_square:
         axis = vector
     elif term.ends[0] == BASE:
-        axis = np.broadcast_to(np.eye(3)[term.axis], vector.shape)
+        axis = np.broadcast_to(np.eye(3)[term.first_axis], vector.shape)
     else:
-        axis = frames.rotation[:, term.ends[0], :, term.axis]
+        axis = frames.rotation[:, term.ends[0], :, term.first_axis]
     value = np.einsum("sc,sc->s", axis, vector)
     slopes = np.einsum("sc,sjc->sj", axis, first)  # axis . u_j
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij

@@ -37,10 +37,7 @@ def moving_balls(robot: ParallelRobot) -> list[str]:
 
 
 def stretched_length(robot: ParallelRobot, q: Array) -> float:
-    """Bound the distance of any two frames [robot lengths] at q (nq,).
-
-    It is the length of all links and slides in one line.
-    """
+    """Bound the distance of any two frames [robot lengths] at q (nq,): all links in one line."""
     frame_placements = [robot.model.frames[k].placement for k in robot.frames]
     placements = [*robot.model.jointPlacements, *frame_placements]
     links = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
@@ -55,7 +52,7 @@ class Chain(NamedTuple):
     """The L moving joints between two frames."""
 
     ends: Ends
-    places: IntArray  # (L,) among the `moving` columns
+    places: IntArray  # (L,) indices into the `moving` columns
     columns: IntArray  # (L,) of pinocchio's velocity vector
     signs: Array  # (L,) -1 where the joint carries the first frame
     turns: BoolArray  # (L,)
@@ -71,16 +68,13 @@ class Term(NamedTuple):
     row: int
     ends: Ends  # of the chain
     kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn
-    axis: int  # of the first frame, 0..2
-    selected: int  # axis of the second frame, 0..2
+    first_axis: int  # of the first frame, 0..2
+    second_axis: int  # of the second frame, 0..2
     factor: float
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
-    """Return the terms of all platform and loop equations.
-
-    A platform whose coordinates are joints has no terms.
-    """
+    """Return the terms of all equations; a platform whose coordinates are joints has none."""
     terms = list[Term]()
     platform = robot.platform
     if isinstance(platform, FramePlatform):
@@ -115,13 +109,13 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
 
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
     """Return the chain of the moving joints between two frames."""
-    place_of = {column: place for place, column in enumerate(robot.moving.tolist())}
+    moving = robot.moving.tolist()
     places = list[int]()
     signs = list[float]()
     for joint, sign in joints_between(robot, *ends):
         column = robot.model.joints[joint].idx_v
-        if column in place_of:
-            places.append(place_of[column])
+        if column in moving:
+            places.append(moving.index(column))
             signs.append(sign)
     columns = robot.moving[places]
     return Chain(ends, np.array(places, dtype=np.intp), columns, np.array(signs), ~robot.sliding[columns])

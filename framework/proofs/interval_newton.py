@@ -33,10 +33,7 @@ class LinearEnclosure(NamedTuple):
     errors: Array  # (S, m) of this linear form in the box, rounding included
 
     def combine(self, mixers: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the linear combinations mixers (S, p, m) of the equations.
-
-        `radii` (S, k) are those of the boxes.
-        """
+        """Enclose the combinations mixers (S, p, m) of the equations in boxes of radii (S, k)."""
         largest = np.abs(self.values) + np.matvec(np.abs(self.slopes), radii)  # (S, m) in the box
         rounding = gamma(self.values.shape[1]) * ROUND_UP * largest
         errors = ROUND_UP * np.matvec(np.abs(mixers), self.errors + rounding)

@@ -176,10 +176,7 @@ def choose_chart(z: ComplexArray) -> Array:
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
-    """Return whether polydiscs about z (S, N) are pairwise disjoint.
-
-    Two polydiscs are disjoint if their discs are disjoint in one coordinate.
-    """
+    """Return whether polydiscs about z (S, N) are pairwise disjoint, each pair in some coordinate."""
     distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N)
     gaps = distances - radii[:, None] - radii
     is_apart = (gaps > 0).any(axis=2)  # (S, S), no polydisc from itself

@@ -73,7 +73,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
             return None
         table = displacement_functions(*sampler.sample_displacements(chain))[:, group.chosen]
         sizes, right = np.linalg.svd(table)[1:]
-        rank = int(np.sum(sizes > RANK_ROUNDING * sizes[0]))
+        rank = np.count_nonzero(sizes > RANK_ROUNDING * sizes[0])
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * float(sizes[0] / sizes[rank - 1]))
         conditions.append(right[rank:])
     rows = np.concatenate(conditions)
@@ -133,10 +133,7 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
 
 
 def _motions_are_group(closure: Closure | None) -> bool:
-    """Return whether the motions of a closure are a group, from which poses can be drawn.
-
-    They are none with two free turns, or with several distances.
-    """
+    """Return whether a closure's motions are a group: not with two free turns or several distances."""
     if closure is None:
         return True
     free_turns = np.isin(AXES[3:], closure.axes, invert=True)

@@ -108,10 +108,7 @@ def _joint_region(equations: LegEquations) -> Boxes | None:
 
 @dataclass(frozen=True, eq=False)
 class LegEquations:
-    """The equations of a leg in its own n joints, as offsets [rad, robot lengths] from q.
-
-    All other joints are fixed.
-    """
+    """The equations of a leg in offsets of its n joints from q [rad, robot lengths], all others fixed."""
 
     robot: ParallelRobot
     own: IntArray  # (n,) columns of the velocity vector
@@ -152,10 +149,7 @@ class LegEquations:
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the equations in boxes (B, n): loops, then platform.
-
-        Slopes are along joints in radians and robot lengths.
-        """
+        """Enclose the equations in boxes (B, n) [rad, robot lengths]: loops, then platform."""
         robot = self.robot
         own = self.own
         units = robot.column_scale[own]

@@ -188,7 +188,7 @@ def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cu
     A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
     """
     z = grid.middles(cubes)
-    half_widths = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
+    half_widths = 0.5 * grid.width * 0.5**cubes.level
     tested = test(z, _continue_joints(test, cubes.cells, z), half_widths)
     is_elsewhere = (tested.signs != signs).any(axis=1)
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
@@ -217,10 +217,7 @@ def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: 
 
 
 def _contain_joint_boxes(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> BoolArray:
-    """Return whether the joint boxes of S cells contain boxes of `radii` about q, (S,).
-
-    q is (S, nq) or (nq,), `radii` are (S, k).
-    """
+    """Return whether the joint boxes of S cells contain boxes of `radii` (S, k) about q (S, nq), (S,)."""
     robot = test.bounds.robot
     offset = difference(robot, cells.q, q)[:, robot.moving] / test.bounds.column_scale
     return np.all(ROUND_UP * np.abs(offset) + radii <= cells.radii, axis=1)
@@ -230,7 +227,7 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
     """Find the index (S,) of the next cube towards the pose of each; -1 for none."""
     keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
     index_of = {tuple(key): index for index, key in enumerate(keys)}
-    inward = grid.inward_cubes(cubes).astype(np.intp)  # smallest cubes, each within one cube of every level
+    inward = grid.inward_cubes(cubes)  # smallest cubes, each within one cube of every level
     neighbour = np.full(len(keys), -1)
     for level in np.unique(cubes.level).tolist():
         ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level

@@ -21,10 +21,7 @@ ROUND_UP = 1.0 + 1e-10  # outweighs the rounding of a sum of some hundred non-ne
 
 
 def gamma(terms: int) -> float:
-    """Bound the rounding of a sum of `terms` products, relative to the sum of moduli.
-
-    The bound has a margin of a factor of eight.
-    """
+    """Bound the rounding of a sum of `terms` products over the sum of moduli, with a margin of 8."""
     return 8 * (terms + 4) * UNIT_ROUNDOFF
 
 

@@ -30,16 +30,7 @@ from framework.kinematics.modes import legs
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import JointPlatform
-from framework.numerics.arrays import (
-    Array,
-    ArrayLike,
-    BoolArray,
-    IntArray,
-    ReadOnlyArrays,
-    assign,
-    join,
-    select,
-)
+from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays, join, select
 from framework.numerics.fields import positive
 from framework.numerics.rotations import wrap_angles
 from framework.proofs.branch_and_bound import NO_AXIS, Boxes, Examined, branch_and_bound, narrow_or_halve
@@ -340,7 +331,7 @@ class SingularBoxTest:
         equations = self._join_equations(derivatives, remainders, loops, g, boxes.radii)
         decision = self._decide_arcs(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 
-        assign(remaining, g.valid, decision.remaining)
+        remaining.lower[g.valid], remaining.upper[g.valid] = decision.remaining
         axis = np.full(boxes.size, NO_AXIS)
         axis[g.valid] = decision.axis
         is_open = ~remaining.empty

@@ -45,7 +45,7 @@ class QuadricFamily:
 
     name: str
     members: Array  # (M, N, N)
-    fixed: Array  # (F, N, N)
+    fixed: Array  # (F, N, N), F = 0 or 1
     bound: int  # on the number of isolated solutions of any system
 
     @property
@@ -132,7 +132,6 @@ def first_occurrences(z: ComplexArray) -> BoolArray:
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
 
 
-@cache
 def _quaternion_products() -> Array:
     """Return the table (4, 4, 4) of quaternion products: (a b)_k = sum_ij table[k, i, j] a_i b_j."""
     units = [pin.Quaternion(*unit) for unit in np.eye(4)]  # 1, i, j, k; pinocchio puts the real part last
@@ -229,10 +228,7 @@ class Displacements:
 
 @cache
 def spatial_displacements() -> Displacements:
-    """Return all displacements: six conditions, at most 40 solutions.
-
-    The bound is that of Ronga and Vust 1992 and Mourrain 1993.
-    """
+    """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
     study = np.zeros((1, 8, 8))
     study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)
     family = QuadricFamily("displacements in space", _function_forms(), study, 40)
@@ -241,15 +237,10 @@ def spatial_displacements() -> Displacements:
 
 @cache
 def spherical_displacements() -> Displacements:
-    """Return the rotations about a point: three conditions, at most 8 solutions.
-
-    The conditions are three quadrics in P^3.
-    """
+    """Return the rotations about a point: three conditions (quadrics in P^3), at most 8 solutions."""
     chosen = np.array([_ONE, *_ROTATION.ravel()])
     forms = _function_forms()[chosen, :4, :4]
-    return Displacements(
-        QuadricFamily("turns about a point", forms, np.zeros((0, 4, 4)), 8), chosen, np.arange(4)
-    )
+    return Displacements(QuadricFamily("turns about a point", forms, forms[:0], 8), chosen, np.arange(4))
 
 
 @cache
@@ -264,9 +255,7 @@ def planar_displacements(axis: int) -> Displacements:
     cosine_and_sine = _ROTATION[in_plane, in_plane[0]]
     chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
     forms = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
-    return Displacements(
-        QuadricFamily("displacements in a plane", forms, np.zeros((0, 4, 4)), 6), chosen, coordinates
-    )
+    return Displacements(QuadricFamily("displacements in a plane", forms, forms[:0], 6), chosen, coordinates)
 
 
 @cache
@@ -284,6 +273,4 @@ def translation_displacements(axes: tuple[int, ...]) -> Displacements:
         forms[1 + k, [0, k], [k, 0]] = 0.5  # p_k
     chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
     coordinates = np.array([_X_0, *_Y[list(axes)]])
-    return Displacements(
-        QuadricFamily("translations", forms, np.zeros((0, size, size)), 2), chosen, coordinates
-    )
+    return Displacements(QuadricFamily("translations", forms, forms[:0], 2), chosen, coordinates)

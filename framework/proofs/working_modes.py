@@ -101,8 +101,8 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
         solutions=counts,
         legs=tuple(leg.motors for leg in all_legs),
         proved_legs=tuple(
-            _is_leg_complete(robot, *leg_and_joints, q, x)
-            for leg_and_joints in zip(all_legs, solutions, strict=True)
+            _is_leg_complete(robot, leg, joints, q, x)
+            for leg, joints in zip(all_legs, solutions, strict=True)
         ),
         truncated=prod(counts) > MAX_COMBINATIONS,
     )
@@ -140,10 +140,7 @@ def _reference_offset(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
-    """Return configurations (T, nq) with one solution of each leg, in all combinations.
-
-    At most MAX_COMBINATIONS are returned.
-    """
+    """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg."""
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
     offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))

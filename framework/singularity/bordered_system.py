@@ -123,8 +123,7 @@ def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
 
     The border is that of the middle matrix, `size` columns wide.
     """
-    g = bordered_solution(matrices, 1, size).g
-    lower, middle, upper = map(float, g)
+    lower, middle, upper = map(float, bordered_solution(matrices, 1, size).g)
     width = float(p[2] - p[0])
     has_both_sides = p[0] < p[1] < p[2]
     bend = 4.0 * (lower - 2.0 * middle + upper) / width**2 if has_both_sides else 0.0

@@ -81,11 +81,6 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
     return q[size < NEWTON_STEP]
 
 
-def curve_points_at(equations: LocusEquations, q: Array) -> Points:
-    """Return the points of curves at solutions q (S, nq)."""
-    return _points_of(q, equations.evaluate(q), None)
-
-
 def trace_curves(
     equations: LocusEquations,
     starts: Points,
@@ -260,7 +255,7 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
         is_regular &= correction[live] < MAX_CORRECTION_RATIO * step[live]
         ready = is_regular & (size < NEWTON_STEP)
         if ready.any():
-            corrected = _points_of(q[live[ready]], select(evaluated, ready), select(start, ready))
+            corrected = curve_points(q[live[ready]], select(evaluated, ready), select(start, ready))
             turns = np.linalg.norm(corrected.tangent - start.tangent[ready], axis=1)
             is_smooth = turns < MAX_TANGENT_TURN
             accepted[live[ready]] = is_smooth
@@ -296,13 +291,10 @@ def _turn_along(vectors: Array, directions: Array) -> Array:
     return np.where(np.sum(vectors * directions, axis=1, keepdims=True) < 0, -vectors, vectors)
 
 
-def _points_of(q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
-    """Return the points of curves at q (S, nq).
+def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
+    """Return the points of curves at q (S, nq), with the equations evaluated at q or almost.
 
     Tangents and escaping motions have the signs of those at the previous points.
-
-    Args:
-        evaluated: the equations at q, or within `NEWTON_STEP` of q.
     """
     slopes = evaluated.slopes
     tangent = np.linalg.svd(slopes)[2][:, -1]  # (S, k) the null vector

@@ -191,10 +191,7 @@ def _sign_changes(g: Array) -> IntArray:
 
 
 def _find_minima(g: Array) -> IntArray:
-    """Find the cells (t, 2) where |g| (I, J) is less than at all eight neighbours, least |g| first.
-
-    At most MAX_TOUCHES are returned.
-    """
+    """Find the MAX_TOUCHES least local minima (t, 2) of |g| (I, J), each among eight neighbours."""
     from scipy.ndimage import minimum_filter
 
     size = np.where(np.isfinite(g), np.abs(g), np.inf)

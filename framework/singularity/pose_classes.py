@@ -194,7 +194,7 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
     """Compute independent unit twists (k, n) that span the same space as twists (c, n)."""
     scale = robot.platform_scale
     values, right = np.linalg.svd(twists / scale)[1:]
-    basis = right[: int(np.sum(values > RANK_LOST))] * scale
+    basis = right[: np.count_nonzero(values > RANK_LOST)] * scale
     return np.array([twist / twist_norm(robot, twist) for twist in basis]).reshape(-1, robot.n)
 
 

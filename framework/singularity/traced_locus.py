@@ -36,7 +36,7 @@ from framework.singularity.curve_tracing import (
     Points,
     advance,
     chord_offsets,
-    curve_points_at,
+    curve_points,
     find_solutions,
     trace_curves,
 )
@@ -157,7 +157,7 @@ def _trace_branches(
     """Trace all curves through solutions (S, nq), and curves that cross; return branch points, too."""
     curves = list[Curve]()
     crossings = list[list[Points]]()  # the branch points of each curve
-    starts = [curve_points_at(equations, solutions)]
+    starts = [curve_points(solutions, equations.evaluate(solutions), None)]
     while starts and len(curves) < MAX_CURVES:
         new_curves = trace_curves(equations, join(starts), region.contains, longest)
         new_crossings = [_find_branch_points(equations, curve) for curve in new_curves]
@@ -297,9 +297,7 @@ def branch_point(equations: LocusEquations, first: Points, second: Points) -> Po
 
     small = BRANCH_POINT_RATIO * max(abs(measure(first)), abs(measure(second)))
     root = root_between(equations, first, second, measure, small=small)
-    if root is not None:
-        return root
-    return first if abs(measure(first)) < abs(measure(second)) else second
+    return min(second, first, key=lambda point: abs(measure(point))) if root is None else root
 
 
 def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
