@@ -52,10 +52,10 @@ def are_leg_solutions_complete(
         x: (n,) coordinates of the platform; None with locked motors.
     """
     platform = robot.platform
-    if x is not None and isinstance(platform, JointPlatform):  # its joints are fixed at x
-        is_own = np.isin(own, platform.columns, invert=True)
-        own = own[is_own]
-        candidates = candidates[:, is_own]
+    if x is not None and isinstance(platform, JointPlatform):  # the platform's joints are fixed at x
+        is_unknown = np.isin(own, platform.columns, invert=True)
+        own = own[is_unknown]
+        candidates = candidates[:, is_unknown]
         fixed = fixed.copy()
         fixed[platform.columns] = True
         q = q.copy()
@@ -96,7 +96,7 @@ def _joint_region(equations: LegEquations) -> Boxes | None:
     half_width = np.pi / INITIAL_PARTS
     middles = [np.arange(-np.pi + half_width, np.pi, 2 * half_width)] * len(own)  # along each joint
     radii = np.full(len(own), half_width)
-    for slide in np.flatnonzero(robot.sliding[own]):
+    for slide in np.flatnonzero(robot.sliding[own]):  # at most one
         farthest = equations.bound_slide()
         if farthest is None:
             return None
@@ -231,9 +231,7 @@ class LegEquations:
             count = len(robot.platform.sliding)
             chain_of = np.append(chain_of, np.full(count, len(self.chains) - 1))
             is_translation = np.append(is_translation, np.full(count, True))
-        lengths = np.insert(
-            np.abs(self.slide_lengths(self.q)), 0, 1.0
-        )  # (1 + nv,) all links, then slides [m]
+        lengths = np.insert(np.abs(self.slide_lengths(self.q)), 0, 1.0)  # (1 + nv,) as in `LeverChain`
         lengths[1 + self.own[slide]] = 0.0
         bounds = []
         for k, chain in enumerate(self.chains):

@@ -188,7 +188,7 @@ def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cu
     A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
     """
     z = grid.middles(cubes)
-    half_widths = 0.5 * grid.width * 0.5**cubes.level
+    half_widths = np.ldexp(0.5 * grid.width, -cubes.level)
     tested = test(z, _continue_joints(test, cubes.cells, z), half_widths)
     is_elsewhere = (tested.signs != signs).any(axis=1)
     parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
