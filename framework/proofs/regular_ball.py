@@ -3,8 +3,8 @@
 The ball is one cell (`CellTest`), or is covered by cubes. A cube without proof is halved along each axis, the
 nearest first, until the nearest remaining cube is too small to be cut (`branch_and_bound`). All cubes within
 a radius belong to one branch if each agrees with its neighbour towards the pose: at its point nearest to the
-pose it has the same joints. For two regular cubes that agree at one point of a common face agree all over the
-face, and the rest follows by induction.
+pose it has the same joints. Two regular cubes that agree at one point of a common face agree all over it; the
+rest follows by induction.
 
 The test proves that a cell of platform coordinates x is free of singularities on one branch. Let the middle
 x_m have the joints q_m, F = [platform - x ; loops], and Y be the inverse of dF/dq at the middle. If, by
@@ -53,9 +53,7 @@ MAX_HALVINGS = 40  # of the radius of a single cell
 STEPS_PER_OCTAVE = 20  # radii between the largest proved half and its double
 MAX_TURN = 1.0  # [rad] below a right angle, beyond which the sine no longer determines the angle
 MAX_STEP = 0.5  # [rad, lengths] largest motion of a joint before the loops are closed
-OFF_CENTRE = (
-    0.4370160244488211  # position of the pose in the first cube, as a share: on no face of a smaller cube
-)
+OFF_CENTRE = 0.4370160244488211  # of the pose in the first cube, as a share: on no face of a smaller cube
 MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
 MIN_RADIUS = 1e-14  # [rad, lengths]
 PERRON_SHIFT = 0.1  # share of the largest row sum that is added to the row sums as weights

@@ -19,9 +19,7 @@ from framework.singularity.bordered_system import Border
 from framework.singularity.locus_equations import Evaluated, LocusEquations
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
-MAX_CURVE_OFFSET = (
-    0.05  # of a point of the curve from a chord, over its length; a curve leaves a chord by 0.02
-)
+MAX_CURVE_OFFSET = 0.05  # of a point of a curve from a chord, over its length; the curve itself has 0.02
 MIN_CURVE_COSINE = 0.7  # between tangents of one curve; different curves usually cross at larger angles
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, lengths]
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve

@@ -27,10 +27,7 @@ PATCH_POINTS = 11  # along an edge of the patch
 PATCH_SIZE = 0.12  # [robot lengths] half an edge of the patch
 MAX_PATCH_HEIGHT = 0.2  # [robot lengths] over the tangent plane; a higher patch is not drawn
 DIFFERENCE_STEP = 1e-4  # [robot lengths] for the slope of det P
-SECANT_STEPS, MIN_SECANT_STEP = (
-    5,
-    1e-9,
-)  # onto the locus; a step over the largest height that updates the slope
+SECANT_STEPS, MIN_SECANT_STEP = 5, 1e-9  # least step, over the largest height, that updates the slope
 
 
 class LocusCurves(NamedTuple):

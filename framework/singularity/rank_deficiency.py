@@ -35,9 +35,7 @@ from framework.tolerances import (
     TANGENTIAL_SLOPE,
 )
 
-VANISHING_TOGETHER = (
-    1e-3  # smaller singular values may vanish together: the border is as wide as their number
-)
+VANISHING_TOGETHER = 1e-3  # smaller singular values may vanish together: the border has as many columns
 ROOT_RESIDUAL = 1e-12  # of the largest |g|; with it a root counts even if Newton's method did not converge
 SEARCH_RADIUS = 5e-3  # in s, from a candidate to the point at which several singular values vanish
 MAX_ROOT_SHIFT = 1e-3  # of a panel's width; a root farther from its candidate is another one

@@ -43,9 +43,7 @@ from framework.singularity.curve_tracing import (
 from framework.singularity.locus_equations import LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
 
-RESTING_EXTENT = (
-    1e-7  # [rad, lengths] largest motion of resting motors or platforms; points are solved to 1e-12
-)
+RESTING_EXTENT = 1e-7  # [rad, lengths] of resting motors or platforms; points are solved to 1e-12
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
 RANDOM_STARTS = 40
 RANDOM_SEED = 0
@@ -122,8 +120,8 @@ def trace_locus(
     """Trace the singular locus in the slice through an assembled configuration q (nq,).
 
     Args:
-        free: the two free freedoms, axes of the platform or actuators; all others keep their values at q. The
-            platform's two translations by default.
+        free: the two freedoms of the slice, axes of the platform or actuators; the others keep their values
+            at q. The platform's two translations by default.
         reach: half the width of the region in which curves are followed [robot lengths], for translations of
             the platform and sliding motors about q. Hinges turn without bound.
         starts: number of random configurations, with a fixed seed, from which the search begins.
