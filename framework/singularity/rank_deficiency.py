@@ -252,7 +252,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
 def _common_part(G: Array) -> Array:
     """Project blocks G (T, size, size) on the sum of the blocks at both ends of a panel, (T,).
 
-    All blocks but the last are at ascending s; the last is at the middle, where the border is.
+    The last block is at the extremum, whose border all blocks have; the others are at ascending s.
     """
     direction = G[0] + G[-2]
     return np.sum(G * direction, axis=(1, 2))
