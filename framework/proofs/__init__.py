@@ -1,15 +1,16 @@
-"""Proofs by interval arithmetic and continuation: modes, margins, singular sets.
+"""Proofs by interval arithmetic and homotopy continuation: modes, margins and singular sets.
 
 No plan depends on these proofs.
 
-Open first `assembly_modes` (all poses for given motors) or `singular_paving` (all singular poses): each leads
-down to one of the tools.
+Open first `assembly_modes` (all poses for given motor joints) or `singular_paving` (all singular poses): both
+lead down to the tools.
 
-answers      assembly_modes, working_modes; singular_paving; regular_ball (no singular pose about a pose)
-search       leg_conditions, study_quadric: what legs ask, as systems of quadrics;
-             homotopy, real_displacements: all their solutions
-completeness completeness, leg_paving: no other solutions than those known
+answers      assembly_modes, working_modes; singular_paving; regular_ball (a ball without singular poses)
+systems      leg_conditions, study_quadric: the conditions of the legs, as quadrics in displacements;
+             homotopy, real_displacements: all solutions of these quadrics
+completeness completeness, leg_paving: no solutions besides the known ones
 bounds       derivative_bounds over equation_terms, sharp in small boxes
-existence    krawczyk: one solution in a box; passive_joints: near given motors and platform (Kantorovich)
+existence    krawczyk: one solution in a box;
+             passive_joints: one solution near given motors or a given platform pose (Kantorovich)
 tools        rounding, branch_and_bound, interval_newton
 """

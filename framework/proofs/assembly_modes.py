@@ -1,23 +1,24 @@
-"""All poses of the platform for given motors: the assembly modes, each proved, and their number.
+"""All poses of the platform for given motor joints: the assembly modes, each proved, and their number.
 
-Where every leg asks a linear condition of the platform's displacement (`find_leg_conditions`: rods between
-two points, whatever drives them), these make a system of quadrics with a known bound on its solutions: 40 for
-six legs in space, 8 for three about a point, 6 for three in a plane, 2 for points on circles or spheres. All
-its complex solutions are led from those of a random system (`homotopy`), and each is enclosed by the test of
-Krawczyk: one solution there and no other, for all coefficients within their rounding. In which sense the real
-ones are all is the `status`:
+A leg that is a rod between two points, however it is driven, imposes a linear condition on the platform's
+displacement (`find_leg_conditions`). If all legs do, their conditions are a system of quadrics with a known
+bound on the number of solutions: 40 for six legs in space, 8 for three about a point, 6 for three in a plane,
+2 for points on circles or spheres. `homotopy` continues all complex solutions of a random system to solutions
+of this one, and Krawczyk's test encloses each: the enclosure holds exactly one solution, for all coefficients
+within their rounding. The `status` says in which sense the real solutions are all:
 
-proved                     as many as the bound are proved and apart, or all joints are paved: there are no
-                           others
+proved                     as many solutions as the bound are proved and pairwise apart, or the joints are
+                           paved: there are no others
 numerically complete       as many paths as the bound end at solutions that are apart, the real ones proved,
-                           or leave for infinity by their growth (symmetric platforms have fewer poses than
-                           the bound); up to four times tried, and paths are followed without a proof
-at least                   paths end at solutions that are not single, or are lost; or there is no known bound
-architecturally singular   in every pose the conditions depend on one another: no pose is isolated
+                           or grow like paths to infinity (symmetric platforms have fewer poses than the
+                           bound). Path tracking is not proved; while paths are lost all are tracked again,
+                           up to four times in all
+at least                   some paths are lost or end at multiple solutions, or no bound is known
+architecturally singular   the conditions depend on one another in every pose: no pose is isolated
 
-For all other robots closed poses are sought from many starts, and enclosed by the theorem of Newton and
-Kantorovich. Where few joints follow the motors, these are paved (`leg_paving`), which proves that there are
-no others; else their number is a lower bound.
+For all other robots Newton's method searches closed poses from many starts, and the Newton-Kantorovich
+theorem proves each. If only few joints follow the motors, paving these joints (`leg_paving`) proves that
+there are no other poses; otherwise the number found is a lower bound.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ import numpy as np
 from framework.errors import InvalidInput
 from framework.kinematics.closures import find_flipped_closure
 from framework.kinematics.continuation.forward_kinematics import motor_joints_of, motors_are_free
-from framework.kinematics.frames import difference, frames_at, integrate_columns
+from framework.kinematics.frames import FrameStack, difference, frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.proofs.leg_conditions import LegConditions, find_leg_conditions
@@ -47,16 +48,16 @@ from framework.proofs.passive_joints import (
 from framework.proofs.real_displacements import PathCount, RealSolutions, Status, find_real_solutions
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-RANDOM_STARTS = 300  # of the joints, where poses of the platform are not known
+RANDOM_STARTS = 300  # of Newton's method, for robots without linear leg conditions
 
 
 @dataclass(frozen=True, eq=False)
 class AssemblyMode(ReadOnlyArrays):
-    """A pose of the robot at the given motor angles."""
+    """A pose of the robot at the given motor joints."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
-    proved: bool  # that the pose exists and is single in a neighbourhood
+    proved: bool  # to exist, and to be the only pose in a neighbourhood
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,19 +65,19 @@ class AssemblyModes:
     """The assembly modes found, the nearest to the reference first."""
 
     modes: tuple[AssemblyMode, ...]
-    status: Status  # in which sense they are all
-    bound: int | None  # on isolated complex solutions; None where none is known
+    status: Status  # in which sense the modes found are all
+    bound: int | None  # on the number of isolated complex solutions, if known
     count: PathCount | None  # None without a homotopy
     method: str
 
     @property
     def complete(self) -> bool:
-        """Whether all modes are proved to be known."""
+        """Whether all modes are provably found."""
         return self.status == "proved"
 
     @property
     def sentence(self) -> str:
-        """The number of modes, the kind of proof, and the method, in a sentence."""
+        """Sentence with the number of modes, the kind of proof and the method."""
         if self.status == "architecturally singular":
             return f"none is isolated: the robot is architecturally singular; {self.method}"
         proved = sum(mode.proved for mode in self.modes)
@@ -93,8 +94,8 @@ class AssemblyModes:
 def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
     """Find all poses of the robot with motor joints q_a (n_a,) [rad, m].
 
-    Joint side of the gears, springs at rest. Poses of the platform count: joints inside a leg that turn over
-    while it stays are one mode.
+    q_a is on the joint side of the gears; springs are at rest. Configurations with the same pose of the
+    platform are one mode, even if joints inside a leg have turned over.
 
     Raises:
         InvalidInput: q_a has the wrong length or is not finite, or the motors depend on one another.
@@ -115,59 +116,68 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
 def _modes_at_displacements(
     robot: ParallelRobot, q: Array, conditions: LegConditions, solutions: RealSolutions
 ) -> AssemblyModes:
-    """Return the modes at the platform displacements that solve the legs' conditions.
+    """Return the modes at the platform displacements that solve the leg conditions.
 
-    q (1, nq) has the motors in place. A displacement R, p takes the reference's frame to R position + p,
-    R rotation; a translation takes its origin to position + p.
+    q (1, nq) has the motors in place. A displacement (R, p) moves the platform's frame from its reference
+    (position, rotation) to (R position + p, R rotation); a translation moves its origin to position + p.
     """
     reference_frames = frames_at(robot, robot.reference.q[None])
     position = reference_frames.position[0, 0]
     rotation = reference_frames.rotation[0, 0]
     p = solutions.p * robot.length
-    family = conditions.group.family
-    if family.name == "translations":
-        closed = find_joints_at_poses(robot, q, position + p, None)
+    if conditions.group.only_translates:
+        poses = find_joints_at_poses(robot, q, position + p, None)
     else:
-        closed = find_joints_at_poses(robot, q, solutions.R @ position + p, solutions.R @ rotation)
-    modes = []
-    for pose, proved in zip(closed, solutions.proved, strict=True):
-        if pose is not None:
-            x = robot.platform.coordinates(frames_at(robot, pose[None]))
-            modes.append(AssemblyMode(pose, robot.platform.unwrap(x, robot.reference.x)[0], bool(proved)))
+        poses = find_joints_at_poses(robot, q, solutions.R @ position + p, solutions.R @ rotation)
+    modes = [
+        AssemblyMode(pose, _platform_coordinates(robot, frames_at(robot, pose[None])), bool(proved))
+        for pose, proved in zip(poses, solutions.proved, strict=True)
+        if pose is not None
+    ]
     modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
-    # a solution without joints would be one of the conditions that are not the legs' own
+    # a displacement without joints would solve the sampled conditions, but not the loops of the robot
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
+    family = conditions.group.family
     method = f"homotopy in {family.name}: {solutions.count.sentence}"
     return AssemblyModes(tuple(modes), status, family.bound, solutions.count, method)
 
 
+def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
+    """Return the platform's coordinates (n,), turns counted from the reference (S = 1)."""
+    return robot.platform.unwrap(robot.platform.coordinates(frames), robot.reference.x)[0]
+
+
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
-    """Search modes from random starts, motors as in q (1, nq); one per platform pose."""
+    """Search modes by Newton's method from random starts, motors as in q (1, nq)."""
     poses, closed = close_all_loops(robot, draw_starts(robot, q, RANDOM_STARTS), None)
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
-    modes: list[AssemblyMode] = []
-    scale = robot.platform_scale
+    modes = list[AssemblyMode]()
     for pose in candidates:
         frames = frames_at(robot, pose[None])
-        x = robot.platform.unwrap(robot.platform.coordinates(frames), robot.reference.x)[0]
-        offsets = [robot.platform.residual(frames, mode.x[None])[0] / scale for mode in modes]
-        is_new = all(np.abs(offset).max() > DISTINCT_SOLUTIONS for offset in offsets)
+        is_new = all(_are_poses_distinct(robot, frames, mode.x) for mode in modes)
         if is_new and find_flipped_closure(robot, frames) is None:
+            x = _platform_coordinates(robot, frames)
             modes.append(AssemblyMode(pose, x, has_one_solution_near(robot, pose)))
-    complete = all(mode.proved for mode in modes) and _has_no_other_poses(robot, q[0], candidates)
-    status: Status = "proved" if complete else "at least"
-    paved = ", joints paved" if status == "proved" else ""
-    return AssemblyModes(
-        tuple(modes), status, None, None, f"{RANDOM_STARTS} starts of Newton's method{paved}"
-    )
+
+    method = f"{RANDOM_STARTS} starts of Newton's method"
+    if all(mode.proved for mode in modes) and _has_no_other_poses(robot, q[0], candidates):
+        return AssemblyModes(tuple(modes), "proved", None, None, f"{method}, joints paved")
+    return AssemblyModes(tuple(modes), "at least", None, None, method)
+
+
+def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
+    """Return whether the platform is away from coordinates x (n,) (S = 1)."""
+    offset = robot.platform.residual(frames, x[None])[0] / robot.platform_scale
+    return bool(np.abs(offset).max() > DISTINCT_SOLUTIONS)
 
 
 def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
-    """Return whether the loops provably close in no other poses than `poses` (nq,).
+    """Return whether the loops provably close in no poses but `poses` (nq,).
 
     Motors are as in q (nq,). All joints that follow the motors are paved as if they were one leg.
     """
     joints = robot.following
     is_fixed = ~np.isin(np.arange(robot.model.nv), joints)
-    offsets = difference(robot, q, np.reshape(poses, (-1, len(q))))[:, joints] / robot.column_scale[joints]
+    candidates = np.reshape(poses, (-1, len(q)))  # two axes, even of no pose
+    offsets = (difference(robot, q, candidates) / robot.column_scale)[:, joints]
     return are_leg_solutions_complete(robot, joints, is_fixed, q, offsets[distinct_rows(offsets)], None)

@@ -1,8 +1,8 @@
-"""Branch and bound: boxes are dropped, proved or left undecided by a test, or narrowed or cut for another.
+"""Branch and bound: tests drop, prove, narrow or cut boxes, or leave them undecided.
 
-What decides is the test, a function from a stack of boxes to `Examined`; what there is to do with boxes that
-it does not decide is the same for all tests and stands here. Three tests use it: `completeness` (equations
-have no other solutions), `singular_paving` (all singular poses) and `regular_ball` (no singular pose).
+The test is a function from a stack of boxes to `Examined`. The queue of boxes and their cutting are the same
+for all tests and stand here. Three modules bring a test: `completeness` (equations have no other solutions),
+`singular_paving` (all singular poses) and `regular_ball` (no singular pose).
 """
 
 from __future__ import annotations
@@ -16,19 +16,18 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, IntArray, Stack, join, select
 from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF
 
-SHRUNK_VOLUME_RATIO = 0.5  # a box that has lost more is tested again before it is cut
+SHRUNK_VOLUME_RATIO = 0.5  # a box that was narrowed below this share is tested again before it is cut
 MIDDLE_ROUNDING = 10 * UNIT_ROUNDOFF  # of the middle of a box, added to its radii
-NO_AXIS = -1
-
+NO_AXIS = -1  # in place of an axis to cut across
 
 K = TypeVar("K")
 
 
 @dataclass(frozen=True, eq=False)
 class Examined(Generic[Stack, K]):
-    """The result of a test: pieces proved, undecided or pending; all others are dropped."""
+    """The result of a test: proved, undecided and pending pieces; all others are dropped."""
 
-    proved: K  # with whatever the proof says of them
+    proved: K  # together with what the test has proved of the pieces
     undecided: Stack  # too small to be cut
     pending: Stack  # narrowed or cut, to be tested again
 
@@ -39,8 +38,8 @@ class Partition(Generic[Stack, K]):
 
     proved: list[K]
     undecided: Stack
-    pending: Stack  # not tested, for want of work allowed or because they are no nearer than `limit`
-    limit: float  # all pieces nearer than this are decided
+    pending: Stack  # not tested: `max_examined` was reached, or they are no nearer than `limit`
+    limit: float  # distance; all nearer pieces are decided
 
 
 def branch_and_bound(
@@ -52,15 +51,16 @@ def branch_and_bound(
     distance: Callable[[Stack], Array] | None = None,
     limit: float = np.inf,
 ) -> Partition[Stack, K]:
-    """Test pieces of a region until each is decided, or `max_examined` are tested.
+    """Test the pieces of a region until all are decided or `max_examined` are tested.
 
-    Pieces are rows of a stack of arrays. The newest are tested first, or the nearest.
+    Pieces are the rows of a stack of arrays.
 
     Args:
-        batch: pieces tested at a time.
-        max_examined: pieces tested at most, up to a batch.
-        distance: (S,) of the pieces. The nearest are tested first. Pieces are not tested if they are no
-            nearer than `limit`, or than an undecided piece. Without distances all are tested.
+        batch: number of pieces tested at a time.
+        max_examined: number of pieces tested at most; the last batch may exceed it.
+        distance: computes the distances (S,) of pieces. With it the nearest pieces are tested first, and
+            pieces no nearer than `limit` or than an undecided piece are not tested. Without it the newest
+            pieces are tested first, and all are tested.
     """
     pending = region
     proved = list[K]()
@@ -68,7 +68,7 @@ def branch_and_bound(
     examined = 0
 
     def least_distance(pieces: Stack) -> float:
-        """Return the distance of the nearest piece; infinite without distances or pieces."""
+        """Return the least distance of the pieces; infinite without pieces or `distance`."""
         return np.inf if distance is None else float(distance(pieces).min(initial=np.inf))
 
     while len(pending[0]) and examined < max_examined:
@@ -82,16 +82,15 @@ def branch_and_bound(
         limit = min(limit, least_distance(result.undecided))
         if distance is not None:
             pending = select(pending, distance(pending) < limit)
-    limit = min(limit, least_distance(pending))
-    no_piece = select(region, slice(0))
-    return Partition(proved, join([no_piece, *undecided]), pending, limit)
+    no_piece = select(region, slice(0))  # a region without pieces leaves none undecided
+    return Partition(proved, join([no_piece, *undecided]), pending, limit=min(limit, least_distance(pending)))
 
 
 class Boxes(NamedTuple):
-    """S boxes in k coordinates, by their middles and radii."""
+    """S boxes in k coordinates, by middles and radii."""
 
     middle: Array  # (S, k)
-    radii: Array  # (S, k)
+    radii: Array  # (S, k) half the widths
 
     @property
     def size(self) -> int:
@@ -99,13 +98,16 @@ class Boxes(NamedTuple):
         return len(self.middle)
 
     def sub_boxes(self, lower: Array, upper: Array) -> Boxes:
-        """Return the boxes between offsets lower and upper (S, k) from the middles."""
+        """Return the boxes between offsets lower and upper (S, k) from the middles.
+
+        Radii are rounded up, so that no point between the offsets is lost.
+        """
         middle = self.middle + 0.5 * (lower + upper)
         rounding = MIDDLE_ROUNDING * (1.0 + np.abs(self.middle))
         return Boxes(middle, ROUND_UP * 0.5 * (upper - lower) + rounding)
 
     def halve(self, axis: IntArray) -> Boxes:
-        """Cut each box in two across its axis (S,); return lower halves, then upper halves."""
+        """Halve each box across its axis (S,); return lower halves, then upper halves."""
         is_cut = np.arange(self.middle.shape[1]) == axis[:, None]  # (S, k)
         radii = np.where(is_cut, 0.5 * ROUND_UP * self.radii, self.radii)
         shift = np.where(is_cut, 0.5 * self.radii, 0.0)
@@ -113,19 +115,22 @@ class Boxes(NamedTuple):
 
 
 def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArray) -> tuple[Boxes, Boxes]:
-    """Return the boxes to leave undecided, and the parts of the others to test next.
+    """Return the boxes to leave undecided, and the boxes to test next.
+
+    A box with an axis is always halved. A box without one is tested again if narrowing has taken half of its
+    volume; otherwise it is halved across its longest side, or left undecided if it is small.
 
     Args:
         wide: the S boxes before they were narrowed.
         boxes: the same, narrowed.
-        axis: (S,) to cut across. NO_AXIS stands for the longest side; a box that has lost half of its volume
-            is then not cut but tested again.
-        is_small: (S,) which boxes are too small for another cut.
+        axis: (S,) to cut across, or NO_AXIS.
+        is_small: (S,) whether a box is too small to be halved.
     """
-    is_free = axis == NO_AXIS
-    has_shrunk = is_free & (np.prod(boxes.radii / wide.radii, axis=1) < SHRUNK_VOLUME_RATIO)
-    stays = is_free & is_small & ~has_shrunk
-    is_cut = ~(has_shrunk | stays)
-    across = np.where(is_free, boxes.radii.argmax(axis=1), axis)
-    halves = select(boxes, is_cut).halve(across[is_cut])
-    return select(boxes, stays), join([select(boxes, has_shrunk), halves])
+    has_no_axis = axis == NO_AXIS
+    volume_ratio = np.prod(boxes.radii / wide.radii, axis=1)
+    has_shrunk = has_no_axis & (volume_ratio < SHRUNK_VOLUME_RATIO)
+    is_undecided = has_no_axis & is_small & ~has_shrunk
+    is_cut = ~(has_shrunk | is_undecided)
+    cut_axis = np.where(has_no_axis, boxes.radii.argmax(axis=1), axis)
+    halves = select(boxes, is_cut).halve(cut_axis[is_cut])
+    return select(boxes, is_undecided), join([select(boxes, has_shrunk), halves])

@@ -1,7 +1,7 @@
-"""Proof that equations have no other solutions in boxes than the known ones.
+"""Proof that equations have no solutions in given boxes besides the known ones.
 
-A box is dropped where its linear enclosure has no solution, or where it lies within a region in which a known
-solution is the only one; it is narrowed by the enclosure, or cut. The equations are those of `leg_paving`.
+A box is dropped if its linear enclosure has no solution, or if it lies in a region where a known solution is
+the only one. Otherwise the enclosure narrows it, or it is cut. The equations come from `leg_paving`.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from framework.proofs.interval_newton import LinearEnclosure, contract, damped_i
 
 MAX_BOXES = 60_000
 BOXES_PER_BATCH = 4096
-MIN_RADIUS = 1e-6  # of a box that is cut: solutions that are single are known before
+MIN_RADIUS = 1e-6  # of a box that is cut; boxes about a regular solution are dropped at larger radii
 MAX_UNIQUE_RADIUS = 0.5  # [rad, lengths] of a region in which a solution is the only one
-UNIQUENESS_SHARE = 0.9  # of the radius at which slopes may lose rank
-MAX_INVERSE_ERROR = 1e-6  # of a pseudo-inverse: above it no region is claimed
+UNIQUENESS_SHARE = 0.9  # of the radius at which the Jacobian may lose rank
+MAX_INVERSE_ERROR = 1e-6  # of a pseudo-inverse; with a larger one no region is claimed
 
-Equations = Callable[[Array, Array], LinearEnclosure]  # of boxes: middles and radii (B, n)
+Equations = Callable[[Array, Array], LinearEnclosure]  # of middles and radii (B, n) of boxes
 
 
 class KnownSolutions(NamedTuple):
-    """Known solutions, each alone in the box of its radius about its point."""
+    """Known solutions, each alone in a box about its point."""
 
     points: Array  # (k, n)
-    radii: Array  # (k,)
-    period: Array  # (n,) of the coordinates, inf for those on a line
+    radii: Array  # (k,) of the boxes
+    period: Array  # (n,) of the coordinates: a whole turn of angles, inf of lengths
 
     @staticmethod
     def of(equations: Equations, points: Array, period: Array) -> KnownSolutions:
@@ -41,34 +41,36 @@ class KnownSolutions(NamedTuple):
     def contains(self, boxes: Boxes) -> BoolArray:
         """Return whether each of B boxes lies in the box of one solution, (B,).
 
-        Coordinates count modulo their period, so angles up to whole turns.
+        Distances are the shortest modulo the period: angles count up to whole turns.
         """
         offset = np.mod(np.abs(boxes.middle[:, None] - self.points), self.period)  # (B, k, n)
         distance = np.minimum(offset, self.period - offset)
-        is_inside = np.all(distance + boxes.radii[:, None] < self.radii[:, None], axis=2)
-        return np.any(is_inside, axis=1)
+        farthest = (distance + boxes.radii[:, None]).max(axis=2)  # (B, k) points of the boxes
+        return np.any(farthest < self.radii, axis=1)
 
 
 def unique_radius(equations: Equations, point: Array) -> float:
     """Compute the radius of a box about a point (n,) with at most one solution.
 
-    With J at the point and Y its inverse, the mean Jacobian between two points of the box is regular if
-    |Y| |its change| < 1. The change is proportional to the radius.
+    Let J be the Jacobian at the point, Y its pseudo-inverse and dJ the change of J within the box. Between
+    any two points of the box the mean Jacobian has full rank if |Y| |dJ| < 1, and dJ is proportional to the
+    radius. The errors of the equations are second-order terms, so |dJ| r is twice the errors.
     """
     n = len(point)
-    linear = equations(point[None], np.ones((1, n)))
-    Y = np.linalg.pinv(linear.slopes[0])
-    if np.abs(Y @ linear.slopes[0] - np.eye(n)).sum(axis=1).max() > MAX_INVERSE_ERROR:
+    linear = equations(point[None], np.ones((1, n)))  # in a box of radius 1
+    J = linear.slopes[0]
+    Y = np.linalg.pinv(J)
+    if np.abs(Y @ J - np.eye(n)).sum(axis=1).max() > MAX_INVERSE_ERROR:
         return 0.0
-    change = 2 * np.abs(Y) @ linear.errors[0]  # in a box of radius 1
+    change = 2 * np.abs(Y) @ linear.errors[0]  # |Y| |dJ| at radius 1
     return min(UNIQUENESS_SHARE / float(change.max()), MAX_UNIQUE_RADIUS)
 
 
 def has_no_others(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:
-    """Return whether boxes provably hold no solutions but the known; False if undecided."""
+    """Return whether boxes provably hold only known solutions; False if undecided."""
 
     def test(boxes: Boxes) -> Examined[Boxes, None]:
-        """Contract boxes; drop boxes without solutions or inside known ones; halve the others."""
+        """Narrow boxes; drop boxes without other solutions; test again or halve the rest."""
         linear = equations(*boxes)
         remaining = contract(linear, boxes.radii, damped_inverses(linear, boxes.radii))
         is_possible = ~remaining.empty
@@ -81,7 +83,7 @@ def has_no_others(equations: Equations, boxes: Boxes, known: KnownSolutions) -> 
         no_axis = np.full(narrow.size, NO_AXIS)
         return Examined(None, *narrow_or_halve(boxes, narrow, no_axis, is_small))
 
-    # one undecided box ends the search: all are as near as it is
+    # equal distances: the first undecided box ends the search, since no other box is nearer
     end = branch_and_bound(
         test,
         boxes,

@@ -1,17 +1,19 @@
-"""Platform and loops as functions of the joints, with their first and second derivatives, bounded over boxes.
+"""Platform and loop equations with first and second derivatives along the joints, bounded over boxes.
 
-A loop equation is made of vectors that turn: the axis e of a frame, and the point p of another one. Along
-the chain of joints from the one to the other, i not behind j,
+A loop equation is a product of vectors that turn with the joints: an axis e of one frame, and a point p of
+another. Along the chain of joints from the first frame to the second, for joints i not behind j,
 
     dp/dq_j = u_j = w_j x (p - o_j),    d2p/dq_i dq_j = w_i x u_j,    |d3p/dq_h dq_i dq_j| <= |u_j|
 
-for joints that turn about w at o; for a slide u_j is its direction, and a slide before the last joint makes
-them zero. |u_j| is the lever of joint j; over a box it grows by what the joints behind it may move p. So
-slopes at the middle, and how they change over a box, need no interval of a sine.
+if the joints turn about axes w through o. For a slide, u_j is its direction; the higher derivatives are zero
+if any joint but the last one slides. |u_j| is the lever of joint j. Over a box it grows by at most the
+distance that the joints behind j can move p. So neither the slopes at the middle of a box nor the bounds on
+their change need the sine of an interval.
 
-All is in radians and lengths of the robot, as `loop_matrices`. A point of a closure that holds all three
-translations is taken on the axes of the base, where the joints of the two chains do not mix: the same
-equations at closed loops. What pinocchio computes at the middle of a box is trusted to `rounding`.
+All quantities are in radians and robot lengths, as in `loop_matrices`. A closure that locks all three
+translations is written on the axes of the base. At closed loops these equations are equivalent, and no second
+derivative mixes joints of its two chains. What pinocchio computes at the middle of a box is trusted to
+`rounding`.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from framework.kinematics.frames import FrameStack, frames_at, integrate_columns
 from framework.kinematics.loop_matrices import equation_sizes
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.platform import JointPlatform
-from framework.numerics.arrays import Array, BoolArray, select
+from framework.numerics.arrays import Array, IntArray, select
 from framework.numerics.ordered_sums import cross
 from framework.proofs.equation_terms import (
     BASE,
@@ -43,21 +45,18 @@ from framework.tolerances import FRAME_ROUNDING
 
 
 class _ChainVector(NamedTuple):
-    """A vector on the last link of a chain of L joints, and its derivatives.
-
-    At S configurations.
-    """
+    """A vector on the last link of a chain of L joints, at S configurations."""
 
     value: Array  # (S, 3)
-    first: Array  # (S, L, 3)
+    first: Array  # (S, L, 3) derivatives
     second: Array  # (S, L, L, 3)
 
 
 class _ChainDerivatives(NamedTuple):
     """The derivatives of one chain of L joints at S configurations."""
 
-    turn_axes: Array  # (S, L, 3) w_j, of the second frame as seen from the first; 0 of slides
-    point: _ChainVector  # p from the first frame's origin to the second one's
+    turn_axes: Array  # (S, L, 3) w_j of the second frame relative to the first; 0 of slides
+    point: _ChainVector  # p from the first frame's origin to the second's
     lever: Array  # (S, L) |u_j|
 
 
@@ -66,19 +65,19 @@ class DerivativeBounds:
     """The R equations of a robot in its k `moving` joints, with their scales."""
 
     robot: ParallelRobot
-    terms: list[Term]  # of the equations; a platform whose coordinates are joints has none
+    terms: list[Term]  # of the equations; none for a platform whose coordinates are joints
     chains: dict[Ends, Chain]  # of the terms
-    row_scale: Array  # (R,)
-    column_scale: Array  # (k,)
+    row_scale: Array  # (R,) 1 over the unit of each equation
+    column_scale: Array  # (k,) unit of each joint
     rounding: float  # of values and derivatives at one configuration, without dimension
 
     @staticmethod
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
-        """Make the equations of a robot, for slides within `reach` robot lengths.
+        """Collect the equations of a robot, for slides within `reach` robot lengths.
 
         Raises:
-            InvalidInput: a ball joint moves: its coordinates do not turn about axes one after the other; or
-                joints are coupled.
+            InvalidInput: joints are coupled, or a ball joint moves: its coordinates are not angles about
+                successive axes.
         """
         excluded = [f"the ball joint {name}" for name in moving_balls(robot)]
         if robot.rows.has_couplings:
@@ -89,47 +88,43 @@ class DerivativeBounds:
                 f"{excluded[0]}"
             )
         slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
-        size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)
+        size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)  # of the robot at most
         terms = collect_terms(robot)
         return DerivativeBounds(
-            robot,
-            terms,
-            {term.ends: chain_between(robot, term.ends) for term in terms},
-            1.0 / equation_sizes(robot),
-            robot.column_scale[robot.moving],
-            FRAME_ROUNDING * size / robot.structure.row_sizes.min(initial=1.0),
+            robot=robot,
+            terms=terms,
+            chains={term.ends: chain_between(robot, term.ends) for term in terms},
+            row_scale=1.0 / equation_sizes(robot),
+            column_scale=robot.column_scale[robot.moving],
+            rounding=FRAME_ROUNDING * size / robot.structure.row_sizes.min(initial=1.0),
         )
 
     def configurations(self, u: Array) -> Array:
-        """Return configurations (S, nq) at offsets u (S, k) [rad, robot lengths].
-
-        Offsets are from the reference.
-        """
+        """Return configurations (S, nq) offset from the reference by u (S, k) [rad, robot lengths]."""
         return integrate_columns(self.robot, self.robot.reference.q, self.robot.moving, u * self.column_scale)
 
     def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the R equations, Jacobians and Hessians along k joints at q (S, nq).
 
-        Each term adds to its row, along the joints of its chain. Then rows are divided by their units, and
-        columns multiplied by those of the joints.
+        Each term adds to its row, along the joints of its chain. All results are dimensionless: rows are
+        divided by their units, columns multiplied by the units of the joints.
         """
-        S = len(q)
-        frames = frames_at(self.robot, q)
+        robot = self.robot
+        frames = frames_at(robot, q)
         chains = {ends: _differentiate_chain(chain, frames) for ends, chain in self.chains.items()}
         scale = self.row_scale[:, None] * self.column_scale  # (R, k)
-        R, k = scale.shape
-        values = np.zeros((S, R))
-        slopes = np.zeros((S, R, k))
-        hessians = np.zeros((S, R, k, k))
-        if isinstance(self.robot.platform, JointPlatform):
-            slopes[:, : self.robot.n] = self.robot.platform.jacobian(frames)[:, :, self.robot.moving]
+        values = np.zeros((len(q), len(scale)))
+        slopes = np.zeros((len(q), *scale.shape))
+        hessians = np.zeros((*slopes.shape, len(self.column_scale)))
+        if isinstance(robot.platform, JointPlatform):
+            slopes[:, : robot.n] = robot.platform.jacobian(frames)[:, :, robot.moving]
         for term in self.terms:
             chain = self.chains[term.ends]
             value, first, second = _differentiate_term(term, chain, chains[term.ends], frames)
             values[:, term.row] += value
             slopes[:, term.row, chain.places] += first
-            hessians[:, term.row, chain.places[:, None], chain.places] += second
-        values[:, self.robot.n :] -= self.robot.loops.constant
+            hessians[:, term.row, chain.places[:, None], chain.places] += second  # all pairs of joints
+        values[:, robot.n :] -= robot.loops.constant
         hessians *= scale[:, :, None] * self.column_scale
         return Derivatives(self, frames, values * self.row_scale, slopes * scale, hessians, chains)
 
@@ -139,28 +134,29 @@ class Derivatives(NamedTuple):
 
     bounds: DerivativeBounds
     frames: FrameStack
-    values: Array  # (S, R) of the loops; those of the platform are not what its coordinates are
+    values: Array  # (S, R) loop residuals; the platform's rows are not the values of its coordinates
     slopes: Array  # (S, R, k)
     hessians: Array  # (S, R, k, k)
     chains: dict[Ends, _ChainDerivatives]
 
-    def take(self, which: BoolArray) -> Derivatives:
-        """Return the derivatives of the boxes of a mask (S,)."""
+    def take(self, boxes: IntArray) -> Derivatives:
+        """Return the derivatives in some of the boxes, by index (b,)."""
         return Derivatives(
             self.bounds,
-            self.frames.select(np.flatnonzero(which)),
-            self.values[which],
-            self.slopes[which],
-            self.hessians[which],
-            {ends: select(chain, which) for ends, chain in self.chains.items()},
+            self.frames.select(boxes),
+            self.values[boxes],
+            self.slopes[boxes],
+            self.hessians[boxes],
+            {ends: select(chain, boxes) for ends, chain in self.chains.items()},
         )
 
     def remainders(self, radii: Array) -> Remainders:
-        """Bound errors of Taylor's formula within radii (S, k) of the middles.
+        """Bound the errors of Taylor's formula within radii (S, k) of the middles.
 
-        With H the second derivatives at the middle and T r bounds on the third ones times the radii, values
-        differ from values + slopes d by (H / 2 + T r / 6) r r at most, slopes from those at the middle by (H
-        + T r / 2) r, and second derivatives by T r.
+        Let H be the second derivatives at the middle, and T r a bound on the third derivatives times the
+        radii. At an offset d, |d| <= r, the exact values differ from values + slopes d by at most (H / 2 + T
+        r / 6) r r, the exact slopes from `slopes` by at most (H + T r / 2) r, and second derivatives by at
+        most T r.
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
@@ -171,12 +167,10 @@ class Derivatives(NamedTuple):
         return Remainders(ROUND_UP * (values + widening), ROUND_UP * slopes + rounding, thirds + rounding)
 
     def _third_bounds(self, radii: Array) -> Array:
-        """Bound sum_k |d3F_ijk| r_k over boxes of radii r, (S, R, k, k).
+        """Bound sum_k |d3F_ijk| r_k (S, R, k, k) over boxes of radii r (S, k) [rad, m].
 
-        It is the sum over the terms of each row, in the units of the scaled rows and columns.
-
-        Args:
-            radii: (S, k) [rad, m].
+        F is dimensionless and so are its derivatives, as in `evaluate`; each bound is the sum over the terms
+        of its row.
         """
         thirds = np.zeros_like(self.hessians)
         for term in self.bounds.terms:
@@ -188,31 +182,33 @@ class Derivatives(NamedTuple):
 
 
 class Remainders(NamedTuple):
-    """Error bounds over S boxes, rounding included."""
+    """Bounds on the errors of Taylor's formula over S boxes, rounding included."""
 
-    values: Array  # (S, R) of the exact values against values + slopes d
-    slopes: Array  # (S, R, k) of the exact slopes against those computed at the middle
-    hessians: Array  # (S, R, k, k)
+    values: Array  # (S, R) exact values against values + slopes d
+    slopes: Array  # (S, R, k) exact slopes against those computed at the middle
+    hessians: Array  # (S, R, k, k) likewise
 
 
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     """Compute the derivatives of one chain at S configurations.
 
-    Of the point p: u_j = w_j x (p - o_j), and w_i x u_j for i not behind j.
+    The point p has the first derivatives u_j = w_j x (p - o_j), and the second ones w_i x u_j for i not
+    behind j.
     """
     first, second = chain.ends
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
     turn_axes = screws[..., 3:]
-    u = screws[..., :3] + cross(turn_axes, frames.position[:, second, None])
+    p = frames.position[:, second]
+    u = screws[..., :3] + cross(turn_axes, p[:, None])
     origin = 0.0 if first == BASE else frames.position[:, first]
-    point = _ChainVector(frames.position[:, second] - origin, u, _second_derivatives(chain, turn_axes, u))
+    point = _ChainVector(p - origin, u, _second_derivatives(chain, turn_axes, u))
     return _ChainDerivatives(turn_axes, point, np.linalg.norm(u, axis=2))
 
 
 def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
     """Compute w_i x first_j (S, L, L, 3) for an inner joint i and an outer joint j.
 
-    The inner joint turns the first derivative (S, L, 3) along the outer one.
+    The inner joint turns the first derivative (S, L, 3) along the outer joint.
     """
     inner, outer = chain.joint_tuples(2)
     return cross(turn_axes[:, inner], first[:, outer])
@@ -221,14 +217,14 @@ def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
 def _term_vector(
     term: Term, chain: Chain, derivatives: _ChainDerivatives, frames: FrameStack
 ) -> _ChainVector:
-    """Return the vector (S, 3) of a term, with its derivatives along the L joints of its chain.
+    """Return the vector (S, 3) of a term, with its derivatives along the chain's L joints.
 
-    The vector of a direction is an axis of the second frame. That of a turn is the axial vector of the
-    antisymmetric part of R(q) R(middle)', zero at the middle. That of a point and of a square is p.
+    The vector of a direction is an axis of the second frame. The vector of a turn is the axial vector of the
+    antisymmetric part of R(q) R(middle)', zero at the middle. The vector of a point or a square is p.
     """
     turn_axes = derivatives.turn_axes  # (S, L, 3)
     if term.kind == "direction":
-        axis = frames.rotation[:, term.ends[1], :, term.selected]
+        axis = frames.rotation[:, term.ends[1], :, term.second_axis]
         slopes = cross(turn_axes, axis[:, None])
         return _ChainVector(axis, slopes, _second_derivatives(chain, turn_axes, slopes))
     if term.kind == "turn":
@@ -242,53 +238,56 @@ def _differentiate_term(
 ) -> tuple[Array, Array, Array]:
     """Compute the value (S,), slopes (S, L) and second derivatives (S, L, L) of a term.
 
-    A term is factor * axis . vector with an axis of the first frame or of the base, or the square
-    factor * p . p. Its slopes are 2 factor p . u_j, its second derivatives 2 factor (p . d2p + u_i . u_j).
+    A term is factor * axis . vector, with an axis of the first frame or of the base, or it is the square
+    factor * p . p. The square has the slopes 2 factor p . u_j and the second derivatives
+    2 factor (p . d2p + u_i . u_j).
     """
     vector, first, second = _term_vector(term, chain, derivatives, frames)
     is_square = term.kind == "square"
     if is_square:
         axis = vector
     elif term.ends[0] == BASE:
-        axis = np.broadcast_to(np.eye(3)[term.axis], vector.shape)
+        axis = np.broadcast_to(np.eye(3)[term.first_axis], vector.shape)
     else:
-        axis = frames.rotation[:, term.ends[0], :, term.axis]
-    value = term.factor * np.einsum("sc,sc->s", axis, vector)
+        axis = frames.rotation[:, term.ends[0], :, term.first_axis]
+    value = np.einsum("sc,sc->s", axis, vector)
     slopes = np.einsum("sc,sjc->sj", axis, first)  # axis . u_j
     seconds = np.einsum("sc,sijc->sij", axis, second)  # axis . d2p_ij
     factor = term.factor
     if is_square:
         factor *= 2.0
-        seconds = seconds + np.einsum("sic,sjc->sij", first, first)  # u_i . u_j
-    return value, factor * slopes, factor * seconds
+        seconds += np.einsum("sic,sjc->sij", first, first)  # u_i . u_j
+    return term.factor * value, factor * slopes, factor * seconds
 
 
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
-    """Bound the levers (S, L) over boxes of radii (S, L).
+    """Bound the levers (S, L) over boxes of radii (S, L), given the levers at the middles.
 
-    A joint moves the point by at most radius * lever, and so lengthens the levers of hinges before it.
+    A joint moves the point by at most radius * lever, which lengthens the levers of all hinges before it.
     """
-    widened, reach = lever.copy(), np.zeros(len(radii))
-    for j in reversed(range(len(chain.places))):
+    widened = lever.copy()
+    travel = np.zeros(len(radii))  # of the point, by the joints from j on
+    for j in reversed(range(len(chain.turns))):
         if chain.turns[j]:
-            widened[:, j] += reach
-        reach = ROUND_UP * (reach + radii[:, j] * widened[:, j])
+            widened[:, j] += travel
+        travel = ROUND_UP * (travel + radii[:, j] * widened[:, j])
     return widened
 
 
 def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radii: Array) -> Array:
     """Bound sum_k |d3 term_ijk| r_k (S, L, L) over boxes of radii r (S, L).
 
-    |d3p| is at most the lever of the outermost joint if both others turn, else 0. A direction is a point
-    whose levers are 1, of slides 0.
+    |d3p| is at most the lever of the outermost joint if the two others turn, else 0. A direction moves like a
+    point with the lever 1 of every hinge, and 0 of every slide.
     """
     turns = chain.turns
     if term.kind in ("direction", "turn"):
-        lever = turns[None].astype(float)
+        lever = turns[None].astype(float)  # (1, L)
     else:
         lever = _bound_levers(chain, derivatives.lever, radii)  # (S, L)
-    inner, middle, outer = chain.joint_tuples(3)  # (L, L, L)
-    thirds = np.einsum("sijk,sk->sij", lever[:, outer] * (turns[inner] & turns[middle]), radii)
+    inner, middle, outer = chain.joint_tuples(3)  # (L, L, L) each
+    third_sizes = lever[:, outer] * (turns[inner] & turns[middle])  # (S, L, L, L) at least |d3p|
+    thirds = np.einsum("sijk,sk->sij", third_sizes, radii)
     if term.kind == "square":
         distance = np.linalg.norm(derivatives.point.value, axis=1)  # |p| at the middle
         thirds = _bound_square_thirds(chain, lever, distance, thirds, radii)
@@ -298,8 +297,8 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
 def _bound_square_thirds(chain: Chain, lever: Array, distance: Array, thirds: Array, radii: Array) -> Array:
     """Bound sum_k |d3(p . p)_ijk| r_k (S, L, L) over boxes of radii r (S, L), by the product rule.
 
-    d3(p . p)_ijk = 2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk), where |u_j| is at most the
-    lever of j, and |d2p_ij| the lever of the outer joint if the inner one turns, else 0.
+    d3(p . p)_ijk = 2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk). Here |u_j| is at most the
+    lever of j, and |d2p_ij| at most the lever of the outer joint if the inner joint turns, else 0.
 
     Args:
         lever: (S, L) within the boxes.
@@ -309,6 +308,6 @@ def _bound_square_thirds(chain: Chain, lever: Array, distance: Array, thirds: Ar
     inner, outer = chain.joint_tuples(2)
     seconds = lever[:, outer] * chain.turns[inner]  # (S, L, L) of |d2p_ij|
     mixed = lever[:, :, None] * np.matvec(seconds, radii)[:, None]  # sum_k |u_i| |d2p_jk| r_k
-    travel = np.sum(lever * radii, axis=1)[:, None, None]  # sum_k |u_k| r_k: how far p moves
+    travel = np.sum(lever * radii, axis=1)[:, None, None]  # sum_k |u_k| r_k of p in the box
     largest_distance = distance[:, None, None] + travel
     return 2.0 * (mixed + mixed.swapaxes(1, 2) + travel * seconds + largest_distance * thirds)

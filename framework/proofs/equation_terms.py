@@ -1,7 +1,8 @@
-"""The equations of platform and loops as terms along chains of joints, for bounds over boxes.
+"""Platform and loop equations as sums of terms along chains of joints, for bounds over boxes.
 
-A loop equation is made of vectors that turn: the axis of a frame, and the point of another one. A chain is
-what carries the second frame as seen from the first. Written down once a robot, for `derivative_bounds`.
+A term is a product of vectors that turn with the joints: an axis of one frame, and an axis or the origin of
+another. Its chain is the joints that move the second frame relative to the first. `derivative_bounds`
+collects the terms once for each robot.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
 from framework.kinematics.tree_model import is_ball
+from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.tolerances import FILE_ROUNDING
 
@@ -35,27 +37,28 @@ def moving_balls(robot: ParallelRobot) -> list[str]:
 
 
 def stretched_length(robot: ParallelRobot, q: Array) -> float:
-    """Bound the distance of any two frames [robot lengths] at q (nq,), links in a line."""
-    placements = [*robot.model.jointPlacements, *(robot.model.frames[k].placement for k in robot.frames)]
+    """Bound the distance of any two frames [robot lengths] at q (nq,): all links in one line."""
+    frame_placements = [robot.model.frames[k].placement for k in robot.frames]
+    placements = [*robot.model.jointPlacements, *frame_placements]
     links = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
     slid = np.abs(difference(robot, robot.neutral, q)[robot.sliding]).sum()
     return (links + float(slid)) / robot.length
 
 
-Ends = tuple[int, int]  # of a chain: frames, as indices into Mechanism.frames; the first one may be BASE
+Ends = tuple[int, int]  # two frames, as indices into Mechanism.frames; the first may be BASE
 
 
 class Chain(NamedTuple):
     """The L moving joints between two frames."""
 
     ends: Ends
-    places: IntArray  # (L,) among the `moving` columns
+    places: IntArray  # (L,) indices into the `moving` columns
     columns: IntArray  # (L,) of pinocchio's velocity vector
     signs: Array  # (L,) -1 where the joint carries the first frame
     turns: BoolArray  # (L,)
 
     def joint_tuples(self, count: int) -> IntArray:
-        """Return all tuples of `count` joints (count, L, .., L), each sorted inner first."""
+        """Return all tuples of `count` joints (count, L, .., L), each sorted from the first frame on."""
         return np.sort(np.indices(count * self.places.shape), axis=0)
 
 
@@ -65,16 +68,13 @@ class Term(NamedTuple):
     row: int
     ends: Ends  # of the chain
     kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn
-    axis: int  # of the first frame
-    selected: int  # axis of the second frame
+    first_axis: int  # of the first frame, 0..2
+    second_axis: int  # of the second frame, 0..2
     factor: float
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
-    """Return the terms of all platform and loop equations.
-
-    A platform whose coordinates are joints has none.
-    """
+    """Return the terms of all equations; a platform whose coordinates are joints has none."""
     terms = list[Term]()
     platform = robot.platform
     if isinstance(platform, FramePlatform):
@@ -90,9 +90,9 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
 def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
     """Yield the terms of a loop equation, one or two.
 
-    On an axis of the base, if one is given, two terms: the origin of the second frame less that of the first.
-    Otherwise one term of the chain between both frames: the axis of the first frame times an axis of the
-    second (direction) or its origin (point), or half the squared distance of the origins (square).
+    On a base axis there are two terms: the origin of the second frame less the origin of the first. Otherwise
+    there is one, along the chain between both frames: an axis of the first frame times an axis of the second
+    (direction) or its origin (point), or half the squared distance of the origins (square).
     """
     loops = robot.loops
     number = robot.n + row
@@ -110,20 +110,22 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
     """Return the chain of the moving joints between two frames."""
     moving = robot.moving.tolist()
-    sign_of = {  # by column of the velocity vector
-        int(robot.model.joints[joint].idx_v): sign for joint, sign in joints_between(robot, *ends)
-    }
-    columns = np.array([column for column in sign_of if column in moving], dtype=np.intp)
-    places = np.array(list(map(moving.index, columns)), dtype=np.intp)
-    signs = np.array(list(map(sign_of.__getitem__, columns)))
-    return Chain(ends, places, columns, signs, ~robot.sliding[columns])
+    places = list[int]()
+    signs = list[float]()
+    for joint, sign in joints_between(robot, *ends):
+        column = robot.model.joints[joint].idx_v
+        if column in moving:
+            places.append(moving.index(column))
+            signs.append(sign)
+    columns = robot.moving[places]
+    return Chain(ends, np.array(places, dtype=np.intp), columns, np.array(signs), ~robot.sliding[columns])
 
 
 def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
     """Return the joints from one frame (or BASE) to another, each with a sign.
 
     The sign is -1 if the joint carries the first frame. Joints that carry both frames are left out: they do
-    not move one against the other.
+    not move the frames relative to each other.
     """
     supports = robot.model.supports
     bodies = scratch_of(robot).bodies
@@ -140,27 +142,30 @@ def planar_axis(robot: ParallelRobot) -> int | None:
     if normal is None:
         return None
     axis = int(np.argmax(np.abs(normal)))
-    others = np.delete(normal, axis)
-    return axis if np.abs(others).max() < FILE_ROUNDING else None
+    return axis if np.abs(np.delete(normal, axis)).max() < FILE_ROUNDING else None
 
 
 def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
-    """Return the loop rows to write on base axes, by axis (0..2).
+    """Return the base axis (0..2) of each loop row that is to be written on one.
 
-    These are rows of closures that lock all translations (of a planar robot both in its plane) between frames
-    without a joint in common. Any axes will do; on those of the base the joints of the two chains do not mix.
+    These are the rows of closures that lock all translations (both in the plane, of a planar robot) between
+    frames without a common moving joint. Any three axes give equivalent equations; on those of the base,
+    second derivatives do not mix joints of the two chains.
     """
     loops = robot.loops
-    across = planar_axis(robot)
+    normal = planar_axis(robot)
+    axes = [k for k in range(3) if k != normal]
     carried = scratch_of(robot).carried[:, robot.moving]
     base_axes: dict[int, int] = {}
-    for first, second in np.unique(np.stack([loops.first, loops.second], axis=1), axis=0).tolist():
-        if (carried[first] * carried[second]).any():
+    for ends in set(zip(loops.first.tolist(), loops.second.tolist(), strict=True)):
+        if carried[list(ends)].all(axis=0).any():  # a joint carries both frames
             continue
-        rows = np.flatnonzero(loops.translation & (loops.first == first) & (loops.second == second))
-        closing = np.flatnonzero((robot.rows.first == first) & (robot.rows.second == second))
-        closing = closing[robot.rows.translation[closing]]
-        axes = [k for k in range(3) if k != across]
-        if len(closing) == 3 and len(rows) == len(axes):
-            base_axes |= dict(zip(rows.tolist(), axes, strict=True))
+        rows = _translation_rows(loops, ends)
+        if len(_translation_rows(robot.rows, ends)) == 3 and len(rows) == len(axes):
+            base_axes |= dict(zip(rows, axes, strict=True))
     return base_axes
+
+
+def _translation_rows(rows: LoopRows, ends: Ends) -> list[int]:
+    """Return the rows that lock translations between two frames."""
+    return np.flatnonzero(rows.translation & (rows.first == ends[0]) & (rows.second == ends[1])).tolist()

@@ -1,15 +1,16 @@
-"""All solutions of a system of quadrics, by coefficient-parameter homotopy; where the paths end.
+"""All solutions of a system of quadrics by coefficient-parameter homotopy, and how the solution paths end.
 
-The solutions of one system with random complex coefficients are found by monodromy: the coefficients go round
-a closed way, and from one solution all others are reached (Duff et al., IMA J. Numerical Analysis 39, 2019).
-From it straight ways of coefficients, complex by random factors, lead to any other system of the family; on
-them solutions neither meet nor leave before the end, but with probability zero. Paths are followed in stacks.
+Monodromy finds the solutions of a start system with random complex coefficients: the coefficients run round
+closed loops, along which one solution leads to all others (Duff et al., IMA J. Numerical Analysis 39, 2019).
+A line of coefficients, made complex by random factors, connects the start system to any other system of the
+family. With probability one no two solution paths meet on the line, and none diverges before its end. Paths
+are tracked in stacks.
 
-A path that does not arrive is followed again on a way that shrinks by the same factor a segment, s ->
-`ENDGAME_SEGMENT_RATIO` s. Its size |(functions)| / |first function|, that of a displacement R, p, behaves as
-s^-w with a rational w (Puiseux; Morgan, Sommese and Wampler 1992): with the same w > 0 over successive
-segments the path leaves for infinity, with w = 0 it ends at a solution that is not single. What is neither is
-lost.
+A path that does not arrive is tracked again by the endgame, in segments: each reduces the remaining share s
+of the line to `ENDGAME_SEGMENT_RATIO` s. The size of the displacement (R, p), |(functions)| / |first
+function|, behaves as s^-w with a rational exponent w (Puiseux; Morgan, Sommese and Wampler 1992). If w is
+positive and the same over successive segments, the path goes to infinity; if w = 0, it ends at a multiple
+solution. All other paths are lost.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.numerics.arrays import Array, BoolArray
+from framework.numerics.arrays import Array, BoolArray, assign
 from framework.numerics.ordered_sums import solve_or_fit
 from framework.proofs.study_quadric import (
     ComplexArray,
@@ -32,17 +33,17 @@ from framework.proofs.study_quadric import (
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
 MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long
-MAX_EXPONENT_SPREAD = 0.1  # of the largest of them: exponents of successive segments that agree
-FIRST_STEP, MIN_STEP = 0.05, 1e-9  # of the way
+MAX_EXPONENT_SPREAD = 0.1  # of exponents that agree, relative to the largest
+FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
 CORRECTOR_STEPS = 3  # Newton steps
-STEPS_BEFORE_GROWTH = 4  # that go well before the next is longer
-MAX_SIZE = 1e7  # of z in its chart: beyond, a path is no longer followed in it
+STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
+MAX_SIZE = 1e7  # of z in its chart; a larger one counts as lost
 MONODROMY_ROUNDS = 60
 REFINEMENT_STEPS = 4  # Newton steps
 ENDGAME_SEGMENT_RATIO = 0.25
-ENDGAME_SEGMENTS = 18  # the last is 1e-11 of the way: coefficients are not better known
-AGREEING_EXPONENTS = 3  # of successive segments
-FOLLOWED_AGAIN_SIZE = 1e5  # of an end, as a displacement: it may be at infinity
+ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are not better known
+AGREEING_EXPONENTS = 3  # of successive segments, that decide how a path ends
+FOLLOWED_AGAIN_SIZE = 1e5  # of the displacement at an end, which may be at infinity
 START_SEED, PATH_SEED = 20, 21
 
 
@@ -50,29 +51,29 @@ class StartSystem(NamedTuple):
     """A random system of a family, and its solutions."""
 
     coefficients: ComplexArray  # (K, M)
-    z: ComplexArray  # (bound, N), as many as monodromy found
+    z: ComplexArray  # (bound, N), or fewer if monodromy missed some
 
 
 @cache
 def solve_start_system(family: QuadricFamily) -> StartSystem:
     """Find the solutions of a random system of a family by monodromy.
 
-    A first system is made to pass through a random point. Solutions are led to a second one and back, each
-    time with other complex factors of the equations: another closed loop of coefficients.
+    The first of two systems is chosen such that a random point solves it. Solutions are tracked to the second
+    system and back, each time with new complex factors of the equations: a new closed loop of coefficients.
     """
     rng = np.random.default_rng(START_SEED)
     z = family.random_point(rng)
-    members = family.values(z[None])[0]  # (M,)
-    # coefficients less their part along the members at z: now z solves the system
+    members = family.values(z[None])[0]  # (M,) at z
+    # orthogonal to the members at z, the coefficients make a system that z solves
     first = family.random_coefficients(rng)
     first -= np.outer(first @ members, members.conj()) / np.vdot(members, members)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     systems = [first, family.random_coefficients(rng)]
-    solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]
+    solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]  # of each system
     for _ in range(MONODROMY_ROUNDS):
         for start, end in ((0, 1), (1, 0)):
-            turned = [_rotate_phases(family, system, rng) for system in systems]
-            tracked = track_paths(family, turned[start], turned[end], solutions[start], rng)
+            rotated = [_rotate_phases(family, system, rng) for system in systems]
+            tracked = track_paths(family, rotated[start], rotated[end], solutions[start], rng)
             candidates = np.concatenate([solutions[end], tracked.z[tracked.arrived]])
             solutions[end] = candidates[first_occurrences(candidates)]
         if len(solutions[0]) >= family.bound:
@@ -83,9 +84,9 @@ def solve_start_system(family: QuadricFamily) -> StartSystem:
 def _rotate_phases(
     family: QuadricFamily, coefficients: ComplexArray, rng: np.random.Generator
 ) -> ComplexArray:
-    """Multiply each equation (row) by a random complex number of size one.
+    """Multiply each equation (row) by a random complex number of modulus 1.
 
-    The solutions stay the same.
+    The solutions stay the same, but paths from the system change.
     """
     return np.exp(2j * np.pi * rng.random((family.equations, 1))) * coefficients
 
@@ -100,19 +101,20 @@ class TrackedPaths(NamedTuple):
 def track_paths(
     family: QuadricFamily, start: ComplexArray, end: ComplexArray, z: ComplexArray, rng: np.random.Generator
 ) -> TrackedPaths:
-    """Follow solutions z (S, N) from coefficients `start` to `end` (K, M).
+    """Track solutions z (S, N) from coefficients `start` to `end` (K, M), by predictor and corrector.
 
-    Predictor and corrector. Each path has its own t from 0 to 1 and its own step. A step whose correction is
-    small is taken, and after some good ones the next is twice as long; else it is halved. A path is lost
-    where steps become too short or z too large for the chart.
+    Each path has its own t from 0 to 1 and its own step. A step is accepted if its correction is small, and
+    doubled after several good ones; a rejected step is halved. A path is lost if its step becomes too short
+    or z too large for the chart.
     """
     chart = complex_normal(rng, family.size)
-    homotopy = _LinearHomotopy(family.quadrics(start), family.quadrics(end) - family.quadrics(start), chart)
+    quadrics = family.quadrics(start)
+    homotopy = _LinearHomotopy(quadrics, family.quadrics(end) - quadrics, chart)
     z = z / (z @ chart)[:, None]
     t = np.zeros(len(z))
     step = np.full(len(z), FIRST_STEP)
     good_steps = np.zeros(len(z), dtype=int)
-    live = np.arange(len(z))
+    live = np.arange(len(z))  # paths that are neither at t = 1 nor lost
     while len(live):
         h = np.minimum(step[live], 1.0 - t[live])
         ahead, correction = homotopy.advance(z[live], t[live], h)
@@ -140,18 +142,18 @@ def refine_solutions(quadrics: ComplexArray, z: ComplexArray, chart: ComplexArra
 class PathEnds(NamedTuple):
     """The ends of all S paths to one system."""
 
-    z: ComplexArray  # (S, N) where paths have arrived
+    z: ComplexArray  # (S, N) solution, if the path has arrived
     arrived: BoolArray  # (S,)
-    infinite: BoolArray  # (S,) that grow like those which leave for infinity
-    multiple: BoolArray  # (S,) that did not arrive, and end at a finite solution that is not single
-    last: ComplexArray  # (S, N) where paths were last followed to: before the end, different ones are apart
+    infinite: BoolArray  # (S,) the path grows like one to infinity
+    multiple: BoolArray  # (S,) the path did not arrive, and ends at a finite multiple solution
+    last: ComplexArray  # (S, N) last point tracked by the endgame; before their ends distinct paths are apart
 
 
-def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) -> PathEnds:
+def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> PathEnds:
     """Find the ends of all paths from the start system to coefficients (K, M).
 
-    `seed` chooses the paths. Those that do not arrive, or end far away, are followed again by the endgame,
-    which tells how they end.
+    `seed` chooses the paths. The endgame tracks paths again that do not arrive or end far away, and decides
+    how they end.
     """
     rng = np.random.default_rng([PATH_SEED, seed])
     first = solve_start_system(family)
@@ -159,15 +161,14 @@ def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int = 0) ->
     start = _rotate_phases(family, first.coefficients, rng)
     z, arrived = track_paths(family, start, target, first.z, rng)
     ends = PathEnds(z, arrived, np.zeros_like(arrived), np.zeros_like(arrived), z.copy())
+
     again = np.flatnonzero(~arrived | (displacement_sizes(family, z) > FOLLOWED_AGAIN_SIZE))
     endgame = _endgame(family, start, target, first.z[again], rng)
-    is_missing = ~arrived[again]
-    missing = again[is_missing]
-    ends.z[missing] = endgame.z[is_missing]
-    ends.arrived[missing] = endgame.arrived[is_missing]
-    ends.infinite[again] = endgame.infinite
-    ends.last[again] = endgame.last
-    ends.multiple[again] = endgame.multiple & is_missing
+    has_arrived = arrived[again]  # far away: the solution found at first is kept
+    endgame.z[has_arrived] = z[again[has_arrived]]
+    endgame.arrived[has_arrived] = True
+    endgame.multiple[has_arrived] = False
+    assign(ends, again, endgame)
     return ends
 
 
@@ -185,45 +186,42 @@ def _endgame(
     z: ComplexArray,
     rng: np.random.Generator,
 ) -> PathEnds:
-    """Classify the ends of paths from z (S, N) by growth over shrinking segments.
+    """Classify the ends of paths from z (S, N) by their growth over shrinking segments.
 
-    After segment k a share s = `ENDGAME_SEGMENT_RATIO`^k of the way is left. Of a size s^-w the exponent
-    w = -(change of log size) / log(ratio) of successive segments tells infinity (the same w > 0) from a
-    finite end (w = 0), to which the path is then followed.
+    After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. A size s^-w grows over a
+    segment by w = -(change of log size) / log(ratio). The exponents w of successive segments distinguish
+    infinity (the same w > 0) from a finite end (w = 0), to which the path is then tracked.
     """
     arrived, infinite, multiple = np.zeros((3, len(z)), dtype=bool)
     ends = PathEnds(z.copy(), arrived, infinite, multiple, z.copy())
-    live = np.ones(len(z), dtype=bool)
+    live = np.ones(len(z), dtype=bool)  # neither classified nor lost
     log_sizes = [np.log(displacement_sizes(family, z))]
     segment_start = start
     for segment in range(1, ENDGAME_SEGMENTS + 1):
-        followed = np.flatnonzero(live)
-        if not len(followed):
+        if not live.any():
             break
         segment_end = target + ENDGAME_SEGMENT_RATIO**segment * (start - target)
-        tracked = track_paths(family, segment_start, segment_end, ends.last[followed], rng)
-        ends.last[followed], live[followed] = tracked
+        tracked = track_paths(family, segment_start, segment_end, ends.last[live], rng)
+        ends.last[live] = tracked.z
+        live[live] = tracked.arrived
         log_sizes.append(np.log(displacement_sizes(family, ends.last)))
         segment_start = segment_end
         if segment < AGREEING_EXPONENTS:
             continue
-        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S)
+        changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S) over the last A segments
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
-        leaves = live & _goes_to_infinity(w, log_sizes[-1])
-        ends.infinite[leaves] = True
+        is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
+        ends.infinite[is_infinite] = True
         is_finite = live & (np.abs(w).max(axis=0) < ENDGAME_MIN_EXPONENT)
         tracked = track_paths(family, segment_end, target, ends.last[is_finite], rng)
         ends.z[is_finite], ends.arrived[is_finite] = tracked
         ends.multiple[is_finite] = ~tracked.arrived
-        live &= ~(leaves | is_finite)
+        live &= ~(is_infinite | is_finite)
     return ends
 
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
-    """Return whether exponents w (A, S) agree and the sizes are large, (S,).
-
-    The A exponents are of successive segments.
-    """
+    """Return whether the exponents w (A, S) of A segments agree and sizes are large, (S,)."""
     least = w.min(axis=0)
     largest = w.max(axis=0)
     agree = largest - least < MAX_EXPONENT_SPREAD * largest
@@ -231,42 +229,40 @@ def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
 
 
 class _LinearHomotopy(NamedTuple):
-    """Quadrics z' (start + t change) z = 0 for t from 0 to 1.
-
-    In the chart . z = 1.
-    """
+    """Quadrics z' (start + t change) z = 0, t from 0 to 1, in the chart."""
 
     start: ComplexArray  # (N - 1, N, N)
     change: ComplexArray  # (N - 1, N, N)
     chart: ComplexArray  # (N,) chart . z = 1
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); chart row last."""
+        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,), the chart row last."""
         rows = matrix_products(self.start, z) + matrix_products(self.change, z) * t[:, None, None]
         return append_row(rows, 0.5 * self.chart)
 
     def rate(self, z: ComplexArray, t: Array) -> ComplexArray:
         """Compute dz/dt (S, N) along the paths.
 
-        By differentiation: 2 z' (start + t change) dz/dt = -z' change z.
+        The derivative of the quadrics gives 2 z' (start + t change) dz/dt = -z' change z; the chart gives
+        chart . dz/dt = 0.
         """
-        values = np.einsum("ski,si->sk", matrix_products(self.change, z), z)  # (S, N - 1)
-        right = np.concatenate([-0.5 * values, np.zeros((len(z), 1))], axis=1)
+        right = np.zeros_like(z)
+        right[:, :-1] = -0.5 * np.einsum("ski,si->sk", matrix_products(self.change, z), z)
         return solve_or_fit(self.half_jacobian(z, t), right[:, :, None])[:, :, 0]
 
     def newton_step(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute the Newton step (S, N); of least norm where J is singular."""
+        """Compute the Newton step (S, N), of least norm where the Jacobian is singular."""
         half_jacobian = self.half_jacobian(z, t)
         half_values = 0.5 * np.einsum("ski,si->sk", half_jacobian, z)
         half_values[:, -1] = 0.5 * (z @ self.chart - 1.0)
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
     def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
-        """Predict z (S, N) at t + h and correct; return z and relative corrections (S,).
+        """Predict z (S, N) at t + h and correct z; return z, relative last corrections (S,).
 
-        The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's.
+        The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's method.
         """
-        H = h[:, None]  # for vectors
+        H = h[:, None]  # times vectors
         k1 = self.rate(z, t)
         k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)
         k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)

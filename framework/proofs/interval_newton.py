@@ -1,9 +1,9 @@
-"""Interval steps for stacks of boxes: linear equations with errors, and bordered systems.
+"""Interval Newton steps for stacks of boxes: linear equations with errors, and bordered systems.
 
-A box is a middle and radii; `LinearEnclosure` holds what equations are in it. `contract` narrows boxes by
+A box has a middle and radii; a `LinearEnclosure` encloses equations in boxes. `contract` narrows boxes by
 linear equations (Hansen and Sengupta 1981; Neumaier, Interval Methods for Systems of Equations, 1990, chapter
-5), and `enclose_bordered_solutions` encloses Govaerts' measure of singularity. Existence of solutions is
-proved by `krawczyk`. Rounding is bounded as `rounding` says.
+5), and `enclose_bordered_solutions` encloses Govaerts' measure of singularity. `krawczyk` proves the
+existence of solutions. All rounding errors are bounded, see `rounding`.
 """
 
 from __future__ import annotations
@@ -21,57 +21,54 @@ from framework.proofs.rounding import (
     identity_defect,
 )
 
-MIN_TERM_RATIO = 1e-12  # of an equation's terms in a box: a smaller one is not solved for
-MAX_CONTRACTION = 0.99  # norm of what an approximate inverse leaves: above it matrices may be singular
+MIN_TERM_RATIO = 1e-12  # of a term to all terms of its equation; unknowns of smaller terms are not solved for
+MAX_CONTRACTION = 0.99  # norm of 1 - X M; with a larger one M may be singular
 
 
 class LinearEnclosure(NamedTuple):
-    """m equations over S boxes: values + slopes d, up to errors, d from the middle."""
+    """m equations over S boxes: values + slopes d up to errors, d from the middle."""
 
     values: Array  # (S, m) at the middle
     slopes: Array  # (S, m, k)
-    errors: Array  # (S, m) of all else in the box, rounding too
+    errors: Array  # (S, m) of this linear form in the box, rounding included
 
     def combine(self, mixers: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the linear combinations mixers (S, p, m) of the equations.
-
-        Boxes have radii (S, k).
-        """
+        """Enclose the combinations mixers (S, p, m) of the equations in boxes of radii (S, k)."""
         largest = np.abs(self.values) + np.matvec(np.abs(self.slopes), radii)  # (S, m) in the box
         rounding = gamma(self.values.shape[1]) * ROUND_UP * largest
         errors = ROUND_UP * np.matvec(np.abs(mixers), self.errors + rounding)
         return LinearEnclosure(np.matvec(mixers, self.values), mixers @ self.slopes, errors)
 
     def concatenate(self, *others: LinearEnclosure) -> LinearEnclosure:
-        """Return all equations of several enclosures over the same boxes."""
+        """Join the equations of several enclosures over the same boxes."""
         return LinearEnclosure(*(np.concatenate(parts, axis=1) for parts in zip(self, *others, strict=True)))
 
 
 class Contracted(NamedTuple):
-    """The parts of S boxes that may hold solutions."""
+    """The parts of S boxes that may hold solutions, as offsets from the middles."""
 
-    lower: Array  # (S, k) off the middle
-    upper: Array  # (S, k)
+    lower: Array  # (S, k)
+    upper: Array  # (S, k) less than `lower` where a box provably holds no solution
 
     @property
     def empty(self) -> BoolArray:
-        """Whether each box holds no solution, (S,)."""
+        """Whether each box provably holds no solution, (S,)."""
         return np.asarray((self.lower > self.upper).any(axis=1))
 
 
 def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contracted:
-    """Bound all solutions d, |d| <= radii (S, k), of the equations in boxes.
+    """Bound all solutions d of the equations in boxes, |d| <= radii (S, k).
 
-    Each equation is solved for each unknown (hull consistency), as it stands and in the combinations of
-    `mixers` (S, p, m), of which `pivoted_inverses` and `damped_inverses` are two kinds: for the unknown j of
-    values_i + sum_j slopes_ij d_j within errors_i of 0,
+    The equations and their combinations by `mixers` (S, p, m), such as `pivoted_inverses` or
+    `damped_inverses`, are solved for one unknown each (hull consistency). Where values_i + sum_j slopes_ij
+    d_j is within errors_i of 0, the unknown j satisfies
 
-        |d_j + values_i / slopes_ij| <= (sum over the others of |slopes_il| r_l + errors_i) / |slopes_ij|.
+        |d_j + values_i / slopes_ij| <= (sum over l != j of |slopes_il| r_l + errors_i) / |slopes_ij|.
     """
     values, slopes, errors = equations.concatenate(equations.combine(mixers, radii))
     terms = np.abs(slopes) * radii[:, None]  # (S, m + p, k)
     totals = ROUND_UP * (terms.sum(axis=2) + errors)  # (S, m + p)
-    others = ROUND_UP * totals[:, :, None] - terms / ROUND_UP
+    others = ROUND_UP * totals[:, :, None] - terms / ROUND_UP  # (S, m + p, k) all terms but j, and the errors
     is_useful = terms > MIN_TERM_RATIO * totals[:, :, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)
@@ -86,33 +83,33 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
 
 
 def pivoted_inverses(slopes: Array, radii: Array) -> Array:
-    """Invert m columns of slopes (S, m, k), m <= k: mixers (S, m, m).
+    """Invert m independent columns of slopes (S, m, k), m <= k: mixers (S, m, m).
 
-    The columns are those of the largest terms in the box that are independent, by Gaussian elimination with
-    complete pivoting.
+    The columns are those with the largest terms in the box, chosen by Gaussian elimination with complete
+    pivoting.
     """
     S, m, k = slopes.shape
-    remaining = slopes * radii[:, None]
+    remaining = slopes * radii[:, None]  # terms that are not eliminated yet
     pivots = np.empty((S, m), dtype=np.intp)  # columns
-    each = np.arange(S)
+    each = np.arange(S)  # indexes one entry of every box
     for step in range(m):
-        # the largest entry left is the pivot; its row and column are eliminated
+        # the largest remaining entry is the pivot; its row and column are eliminated
         row, column = np.divmod(np.abs(remaining).reshape(S, m * k).argmax(axis=1), k)
         pivots[:, step] = column
         pivot = remaining[each, row, column]
-        shares = remaining[each, :, column] / np.where(pivot != 0, pivot, 1.0)[:, None]  # (S, m)
-        remaining = remaining - shares[:, :, None] * remaining[each, row][:, None]
+        multiples = remaining[each, :, column] / np.where(pivot != 0, pivot, 1.0)[:, None]  # (S, m)
+        remaining -= multiples[:, :, None] * remaining[each, row][:, None]
         remaining[each, row] = 0.0
         remaining[each, :, column] = 0.0
     return approximate_inverses(np.take_along_axis(slopes, pivots[:, None], axis=2))
 
 
 def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
-    """Compute mixers (S, k + m, m), m >= k, of slopes that may lose rank.
+    """Compute mixers (S, k + m, m), m >= k, for slopes that may lose rank.
 
-    In units of errors and radii the slopes are J = U diag(s) V'. The first k mixers are the damped inverse
-    V diag(s / (s^2 + 1)) U', which is the inverse where s is large and small where it is not (Levenberg); the
-    others are U'.
+    Divided by the errors and multiplied by the radii, the slopes are J = U diag(s) V'. The first k mixers are
+    the damped inverse V diag(s / (s^2 + 1)) U' (Levenberg): it inverts large singular values and suppresses
+    small ones. The other mixers are U'.
     """
     weights = 1.0 / equations.errors  # (S, m)
     J = equations.slopes * radii[:, None] * weights[:, :, None]
@@ -124,19 +121,24 @@ def damped_inverses(equations: LinearEnclosure, radii: Array) -> Array:
 
 
 class LastColumns(NamedTuple):
-    """Solutions z of M z = e, e the last unit vector, for S intervals of matrices M."""
+    """Enclosed solutions z of M z = e, e the last unit vector, for S interval matrices."""
 
-    valid: BoolArray  # (S,) all matrices are regular
-    z: Array  # (S, k)
-    error: Array  # (S, k) for all matrices within the errors
-    last_error: Array  # (S,) of the last entry for the middle itself
+    valid: BoolArray  # (S,) whether all matrices of the interval are regular
+    z: Array  # (S, k) for the middle, approximately
+    error: Array  # (S, k) of z, for all matrices of the interval
+    last_error: Array  # (S,) of the last entry of z, for the middle itself
 
 
 def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tuple[LastColumns, LastColumns]:
-    """Enclose the bordered systems of P (S, s, s) and of P', P up to errors.
+    """Enclose the solutions of the bordered systems of P (S, s, s) and P'.
 
-    M = [P b; c' 0] with the last singular vectors b, c of P. Its solution z of M z = e is (eta, g), that of
-    M' z = e is (psi, g). Where M is regular, P is singular exactly if g = 0 (Govaerts 2000).
+    The matrix is M = [P b; c' 0], with the last singular vectors b, c of P. M z = e has the solution z =
+    (eta, g), M' z = e the solution (psi, g). Where M is regular, P is singular if and only if g = 0 (Govaerts
+    2000).
+
+    Args:
+        errors: (S, s, s) of the entries of P within a box.
+        rounding: of these entries at the middle.
     """
     S, s = P.shape[:2]
     left, _, right = np.linalg.svd(P)
@@ -151,27 +153,31 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
 
 
 def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -> LastColumns:
-    """Enclose the last column of M^-1 for all M (S, k, k) within errors.
+    """Enclose the last column z of M^-1 for all M (S, k, k) within errors.
 
-    X is near the inverse of M, z~ is its last column, and N = |1 - X M| + |X| errors. The exact z has
-    |z - z~| <= |X| (|e - M z~| + errors |z~|) + N |z - z~|, so that N with a norm below 1 bounds it
+    With X near the inverse of M, z~ its last column and N = |1 - X M| + |X| errors, the exact z satisfies
+    |z - z~| <= |X| (|e - M z~| + errors |z~|) + N |z - z~|. This bounds |z - z~| if N has a norm below 1
     (Rump, Acta Numerica 2010, section 10).
+
+    Args:
+        M_errors: (S, k, k) of M within a box; `rounding` is that of its entries at the middle.
     """
     k = M.shape[1]
     z = X[:, :, -1]
-    unit = np.eye(k)[-1]
+    e = np.eye(k)[-1]
     z_size = np.abs(z)
     X_size = np.abs(X)
     row_sums = ROUND_UP * (identity_defect(X, M) + X_size @ M_errors).sum(axis=2)  # (S, k) of N
     norm = row_sums.max(axis=1)
     valid = norm < MAX_CONTRACTION
-    residual = np.abs(unit - np.matvec(M, z)) + gamma(k) * (np.matvec(np.abs(M), z_size) + unit)
+    residual_rounding = gamma(k) * (np.matvec(np.abs(M), z_size) + e)
+    residual = np.abs(e - np.matvec(M, z)) + residual_rounding
 
     def solution_error(product_error: Array) -> Array:
-        """Bound |z - z~| (S, k) by the error (S, k) of the product M z~."""
+        """Bound |z - z~| (S, k) given the error (S, k) of the product M z~."""
         direct = ROUND_UP * np.matvec(X_size, residual + product_error)
         largest = ROUND_UP * direct.max(axis=1) / np.where(valid, 1.0 - norm, 1.0)
         return direct + row_sums * largest[:, None]
 
-    of_middle = solution_error(rounding * z_size.sum(axis=1, keepdims=True))
-    return LastColumns(valid, z, solution_error(np.matvec(M_errors, z_size)), of_middle[:, -1])
+    middle_error = solution_error(rounding * z_size.sum(axis=1, keepdims=True))
+    return LastColumns(valid, z, solution_error(np.matvec(M_errors, z_size)), middle_error[:, -1])

@@ -1,20 +1,20 @@
 """Krawczyk's test: proof that equations have exactly one solution in a box.
 
-For F(z) = 0 with the Jacobian J, a point z0, a matrix Y near the inverse of J(z0) and radii r, the map
-z - Y F(z) takes the box B = z0 + [-r, r] to within
+Let F(z) = 0 have the Jacobian J, and Y be near the inverse of J(z0). The map z -> z - Y F(z) takes the box
+B = z0 + [-r, r] into a box about z0 with the radii
 
-    image = |Y F(z0)| + max over B of |1 - Y J| r
+    image = |Y F(z0)| + max over B of |1 - Y J| r.
 
-of z0. If image < r entry by entry, F has one solution in B and no other (Krawczyk 1969; Moore 1977; Neumaier,
-Interval Methods for Systems of Equations, 1990, section 5.1). The same holds for holomorphic F on discs of
-complex numbers (Rump 1983). Where the test fails, the box is made a little larger than its image and tested
-again (epsilon-inflation, Rump 2010). Rounding is bounded as `rounding` says.
+If image < r entry by entry, F has exactly one solution in B (Krawczyk 1969; Moore 1977; Neumaier, Interval
+Methods for Systems of Equations, 1990, section 5.1). The same holds for holomorphic F on discs of complex
+numbers (Rump 1983). If the test fails, it is repeated with a box a little larger than the image
+(epsilon-inflation, Rump 2010). All rounding errors are bounded, see `rounding`.
 
-`prove_existence` is the test of linearised equations in real unknowns, of which one may be a parameter;
-`enclose_solutions` that of quadrics with complex solutions. `regular_ball` has its own bound of the image.
+`prove_existence` tests linearised equations in real unknowns, of which one may be a parameter;
+`enclose_solutions` tests quadrics in complex unknowns. `regular_ball` has its own bound of the image.
 
-A solution of a real system in a disc about a real point is real: its conjugate is in it too, and there is one
-alone. A disc away from its mirror image holds a solution that is not.
+If a real system has exactly one solution in a disc about a real point, this solution is real: its conjugate
+lies in the disc, too. If a disc does not meet its mirror image, the solution in it is not real.
 """
 
 from __future__ import annotations
@@ -35,21 +35,18 @@ from framework.proofs.rounding import (
 )
 from framework.proofs.study_quadric import ComplexArray, append_row, matrix_products
 
-MAX_TESTS = 6  # of boxes that are widened until the test holds
+MAX_TESTS = 6  # of a box that is widened until the test holds
 MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # of discs, away from underflow and overflow
 RANDOM_CHARTS = 200
 
 
-Tested = TypeVar("Tested", bound=Any)  # S boxes: proved (S,), radii (S, k), radii (S, k) of the image
+Tested = TypeVar("Tested", bound=Any)  # of S boxes: proved (S,), radii (S, k), image (S, k)
 
 
 def widen_until_proved(
     test: Callable[[Array], Tested], radii: Array, min_radius: float, max_radius: float
 ) -> Tested:
-    """Test boxes of radii (S, k); widen boxes without a proof, and repeat.
-
-    A wider box contains the image of the one tested.
-    """
+    """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and repeat."""
     tested = test(radii)
     for _ in range(MAX_TESTS - 1):
         if tested.proved.all():
@@ -63,10 +60,10 @@ class Existence(NamedTuple):
     """Existence of one solution in S boxes, for each value of the parameter p."""
 
     proved: BoolArray  # (S,)
-    lower: Array  # (S, k) off the middle: all solutions in the box are within
+    lower: Array  # (S, k) bound on all solutions in the box, from the middle
     upper: Array
-    along: Array  # (S, k) slope of the solutions along the parameter, 1 for p itself; 0 without a parameter
-    spread: Array  # (S, k) distance of the solutions from middle + along * p
+    along: Array  # (S, k) slope of the solutions along the parameter: 1 for p itself; 0 without a parameter
+    spread: Array  # (S, k) largest distance of the solutions from middle + along * p
 
 
 def prove_existence(
@@ -74,8 +71,9 @@ def prove_existence(
 ) -> Existence:
     """Test whether m equations have one solution in each of S boxes.
 
-    With k = m + 1 unknowns one is a parameter p, whose own equation is d_p = p: so J (S, k, k) has the unit
-    row of p below the slopes. With Y near the inverse of J the map takes the box to
+    There are k = m unknowns, or k = m + 1 with a parameter p. The equation of the parameter is d_p = p, so
+    the square J (S, k, k) has the unit row of p below the slopes. With Y near the inverse of J, the map takes
+    the box to
 
         root + along p + error,    root = -Y [values; 0],    along = Y [0; 1],
         |error| <= |Y| [errors + |changes| r; 0] + |1 - Y J| r.
@@ -83,26 +81,27 @@ def prove_existence(
     Args:
         equations: values and slopes at the middle, with the errors of the values there.
         changes: (S, m, k) bounds on the changes of the slopes within the box.
-        parameter: (S,) the unknown that is p; None without.
+        parameter: (S,) index of the unknown p; None without a parameter.
     """
     S, m, k = equations.slopes.shape
-    own_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]  # (S, k - m, k)
-    is_parameter = own_rows.any(axis=1)  # (S, k)
-    J = np.concatenate([equations.slopes, own_rows], axis=1)
+    parameter_rows = np.zeros((S, 0, k)) if parameter is None else np.eye(k)[parameter][:, None]
+    is_parameter = parameter_rows.any(axis=1)  # (S, k)
+    J = np.concatenate([equations.slopes, parameter_rows], axis=1)
     Y = approximate_inverses(J)
-    along = Y[:, :, m:].sum(axis=2)
-    Y_m = Y[:, :, :m]
+    along = Y[:, :, m:].sum(axis=2)  # the one column of p, or 0
+    Y_m = Y[:, :, :m]  # of the m equations
 
     root = -np.matvec(Y_m, equations.values)  # (S, k)
-    uncertain = equations.errors + gamma(m) * np.abs(equations.values)
-    uncertain = uncertain + np.matvec(changes + gamma(m) * np.abs(equations.slopes), radii)
-    error = np.matvec(np.abs(Y_m), uncertain) + np.matvec(identity_defect(Y, J), radii)
+    errors = equations.errors + gamma(m) * np.abs(equations.values)
+    errors += np.matvec(changes + gamma(m) * np.abs(equations.slopes), radii)  # (S, m) within the box
+    error = np.matvec(np.abs(Y_m), errors) + np.matvec(identity_defect(Y, J), radii)
     error = ROUND_UP * error + gamma(m) * np.abs(root)
     p_radius = np.max(radii, axis=1, where=is_parameter, initial=0.0)[:, None]  # (S, 1)
     reach = ROUND_UP * (error + ROUND_UP * np.abs(along) * p_radius)  # of solutions from the root
-    is_inside = ROUND_UP * (np.abs(root) + reach) < radii  # the image in the box
+    is_inside = ROUND_UP * (np.abs(root) + reach) < radii  # image in the box
+    is_inside |= is_parameter
     return Existence(
-        proved=(is_inside | is_parameter).all(axis=1) & Y.any(axis=(1, 2)),
+        proved=is_inside.all(axis=1) & Y.any(axis=(1, 2)),  # Y is 0 where J is singular
         lower=root - reach,
         upper=root + reach,
         along=along,
@@ -114,9 +113,9 @@ def prove_existence(
 
 
 class Enclosures(NamedTuple):
-    """Polydiscs about S points of P^(N-1), in the chart."""
+    """Polydiscs about S points of the projective space P^(N-1), in a chart."""
 
-    proved: BoolArray  # (S,) each holds exactly one solution
+    proved: BoolArray  # (S,) to hold exactly one solution
     radii: Array  # (S, N)
     image: Array  # (S, N) radii of the image of the polydisc
 
@@ -124,58 +123,61 @@ class Enclosures(NamedTuple):
 def enclose_solutions(quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray) -> Enclosures:
     """Enclose solutions z (S, N) of N - 1 quadrics with coefficients in discs.
 
-    The equations are F(z) = (z' Q z, chart . z - 1) = 0 for Q (N - 1, N, N), with the Jacobian (2 Q z, chart)
-    that changes by 2 |Q| r within radii r. With Y near its inverse the image of a polydisc has the radii
+    The equations are F(z) = (z' Q z, chart . z - 1) = 0 for Q (N - 1, N, N). Their Jacobian (2 Q z, chart)
+    changes by at most 2 |Q| r within radii r. With Y near its inverse, the image of a polydisc has the radii
 
         |Y F(z)| + (|1 - Y J(z)| + |Y| 2 |Q| r) r.
 
     The proof holds for every system with coefficients in the discs.
 
     Args:
-        quadrics: the middles of the symmetric matrices.
-        radii: (N - 1, N, N) of their entries; zero where they are exact as they stand.
-        chart: (N,) real and exact, z in it.
+        quadrics: the middles of the symmetric matrices Q.
+        radii: (N - 1, N, N) of the entries of Q; zero for exact entries.
+        chart: (N,) real and exact; z is normalised to chart . z = 1.
     """
-    rounding = gamma(2 * len(chart))  # of a quadratic form in complex numbers
-    z_size = np.abs(z)  # (S, N)
-    Q_size = ROUND_UP * np.abs(quadrics)
-    Q_error = rounding * Q_size + radii  # (N - 1, N, N)
-
-    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
-    gradient_errors = matrix_products(Q_error, z_size)
-    J = append_row(2 * gradients, chart)  # (S, N, N)
-    J_error = append_row(2 * ROUND_UP * gradient_errors, rounding * np.abs(chart))
-    residual = np.abs(np.column_stack([np.matvec(gradients, z), z @ chart - 1.0]))  # (S, N) |F(z)|
-    residual += ROUND_UP * np.column_stack(
-        [np.matvec(gradient_errors, z_size), rounding * (z_size @ np.abs(chart) + 1.0)]
-    )
+    residual, J, J_error = _evaluate_quadrics(quadrics, radii, chart, z)
     Y = approximate_inverses(J)
     Y_size = np.abs(Y)
-    offset = ROUND_UP**2 * np.matvec(Y_size, residual)  # |Y F(z)|
-    defect = identity_defect(Y, J) + Y_size @ J_error  # |1 - Y J(z)|
+    offset = ROUND_UP**2 * np.matvec(Y_size, residual)  # at least |Y F(z)|
+    defect = identity_defect(Y, J) + Y_size @ J_error  # at least |1 - Y J(z)|
+    Q_size = ROUND_UP * np.abs(quadrics) + radii
 
     def test(r: Array) -> Enclosures:
         """Bound the image of polydiscs of radii r (S, N)."""
-        J_change = append_row(2 * ROUND_UP * matrix_products(Q_size + radii, r), 0.0 * chart)
+        J_change = append_row(2 * ROUND_UP * matrix_products(Q_size, r), 0.0 * chart)
         image = ROUND_UP * (offset + ROUND_UP**2 * np.matvec(defect + Y_size @ J_change, r))
         return Enclosures(np.all(image < r, axis=1), r, image)
 
     return widen_until_proved(test, 2 * offset + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
 
 
+def _evaluate_quadrics(
+    quadrics: ComplexArray, radii: Array, chart: Array, z: ComplexArray
+) -> tuple[Array, ComplexArray, Array]:
+    """Compute a bound on |F| (S, N), J and its errors (S, N, N) at z (S, N)."""
+    rounding = gamma(2 * len(chart))  # of a quadratic form in complex numbers
+    chart_size = np.abs(chart)
+    z_size = np.abs(z)
+    gradients = matrix_products(quadrics, z)  # (S, N - 1, N) Q z
+    gradient_errors = matrix_products(rounding * ROUND_UP * np.abs(quadrics) + radii, z_size)
+    F = np.column_stack([np.matvec(gradients, z), z @ chart - 1.0])
+    chart_error = rounding * (z_size @ chart_size + 1.0)
+    F_error = ROUND_UP * np.column_stack([np.matvec(gradient_errors, z_size), chart_error])
+    J_error = append_row(2 * ROUND_UP * gradient_errors, rounding * chart_size)
+    return np.abs(F) + F_error, append_row(2 * gradients, chart), J_error
+
+
 def choose_chart(z: ComplexArray) -> Array:
-    """Choose a random real chart (N,) far from vanishing at all points z (S, N)."""
+    """Choose the random real chart (N,) that stays farthest from 0 at all z (S, N)."""
     charts = np.random.default_rng(0).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
-    heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)
+    heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)  # (RANDOM_CHARTS, S)
     return charts[np.argmax(heights.min(axis=1, initial=np.inf))]
 
 
 def are_apart(z: ComplexArray, radii: Array) -> bool:
-    """Return whether polydiscs about z (S, N) are pairwise disjoint.
-
-    Two are if their discs of some coordinate do not meet.
-    """
-    gap = np.abs(z[:, None] - z[None]) / ROUND_UP - radii[:, None] - radii[None]
-    disjoint = (gap > 0).any(axis=2) | np.eye(len(z), dtype=bool)
-    return bool(disjoint.all())
+    """Return whether polydiscs about z (S, N) are pairwise disjoint, each pair in some coordinate."""
+    distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N)
+    gaps = distances - radii[:, None] - radii
+    is_apart = (gaps > 0).any(axis=2)  # (S, S), no polydisc from itself
+    return int(is_apart.sum()) == len(z) * (len(z) - 1)

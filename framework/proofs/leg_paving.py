@@ -1,11 +1,11 @@
-"""Proof that the joints of a leg have no other solutions: their angles are paved (`completeness`).
+"""Proof that the equations of a leg have no other solutions, by paving its joints (`completeness`).
 
-The equations are those of loops whose joints are the leg's or given, and of the platform's place and
-attitude. Their second derivatives are bounded along chains of joints. A joint enters a loop equation once, by
-its cosine and sine or its length, when the loop is seen from one of its frames. So along the chain from the
-carried point the bound is, for two hinges, the lesser of their distances from the point, links stretched out;
-for a hinge and a slide, one; for two slides, zero. These bounds hold in boxes of any width, where those of
-`derivative_bounds` are sharp in small ones.
+The equations are those of the loops whose moving joints all belong to the leg, and those of the platform's
+position and attitude. Seen from one frame of a loop, each joint enters a loop equation once, by the cosine
+and sine of its angle or by its length. So the second derivatives of a carried point are bounded: along two
+hinges by the lesser of their distances from the point, all links in one line; along a hinge and a slide by 1;
+along two slides by 0. These bounds hold in boxes of any width; the bounds of `derivative_bounds` are sharp in
+small boxes.
 """
 
 from __future__ import annotations
@@ -33,31 +33,31 @@ from framework.proofs.rounding import REACH_MARGIN
 from framework.tolerances import FRAME_ROUNDING, LOOP_GAP
 
 MAX_JOINTS = 4
-INITIAL_PARTS = 2  # of a whole turn
-SLIDE_SLOPE_ROUNDING = 1e-9  # of the unit by which translations change with a slide
+INITIAL_PARTS = 2  # into which a whole turn is cut at first
+SLIDE_SLOPE_ROUNDING = 1e-9  # of a squared slope along a slide, against 1
 RANDOM_SEED = 5
 
 
 def are_leg_solutions_complete(
     robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, candidates: Array, x: Array | None
 ) -> bool:
-    """Return whether a leg provably has no other solutions than the candidates.
-
-    False if not decided.
+    """Return whether a leg provably has no solutions but the candidates; False if undecided.
 
     Args:
         own: (k,) columns of the velocity vector of the leg's joints.
-        fixed: (nv,) mask of columns that keep their values in q (nq,). Where x has turns, q is assembled at
-            x: the attitude is taken from there.
-        candidates: (c, k) offsets of the joints from q [rad, robot lengths]; those that solve the equations
+        fixed: (nv,) mask of columns that keep their values in q (nq,). If x has turns, q is assembled at x:
+            the platform's attitude is taken from q.
+        candidates: (c, k) offsets of the joints from q [rad, robot lengths]. Those that solve the equations
             are the known solutions.
         x: (n,) coordinates of the platform; None with locked motors.
     """
     platform = robot.platform
-    if x is not None and isinstance(platform, JointPlatform):  # its joints are at x, as if they were fixed
-        is_platform = np.isin(own, platform.columns)
-        own, candidates = own[~is_platform], candidates[:, ~is_platform]
-        fixed = fixed | np.isin(np.arange(robot.model.nv), platform.columns)
+    if x is not None and isinstance(platform, JointPlatform):  # the platform's joints are fixed at x
+        is_unknown = np.isin(own, platform.columns, invert=True)
+        own = own[is_unknown]
+        candidates = candidates[:, is_unknown]
+        fixed = fixed.copy()
+        fixed[platform.columns] = True
         q = q.copy()
         q[platform.places] = x
         x = None
@@ -66,8 +66,7 @@ def are_leg_solutions_complete(
     if not _is_paveable(robot, own):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
-    points_alone = np.zeros_like(candidates)  # radii of the boxes about the candidates
-    values = equations(candidates, points_alone).values
+    values = equations(candidates, np.zeros_like(candidates)).values  # in boxes of zero radius
     region = _joint_region(equations) if values.shape[1] else None
     if region is None:
         return False
@@ -77,73 +76,72 @@ def are_leg_solutions_complete(
 
 
 def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
-    """Return whether joints (k,) are few, no balls and not coupled, with one slide at most."""
-    has_few_joints = len(own) <= MAX_JOINTS and int(np.count_nonzero(robot.sliding[own])) <= 1
-    has_balls = not single_columns(robot.model).issuperset(own.tolist())
-    return has_few_joints and not has_balls and not robot.rows.has_couplings
+    """Return whether the joints (k,) of a leg can be paved.
+
+    They must be few, with at most one slide and no ball joint, and the robot must have no couplings.
+    """
+    if len(own) > MAX_JOINTS or np.count_nonzero(robot.sliding[own]) > 1 or robot.rows.has_couplings:
+        return False
+    return single_columns(robot.model).issuperset(own.tolist())
 
 
 def _joint_region(equations: LegEquations) -> Boxes | None:
-    """Return boxes of all hinge turns and all slide lengths that can close.
+    """Return boxes of all hinge angles, and of all slide lengths at which the chain can close.
 
-    A whole turn of each hinge is cut in INITIAL_PARTS. A slide reaches from its zero as far as the chain can
-    close; None without a bound on that.
+    The whole turn of each hinge is cut in INITIAL_PARTS. A slide reaches from its zero to the bound of
+    `bound_slide`; None without such a bound.
     """
     robot = equations.robot
     own = equations.own
-    is_slide = robot.sliding[own]
     half_width = np.pi / INITIAL_PARTS
-    turns = np.arange(-np.pi + half_width, np.pi, 2 * half_width)
-    axes = [turns] * int((~is_slide).sum())  # middles along each joint
+    middles = [np.arange(-np.pi + half_width, np.pi, 2 * half_width)] * len(own)  # along each joint
     radii = np.full(len(own), half_width)
-    if is_slide.any():
+    for slide in np.flatnonzero(robot.sliding[own]):  # at most one
         farthest = equations.bound_slide()
         if farthest is None:
             return None
-        zero = -equations.slide_lengths(equations.q)[own[is_slide]] / robot.length  # off q
-        axes.insert(int(np.argmax(is_slide)), zero)
-        radii[is_slide] = farthest
-    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(own))
-    return Boxes(middles, np.repeat(radii[None], len(middles), axis=0))
+        middles[slide] = -equations.slide_lengths(equations.q)[own[[slide]]] / robot.length  # from q
+        radii[slide] = farthest
+    grid = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, len(own))
+    return Boxes(grid, np.tile(radii, (len(grid), 1)))
 
 
 @dataclass(frozen=True, eq=False)
 class LegEquations:
-    """The equations of a leg in its own n joints, all others fixed.
-
-    Joints are offsets [rad, robot lengths] from q.
-    """
+    """The equations of a leg in offsets of its n joints from q [rad, robot lengths], all others fixed."""
 
     robot: ParallelRobot
     own: IntArray  # (n,) columns of the velocity vector
     q: Array  # (nq,)
-    x: Array | None  # (platform coordinates,) where the leg and fixed joints alone carry the platform
-    loops: IntArray  # of `robot.rows`
-    chains: tuple[LeverChain, ...]  # of the loops, then of the platform's frame if its position counts
-    chain_of: IntArray  # (loops,)
-    attitude: Array | None  # (3, 3) of the platform's frame, where x determines it
+    x: Array | None  # (platform coordinates,) if only the leg and fixed joints carry the platform
+    loops: IntArray  # (loops,) indices into `robot.rows`
+    chains: tuple[LeverChain, ...]  # of the loops, then of the platform's frame if x is not None
+    chain_of: IntArray  # (loops,) index of each loop's chain
+    attitude: Array | None  # (3, 3) of the platform's frame, if x determines it
 
     @staticmethod
     def of(robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, x: Array | None) -> LegEquations:
         """Collect the equations whose joints are the leg's, or fixed.
 
-        A loop row counts if a joint of the leg moves it and no free joint does; the platform's coordinates x
-        alike. They determine the attitude of its frame if they have all turns: three, in a plane one.
+        A loop row counts if a joint of the leg moves it and no free joint does, and so do the coordinates x
+        of the platform. They determine its attitude if they have all turns: three, or one in a plane.
         """
         carried = scratch_of(robot).carried
         rows = robot.rows
-        platform = robot.platform
-        free_joints = ~fixed
-        free_joints[own] = False
-        moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv)
-        loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free_joints].any(axis=1))
+        free = ~fixed
+        free[own] = False
+
+        moves_row = carried[rows.second] != carried[rows.first]  # (rows, nv) a joint carries one frame
+        loops = np.flatnonzero(moves_row[:, own].any(axis=1) & ~moves_row[:, free].any(axis=1))
         ends = np.stack([rows.first[loops], rows.second[loops]], axis=1)
         pairs, chain_of = np.unique(ends, axis=0, return_inverse=True)
         chains = [LeverChain.of(robot, own, *pair) for pair in pairs.tolist()]
-        is_determined = carried[0, own].any() and not carried[0, free_joints].any()
+
         attitude = None
+        platform = robot.platform
+        is_determined = carried[0, own].any() and not carried[0, free].any()
         if not (isinstance(platform, FramePlatform) and is_determined):
-            x = None
+            x = None  # other joints move the platform, too
         elif x is not None:
             chains.append(LeverChain.of(robot, own, BASE, 0))
             if len(platform.turning) == (3 if planar_normal(robot) is None else 1):
@@ -151,15 +149,13 @@ class LegEquations:
         return LegEquations(robot, own, q, x, loops, tuple(chains), chain_of, attitude)
 
     def __call__(self, middle: Array, radii: Array) -> LinearEnclosure:
-        """Enclose the equations in boxes (B, n): loops, then platform.
-
-        Slopes are along joints in radians and robot lengths.
-        """
+        """Enclose the equations in boxes (B, n) [rad, robot lengths]: loops, then platform."""
         robot = self.robot
         own = self.own
-        frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * robot.column_scale[own]))
-        slid = np.abs(self.slide_lengths(frames.q))  # (B, nv) [m] at most in the box
-        slid[:, own] += np.where(robot.sliding[own], radii * robot.column_scale[own], 0.0)
+        units = robot.column_scale[own]
+        frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * units))
+        slid = np.abs(self.slide_lengths(frames.q))  # (B, nv) [m] largest in the box
+        slid[:, own] += np.where(robot.sliding[own], radii * units, 0.0)
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
         enclosures = [self._enclose_loops(frames, bounds)]
         if self.x is not None:
@@ -167,7 +163,6 @@ class LegEquations:
         if self.attitude is not None:
             enclosures.append(self._enclose_attitude(frames, bounds[-1], self.attitude))
         values, slopes, errors = enclosures[0].concatenate(*enclosures[1:])
-        units = np.where(robot.sliding[own], robot.length, 1.0)
         longest = np.max([bound.length for bound in bounds], axis=0, initial=0.0)  # (B,) chain
         rounding = FRAME_ROUNDING * (1.0 + longest)
         return LinearEnclosure(values, slopes * units, errors + np.reshape(rounding, (-1, 1)))
@@ -175,37 +170,37 @@ class LegEquations:
     def _enclose_loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
         """Enclose the loop equations in boxes.
 
-        Values and slopes are at the middles; errors bound the second-order terms: `ChainBounds.square` of a
-        row d.d, `attitude` of one u.w, and `position` of one u.d.
+        Values and slopes are at the middles. Errors are the bounds of the chain on the vectors of a row:
+        `ChainBounds.square` of d.d, `attitude` of u.w, and `position` of u.d.
         """
         rows = self.robot.rows
         loops = self.loops
-        lengths = self.robot.row_lengths[self.loops]
+        lengths = self.robot.row_lengths[loops]
         equations = loop_equations(rows, frames)
         values = equations.residual[:, loops] / lengths
         slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
-        field = np.where(rows.square[loops], 2, rows.rotation[loops])  # 0, 1, 2 of `ChainBounds`
+        field = np.where(rows.square[loops], 2, rows.rotation[loops])  # (loops,) of `ChainBounds`: 0, 1 or 2
         chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))  # (chains, fields, B)
-        errors = chain_bounds[self.chain_of, field].T * np.abs(rows.derivative_weight[loops])
+        errors = chain_bounds[self.chain_of, field].T * np.abs(rows.derivative_weight[loops])  # (B, loops)
         return LinearEnclosure(values, slopes, errors)
 
     def _enclose_position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
-        """Enclose (position - x) / length of the frame, over B boxes, along its translation axes.
+        """Enclose (position - x) / length of the platform's frame along its translations.
 
-        `platform.along` are the base axes of the translations, `platform.sliding` their places in x.
+        `platform.along` are the base axes of the translations, `platform.sliding` their indices in x.
         """
         platform = self.robot.platform
         length = self.robot.length
         position = frames.position[:, 0, platform.along]
         jacobian = frames.frame_jacobian(0)[:, platform.along]
         values = (position - x[platform.sliding]) / length
-        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)  # in robot lengths already
+        errors = np.repeat(bound.position[:, None], values.shape[1], axis=1)  # already in robot lengths
         return LinearEnclosure(values, jacobian[:, :, self.own] / length, errors)
 
     def _enclose_attitude(self, frames: FrameStack, bound: ChainBounds, attitude: Array) -> LinearEnclosure:
-        """Enclose frame axes less the attitude's (3, 3): 9 equations.
+        """Enclose 9 equations: the axes of the platform's frame less the `attitude` (3, 3).
 
-        An axis e changes by w_j x e along a joint that turns about w_j.
+        The derivative of an axis e along a joint that turns about w_j is w_j x e.
         """
         axes = frames.rotation[:, 0].swapaxes(1, 2)  # (B, 3, 3), one axis a row
         turning = frames.frame_jacobian(0)[:, 3:][:, :, self.own].swapaxes(1, 2)  # (B, n, 3)
@@ -219,28 +214,30 @@ class LegEquations:
         return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
 
     def bound_slide(self) -> float | None:
-        """Bound the leg's slide [robot lengths] where a chain can close; None without.
+        """Bound the length [robot lengths] of the leg's slide when loops close; None if unknown.
 
-        Where the translations of a chain change by one unit with its slide, whatever its hinges do (tested at
-        random joints), the slide is no longer than the other links of the chain, stretched out.
+        If the translations of a chain change by one unit with the slide, whatever the hinges do (tested at
+        random joints), the slide is no longer than the rest of the chain, all links in one line.
         """
         robot = self.robot
-        n = len(self.own)
-        joints = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, n))
-        slopes = self(joints, 0.0 * joints).slopes
         slide = np.flatnonzero(robot.sliding[self.own])[0]
-        other_slides = np.abs(self.slide_lengths(self.q))  # (nv,) [m]
-        other_slides[self.own[slide]] = 0.0
-        ends = robot.rows.reach[self.loops].sum() + (0.0 if self.x is None else np.abs(self.x).sum())
+        joints = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, len(self.own)))
+        squares = self(joints, 0.0 * joints).slopes[:, :, slide] ** 2  # (3, equations)
+        chain_of = self.chain_of  # of each equation
+        is_translation = ~robot.rows.rotation[self.loops]
+        offset = robot.rows.reach[self.loops].sum()  # [m] between the ends of a chain, at most
+        if self.x is not None:  # position equations: the last chain; attitude equations are no translations
+            offset += np.abs(self.x).sum()
+            count = len(robot.platform.sliding)
+            chain_of = np.append(chain_of, np.full(count, len(self.chains) - 1))
+            is_translation = np.append(is_translation, np.full(count, True))
+        lengths = np.insert(np.abs(self.slide_lengths(self.q)), 0, 1.0)  # (1 + nv,) as in `LeverChain`
+        lengths[1 + self.own[slide]] = 0.0
         bounds = []
         for k, chain in enumerate(self.chains):
-            # rows of the translations of this chain
-            translations = np.flatnonzero(~robot.rows.rotation[self.loops] & (self.chain_of == k))
-            if k == len(self.chains) - 1 and self.x is not None:
-                translations = len(self.loops) + np.arange(len(robot.platform.sliding))
-            change = np.sum(slopes[:, translations, slide] ** 2, axis=1)  # squared, per unit of the slide
-            if np.all(change > 1 - SLIDE_SLOPE_ROUNDING):
-                bounds.append((chain.length @ np.insert(other_slides, 0, 1.0) + ends) / robot.length)
+            translations = np.flatnonzero(is_translation & (chain_of == k))
+            if np.all(squares[:, translations].sum(axis=1) > 1 - SLIDE_SLOPE_ROUNDING):
+                bounds.append((chain.length @ lengths + offset) / robot.length)
         return REACH_MARGIN * min(bounds) if bounds else None
 
 
@@ -248,23 +245,23 @@ class LegEquations:
 
 
 class ChainBounds(NamedTuple):
-    """Bounds on second-order terms of a chain over B boxes [robot lengths]."""
+    """Bounds on the second-order terms of a chain over B boxes [robot lengths]."""
 
     position: Array  # (B,) of the carried point
     attitude: Array  # (B,) of a direction
     square: Array  # (B,) [m] of half the squared distance of both ends, over the robot's length
-    length: Array  # (B,) of the chain
+    length: Array  # (B,) largest length of the chain
 
 
 class LeverChain(NamedTuple):
-    """The joints from a point to its observer's frame, with their levers.
+    """The joints between a carried point and the observing frame, with their levers.
 
-    Lengths [m] are rows (1 + nv,): all links stretched out, then 1 for each slide that adds to them.
+    A length [m] is a row (1 + nv,): the sum of the links, then 1 for each slide that adds to the sum.
     """
 
     robot_length: float  # [m]
-    turning: BoolArray  # (n,) the leg's joints that are hinges of the chain
-    sliding: BoolArray  # (n,)
+    turning: BoolArray  # (n,) which of the leg's joints are hinges of the chain
+    sliding: BoolArray  # (n,) which are slides of the chain
     levers: Array  # (n, 1 + nv) from the joint to the point
     length: Array  # (1 + nv,) of the chain
 
@@ -272,33 +269,37 @@ class LeverChain(NamedTuple):
     def of(robot: ParallelRobot, columns: IntArray, first: int, second: int) -> LeverChain:
         """Add up the links from the second frame's origin to the first frame, or to BASE."""
         model = robot.model
-        inside, length = np.zeros(len(columns), dtype=bool), np.zeros(1 + model.nv)
-        levers = np.zeros((len(columns), 1 + model.nv))
+        is_inside = np.zeros(len(columns), dtype=bool)
+        length = np.zeros(1 + model.nv)
         length[0] = _offset_on_body(robot, second)
+        levers = np.zeros((len(columns), 1 + model.nv))
         for number, sign in reversed(joints_between(robot, first, second)):
             joint = model.joints[number]
-            own, span = columns == joint.idx_v, joint.idx_v + np.arange(joint.nv)
-            inside |= own
+            is_joint = columns == joint.idx_v
+            is_inside |= is_joint
             longer = length.copy()
             longer[0] += _offset_length(model.jointPlacements[number])
+            span = joint.idx_v + np.arange(joint.nv)
             longer[1 + span] = robot.sliding[span]
-            levers[own] = length if sign > 0.0 else longer
+            # a joint that carries the first frame stands at the other end of its link
+            levers[is_joint] = length if sign > 0.0 else longer
             length = longer
         if first != BASE:
             length[0] += _offset_on_body(robot, first)
-        slide = robot.sliding[columns]
-        return LeverChain(robot.length, inside & ~slide, inside & slide, levers, length)
+        is_slide = robot.sliding[columns]
+        return LeverChain(robot.length, is_inside & ~is_slide, is_inside & is_slide, levers, length)
 
     def bound_second_order(self, radii: Array, slid: Array) -> ChainBounds:
-        """Bound second-order terms in boxes of radii (B, n).
+        """Bound the second-order terms in boxes of radii (B, n).
 
-        Slides are out by at most `slid` (B, nv) [m]. The second derivative of the point along two hinges is
-        at most the lesser of their levers, along a hinge and a slide 1; of a direction along two hinges 1. A
-        point moves by at most `travel`, and half its squared distance has the derivatives p . d2p + u_i .
-        u_j.
+        Slides are extended by at most `slid` (B, nv) [m]. The second derivative of the point is at most the
+        lesser lever along two hinges, and 1 along a hinge and a slide; that of a direction is at most 1 along
+        two hinges. The point moves by at most `travel`; half its squared distance has the second derivatives
+        p . d2p + u_i . u_j.
         """
-        shares = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv)
-        levers, length = shares @ self.levers.T, shares @ self.length  # (B, n), (B,)
+        lengths = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv)
+        levers = lengths @ self.levers.T  # (B, n)
+        length = lengths @ self.length  # (B,)
         turns = radii * self.turning  # (B, n)
         slide = radii @ self.sliding
         turn = radii @ self.turning
@@ -310,7 +311,7 @@ class LeverChain(NamedTuple):
 
 
 def _offset_on_body(robot: ParallelRobot, frame: int) -> float:
-    """Return the distance [m] of a frame from the joint of its body."""
+    """Return the distance [m] of a frame from its body's joint."""
     return _offset_length(robot.model.frames[robot.frames[frame]].placement)
 
 

@@ -1,6 +1,6 @@
-"""The passive joints of a robot with its motors locked: those of a pose of the platform, and their proof.
+"""The passive joints at a pose of the platform or with locked motors, and the proof that a solution exists.
 
-Newton's method on the loops, redundant ones too, from many starts at once.
+Newton's method closes the loops, redundant equations included, from many starts at once.
 """
 
 from __future__ import annotations
@@ -21,25 +21,29 @@ from framework.proofs.equation_terms import stretched_length
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 24  # for each pose of the platform
-MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # of Newton's method; [rad, lengths] that one may move a joint
+MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest joint motion in a step [rad, lengths]
 RANDOM_SEED = 11
-MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X M - 1| of an inverse X that a proof uses
-INVERSE_FACTOR = 1.2  # of its norm: more than 1 / (1 - MAX_INVERSE_DEFECT)
+MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X J - 1| for an inverse X that a proof uses
+INVERSE_FACTOR = 1.2  # from the norm of X to a bound on |J^-1|: more than 1 / (1 - MAX_INVERSE_DEFECT)
 
 
 def find_joints_at_poses(
     robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
 ) -> list[Array | None]:
-    """Find configurations (nq,) with the platform's frame at k given poses.
+    """Find configurations (nq,) with the platform's frame at k given poses, motors as in q (1, nq).
 
-    None where no pose is found. `positions` are (k, 3), `rotations` (k, 3, 3), None to leave them free.
-    Motors and springs stay as in q (1, nq). Of several configurations the nearest to the reference is taken.
+    Of several configurations the one nearest to the reference is returned, None if there is none. Springs
+    stay as in q, too.
+
+    Args:
+        positions: (k, 3) of the frame's origin.
+        rotations: (k, 3, 3) of the frame; None to leave them free.
     """
     targets = np.repeat(positions, RANDOM_STARTS, axis=0)  # (T, 3)
     target_rotations = None if rotations is None else np.repeat(rotations, RANDOM_STARTS, axis=0)
 
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute the offsets (T, 3 or 6) of the platform's frame from its targets, and their slopes."""
+        """Compute offsets (T, 3 or 6) of the platform's frame from the targets, and slopes (T, .., nv)."""
         offsets = (frames.position[:, 0] - targets) / robot.length
         slopes = frames.frame_jacobian(0) * robot.column_scale
         slopes[:, :3] /= robot.length
@@ -49,22 +53,22 @@ def find_joints_at_poses(
 
     starts = np.tile(draw_starts(robot, q, RANDOM_STARTS), (len(positions), 1))
     poses, closed = close_all_loops(robot, starts, pose_equations)
-    nearest_poses: list[Array | None] = []
-    for first in range(0, len(poses), RANDOM_STARTS):
-        group = slice(first, first + RANDOM_STARTS)
-        candidates = remove_whole_turns(robot, poses[group][closed[group]])
+    nearest_poses = list[Array | None]()
+    for k in range(len(positions)):
+        of_target = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
+        candidates = remove_whole_turns(robot, poses[of_target][closed[of_target]])
         nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 
 
 def _rotation_offsets(rotations: Array, targets: Array) -> Array:
-    """Compute sine-like offsets (T, 3) of rotations (T, 3, 3) from their targets.
+    """Compute sine-like offsets (T, 3) of rotations (T, 3, 3) from targets (T, 3, 3).
 
-    They are the axial vector of (G - G') / 2 with G = R R_target', of the size of the sine of the turn. That
-    of a half turn is zero too; there the trace of G is negative, and 1 is added.
+    They are the axial vector of (G - G') / 2, G = R R_target'. Its size is the sine of the angle, which is
+    zero at a half turn, too. There the trace of G is negative, and 1 is added to tell a half turn from none.
     """
     G = rotations @ targets.swapaxes(1, 2)
-    offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]
+    offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # entries zy, xz, yx
     offsets[:, 0] += np.trace(G, axis1=1, axis2=2) < 0
     return offsets
 
@@ -77,15 +81,14 @@ def close_all_loops(
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return q, closed (T,).
 
-    Redundant equations count as well, so steps are of least squares, cut to MAX_SEARCH_STEP. One more step is
-    taken after all are closed, to reach rounding.
+    Redundant equations are included, so steps are least-squares steps; they are cut to MAX_SEARCH_STEP. One
+    more step after all loops are closed reduces residuals to rounding.
 
     Args:
+        further: computes more equations (T, e) and their slopes (T, e, nv) along all joints, dimensionless.
         columns: the joints that move; the passive ones by default.
-        further: more equations and their slopes along all joints, (T, e) and (T, e, nv), without dimension.
     """
     columns = robot.following if columns is None else columns
-    size = np.full(len(q), np.inf)
     weights = 1.0 / robot.row_lengths
     is_last = False
     for _ in range(MAX_SEARCH_STEPS):
@@ -108,22 +111,20 @@ def close_all_loops(
 
 
 def draw_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
-    """Draw configurations (count, nq): q (1, nq), then q with random joints.
+    """Draw configurations (count, nq): q (1, nq) itself, then q with random joints.
 
     Args:
         columns: of the random joints; the passive ones by default.
     """
     columns = robot.passive if columns is None else columns
     spread = np.where(robot.sliding[columns], robot.length, np.pi)
-    others = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
-    return integrate_columns(robot, q, columns, np.concatenate([np.zeros((1, len(spread))), others]))
+    steps = np.zeros((count, len(spread)))
+    steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
+    return integrate_columns(robot, q, columns, steps)
 
 
 def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference.
-
-    Hinges in `columns` count up to whole turns.
-    """
+    """Compute offsets (..., nv) of q (..., nq) from the reference, `columns` up to whole turns."""
     offset = difference(robot, robot.reference.q, q)
     hinges = columns[~robot.sliding[columns]]
     offset[..., hinges] = wrap_angles(offset[..., hinges])
@@ -140,24 +141,28 @@ def distance_from_reference(robot: ParallelRobot, q: Array) -> float:
     return float(np.linalg.norm(difference(robot, robot.reference.q, q) / robot.column_scale))
 
 
-def has_one_solution_near(robot: ParallelRobot, q: Array, *, locked: str = "motors") -> bool:
-    """Return whether the loops provably have one solution near q (nq,).
+def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bool = False) -> bool:
+    """Return whether the loops provably have one solution near q (nq,), motors locked.
 
-    The springs are locked, and the motors or the platform (`locked`). The theorem of Newton and Kantorovich
-    (Ortega 1968) asks for beta^2 K |F| <= 1/2, in radians, lengths of the robot and norms of largest entries:
-    F (k,) the loop equations (and the platform's), J (k, k) their Jacobian, beta = |J^-1|, and
-    K = k^2 max |d2F| a bound on its change. No joint turns a frame that is farther away than all links are
-    long, and an equation is a product of two vectors that turn.
+    With `platform_locked` the platform is locked instead of the motors; springs are always locked. The
+    theorem of Newton and Kantorovich (Ortega 1968) requires beta^2 K |F| <= 1/2 in the largest-entry norm, in
+    radians and robot lengths. F (k,) are the loop equations (and the platform's), J (k, k) is their Jacobian,
+    beta = |J^-1|, and K = k^2 max |d2F| bounds the change of J. The second derivatives are bounded by the
+    length of all links in
+    one line: no joint turns a frame at a larger distance, and an equation is a product of two vectors that
+    turn.
     """
     linearised = linearised_at(robot, q[None], None)
-    J = (passive_matrix if locked == "motors" else type1_matrix)(robot, linearised)[0]  # (k, k)
+    matrix_of = type1_matrix if platform_locked else passive_matrix
+    J = matrix_of(robot, linearised)[0]  # (k, k)
     if J.shape[0] != J.shape[1]:
         return False
     inverse = np.linalg.pinv(J)
     if np.abs(inverse @ J - np.eye(len(J))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
         return False
-    size = stretched_length(robot, q) + 1.0  # with a length to spare for slides near by
-    residual = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :].max() + FRAME_ROUNDING * size
+    size = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
+    gaps = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :]
+    residual = gaps.max() + FRAME_ROUNDING * size
     units = np.where(robot.loops.square, robot.length, 1.0)
     steepest = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
     second_derivative = 8.0 * size**2 * steepest / robot.structure.row_sizes.min(initial=1.0)
@@ -166,7 +171,7 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, locked: str = "moto
 
 
 def distinct_rows(joints: Array) -> list[int]:
-    """Return the indices of rows (T, k) that repeat no earlier row, up to whole turns."""
+    """Return the indices of rows (T, k) that repeat no earlier row up to whole turns."""
     points = np.exp(1j * joints)  # on the unit circle
     distinct = list[int]()
     for k, point in enumerate(points):

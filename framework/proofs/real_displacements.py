@@ -1,8 +1,8 @@
-"""All real displacements that meet a system of leg conditions, proved, and in which sense they are all.
+"""All real displacements that solve a system of leg conditions, each proved, and how many there are.
 
-The ends of all paths (`homotopy`) are enclosed by the test of Krawczyk: one solution there and no
-other, for all coefficients within their rounding. A real solution has a disc about a real point, all others
-one away from it. Where paths are lost, others are tried.
+Krawczyk's test encloses the ends of all paths of `homotopy`: each enclosure holds exactly one solution, for
+all coefficients within their rounding. The solution is real if the enclosure is about a real point, and not
+real if the enclosure holds no real point. While paths are lost, other paths are tried.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_quadric import ComplexArray, Displacements, QuadricFamily, first_occurrences
 from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING
 
-MAX_ATTEMPTS = 4  # on other ways, while paths are lost
+MAX_ATTEMPTS = 4  # with other paths, while some are lost
 
 Status = Literal["proved", "numerically complete", "at least", "architecturally singular"]
 
 
 @dataclass(frozen=True)
 class PathCount:
-    """The number of paths of a homotopy, by kinds of ends."""
+    """The number of paths of a homotopy by their kinds of ends."""
 
     paths: int
     finite: int  # at single solutions that are apart
     infinite: int
-    multiple: int  # at finite solutions that are not single
+    multiple: int  # at finite multiple solutions
 
     @property
     def lost(self) -> int:
-        """Number of paths whose ends are not known."""
+        """Number of paths with unknown ends."""
         return self.paths - self.finite - self.infinite - self.multiple
 
     @property
@@ -58,7 +58,7 @@ class RealSolutions(ReadOnlyArrays):
     p: Array  # (k, 3) translations, in the unit of the conditions
     proved: BoolArray  # (k,) to exist, to be real and to be single
     count: PathCount
-    status: Status  # in which sense they are all
+    status: Status  # in which sense these are all real solutions
 
 
 def find_real_solutions(
@@ -66,9 +66,9 @@ def find_real_solutions(
     coefficients: Array,
     rounding: float = LEG_COEFFICIENT_ROUNDING,
 ) -> RealSolutions:
-    """Find all real displacements that meet conditions (K, M).
+    """Find all real displacements that solve conditions with coefficients (K, M).
 
-    Coefficients are known up to `rounding`, relative to the largest of their condition.
+    The coefficients are known up to `rounding`, relative to the largest of their condition.
     """
     family = group.family
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
@@ -82,7 +82,7 @@ def find_real_solutions(
         attempts.append(_prove_path_ends(group, rows, slack, seed))
         if attempts[-1].status != "at least":
             break
-    return min(reversed(attempts), key=_count_doubts)  # of equal ones the last
+    return min(reversed(attempts), key=_count_doubts)  # the last of equal attempts
 
 
 def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
@@ -91,24 +91,24 @@ def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
 
 
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
-    """Follow all paths once, and prove the solutions at their ends.
+    """Track all paths once, and prove the solutions at their ends.
 
-    A solution is decided if the disc about it is proved to hold one, and it is real or its disc holds no real
-    number.
+    A solution is decided if its enclosure is proved to hold exactly one, and it is real or the enclosure
+    holds no real point.
 
     Args:
         coefficients: (K, M), known up to `slack` (K, M).
-        seed: of the ways that paths take.
+        seed: chooses the paths.
     """
     family = group.family
     quadrics = family.quadrics(coefficients)
     ends = find_path_ends(family, coefficients, seed)
     chart = choose_chart(ends.z[ends.arrived])
     z = refine_solutions(quadrics, ends.z[ends.arrived], chart.astype(complex))  # (S, N)
-    norms = np.linalg.norm(z, axis=1, keepdims=True)
-    is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms[:, 0]
+    norms = np.linalg.norm(z, axis=1)
+    is_real = np.abs(z.imag).max(axis=1) < DISTINCT_SOLUTIONS * norms
     z[is_real] = z[is_real].real
-    is_new = first_occurrences(z / norms)
+    is_new = first_occurrences(z / norms[:, None])
     proof = enclose_solutions(quadrics, family.quadrics_slack(slack), chart, z)
     count = _count_paths(family, ends, z, is_real, is_new, proof)
 
@@ -119,46 +119,45 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
         status = "proved"
     elif count.finite + count.infinite == count.paths == family.bound:
         status = "numerically complete"
-    is_kept = is_real & is_new
-    return RealSolutions(*group.to_displacements(z[is_kept].real), proof.proved[is_kept], count, status)
+    solutions = is_real & is_new
+    return RealSolutions(*group.to_displacements(z[solutions].real), proof.proved[solutions], count, status)
 
 
 def _count_paths(
     family: QuadricFamily,
     ends: PathEnds,
     z: ComplexArray,
-    real: BoolArray,
-    first: BoolArray,
+    is_real: BoolArray,
+    is_new: BoolArray,
     proof: Enclosures,
 ) -> PathCount:
     """Count the paths by their ends.
 
     Args:
         z: (S, N) the ends of the paths that arrived.
-        real, first: masks (S,) of real ends, and of ends that repeat no earlier one.
+        is_real, is_new: (S,) whether an end is real, and whether it repeats no earlier one.
     """
     proved = proof.proved
-    at_infinity = ends.infinite[ends.arrived] & ~proved
-    at_infinity[proved] = ~_have_no_infinite_point(family.members[0], z[proved], proof.radii[proved])
-    vague = real & ~proved & ~at_infinity  # a real solution beside another one
+    is_infinite = ends.infinite[ends.arrived] & ~proved
+    is_infinite[proved] = ~_have_no_infinite_point(family.members[0], z[proved], proof.radii[proved])
+    is_multiple = is_real & ~proved & ~is_infinite  # not proved single: another solution is close
     never_arrived = ends.last[ends.infinite & ~ends.arrived]
-    return PathCount(
-        len(ends.z),
-        finite=int(np.sum(first & ~at_infinity & ~vague)),
-        infinite=int(np.sum(first & at_infinity) + np.sum(first_occurrences(never_arrived))),
-        multiple=int(np.sum(ends.multiple) + np.sum(first & vague)),
-    )
+    infinite = np.sum(is_new & is_infinite) + np.sum(first_occurrences(never_arrived))
+    multiple = np.sum(ends.multiple) + np.sum(is_new & is_multiple)
+    finite = np.sum(is_new & ~is_infinite & ~is_multiple)
+    return PathCount(len(ends.z), int(finite), int(infinite), int(multiple))
 
 
 def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
-    """Return whether polydiscs about z (S, N) provably hold no point at infinity.
+    """Return whether polydiscs about z (S, N) provably hold no point at infinity, (S,).
 
-    At infinity z^T A z = 0, with the `quadric` A (N, N). A polydisc holds no zero if |z^T A z| at the middle
-    is greater than the bound 2 |A z| . r + r^T |A| r of its change, and than rounding.
+    At infinity z' A z = 0, with the `quadric` A (N, N). A polydisc holds no such point if |z' A z| at its
+    middle is greater than its change, at most 2 |A z| . r + r' |A| r, and its rounding.
     """
     slopes = z @ quadric
     value = np.abs(np.sum(slopes * z, axis=1))
-    magnitude = np.abs(z)
-    max_change = np.sum((2 * np.abs(slopes) + radii @ np.abs(quadric)) * radii, axis=1)
-    rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", magnitude, np.abs(quadric), magnitude)
+    A_size = np.abs(quadric)
+    z_size = np.abs(z)
+    max_change = np.sum((2 * np.abs(slopes) + radii @ A_size) * radii, axis=1)
+    rounding = gamma(2 * z.shape[1]) * np.einsum("si,ij,sj->s", z_size, A_size, z_size)
     return value > ROUND_UP**2 * (max_change + 2 * rounding)

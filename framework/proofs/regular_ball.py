@@ -1,22 +1,22 @@
 """The largest ball about a pose of the platform that is proved to be free of singularities.
 
-It is one cell (`CellTest`), or made of many: cubes, cut in two along each axis where they are not
-proved, those nearest to the pose first, until the nearest one that is left is too small to be cut
-(`branch_and_bound`). They have
-one branch in common if each has, in its point that is nearest to the pose, the same joints as the cube next
-to it there on the way to the pose: then all agree within any radius, by induction, for two that are regular
-agree everywhere on a face that they share if they do so in one point of it.
+The ball is one cell (`CellTest`), or is covered by cubes. A cube without proof is halved along each axis, the
+nearest first, until the nearest remaining cube is too small to be cut (`branch_and_bound`). All cubes within
+a radius belong to one branch if each agrees with its neighbour towards the pose: at its point nearest to the
+pose it has the same joints. Two regular cubes that agree at one point of a common face agree all over it; the
+rest follows by induction.
 
-A cell of platform coordinates is proved to be free of singularities on one branch. In a cell about a middle
-x_m, with joints q_m there and Y the inverse of dF/dq, F = [platform - x ; loops], the joints are q_m + Y (x -
-x_m) but for an error e, if by the bounds of `derivative_bounds` the map q - Y F takes the box |q - q_m| < r
-into itself and contracts it (Krawczyk). Then for every x of the cell the box has one pose and no Type 1
-singularity; and none of Type 2 if a matrix that bounds |1 - Y_P P| there,
+The test proves that a cell of platform coordinates x is free of singularities on one branch. Let the middle
+x_m have the joints q_m, F = [platform - x ; loops], and Y be the inverse of dF/dq at the middle. If, by
+`derivative_bounds`, the map q - Y F takes the box |q - q_m| < r into itself and contracts it (Krawczyk), then
+for every x of the cell the box holds one pose, and no Type 1 singularity. The joints are q_m + Y (x - x_m) up
+to an error e. There is no Type 2 singularity either if a bound on |1 - Y_P P|, with Y_P near the inverse of P
+at the middle,
 
-    |1 - Y_P P_m| + sum_i |Y_P dP/dq . Y_i| |dx_i| + |Y_P| (|dP/dq| e + change of dP/dq),    Y_P near 1 / P_m,
+    |1 - Y_P P_m| + sum_i |Y_P dP/dq . Y_i| |dx_i| + |Y_P| (|dP/dq| e + change of dP/dq),
 
-has a spectral radius below 1. A turn of the platform is measured from the middle by the part of
-R R_m' that is not symmetric, the sine of the angle: no more than the change of its coordinates.
+has a spectral radius below 1. A turn of the platform is measured from the middle by the antisymmetric part of
+R R_m'. Its size is the sine of the angle, which is no more than the change of the coordinates.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.placements import planar_normal
 from framework.kinematics.platform import FramePlatform
-from framework.numerics.arrays import Array, BoolArray, IntArray, join, select
+from framework.numerics.arrays import Array, BoolArray, IntArray, assign, join, select
 from framework.proofs.branch_and_bound import Examined, branch_and_bound
 from framework.proofs.derivative_bounds import DerivativeBounds, Derivatives, Remainders
 from framework.proofs.equation_terms import moving_balls
@@ -46,17 +46,17 @@ from framework.proofs.rounding import (
 from framework.tolerances import LOOP_GAP
 
 MAX_CELLS = 20_000
-MAX_WORK = 3e8  # cells times the fourth power of the joints: some seconds
+MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints: some seconds
 CELLS_PER_BATCH = 1024
-MAX_CUTS = 12  # of the first cube: then a cube is a thousandth of the ball
+MAX_CUTS = 12  # of the first cube; the smallest cubes are about a thousandth of the ball wide
 MAX_HALVINGS = 40  # of the radius of a single cell
-STEPS_PER_OCTAVE = 20  # between the last two of these
-MAX_TURN = 1.0  # [rad] below a right angle, where its sine no longer tells a turn
-MAX_STEP = 0.5  # [rad, lengths] a joint is moved at most before the loops are closed
-OFF_CENTRE = 0.4370160244488211  # where in the first cube the pose lies: on no face of a smaller one
+STEPS_PER_OCTAVE = 20  # radii between the largest proved half and its double
+MAX_TURN = 1.0  # [rad] below a right angle, beyond which the sine no longer determines the angle
+MAX_STEP = 0.5  # [rad, lengths] largest motion of a joint before the loops are closed
+OFF_CENTRE = 0.4370160244488211  # of the pose in the first cube, as a share: on no face of a smaller cube
 MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
 MIN_RADIUS = 1e-14  # [rad, lengths]
-PERRON_SHIFT = 0.1  # of the largest row sum, added to row sums as weights
+PERRON_SHIFT = 0.1  # share of the largest row sum that is added to the row sums as weights
 
 
 def prove_regular_ball(
@@ -64,14 +64,14 @@ def prove_regular_ball(
 ) -> float:
     """Return the radius [robot lengths, rad] of a ball about a pose proved free of singularities.
 
-    The pose is x (n,), q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2;
-    the radius is 0 where nothing is proved. Of platforms that turn about three axes or have more than three
-    coordinates, one cell is tried. Of those that turn about two, or about one and do not move in a plane, and
-    of robots whose ball joints move or whose joints are coupled, nothing is proved.
+    The pose is x (n,), q (nq,). In the open ball no pose on the branch of q is singular, of Type 1 or Type 2.
+    The radius is 0 if nothing is proved. For platforms that turn about three axes or have more than three
+    coordinates, only one cell is tried. Nothing is proved for platforms that turn about two axes, or about
+    one without moving in a plane, nor for robots with moving ball joints or couplings.
 
     Args:
         within: the largest radius of interest [robot lengths, rad].
-        max_cells: cells that are tested, up to a batch.
+        max_cells: number of cells tested at most; the last batch may exceed it.
     """
     platform = robot.platform
     attitude = platform.attitude if isinstance(platform, FramePlatform) else None
@@ -80,17 +80,18 @@ def prove_regular_ball(
     if moving_balls(robot) or robot.rows.has_couplings or unmeasured_turn:
         return 0.0
     test = CellTest(DerivativeBounds.of(robot), x)
-    single = _prove_one_cell(test, q, min(within, MAX_TURN))
+    single_radius = _prove_one_cell(test, q, min(within, MAX_TURN))
     if robot.n > 3 or isinstance(attitude, RotationVector):
-        return single
-    return max(single, _prove_cubes(test, q, within, min(max_cells, int(MAX_WORK / len(robot.moving) ** 4))))
+        return single_radius
+    affordable_cells = int(MAX_WORK / len(robot.moving) ** 4)
+    return max(single_radius, _prove_cubes(test, q, within, min(max_cells, affordable_cells)))
 
 
 def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
-    """Compute the radius of the largest ball about q (nq,) that is proved as one cell; 0 for none.
+    """Compute the radius of the largest ball about q (nq,) proved as one cell; 0 for none.
 
-    Tried are radii [robot lengths, rad] up to `within`: first its halves, then steps up to the double of the
-    largest half that is proved.
+    The radii tried [robot lengths, rad] are `within` and its halves, then steps from the largest proved half
+    to its double.
     """
     halved = _largest_proved(test, q, within * np.exp2(-np.arange(MAX_HALVINGS)))
     radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
@@ -98,21 +99,21 @@ def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
 
 
 def _largest_proved(test: CellTest, q: Array, radii: Array) -> float:
-    """Return the largest of the radii (S,) of balls about the pose q (nq,) that are proved; 0 for none."""
-    offsets = np.zeros((len(radii), len(test.x)))  # of the middles: all are at the pose
-    cells = test(offsets, np.repeat(q[None], len(radii), axis=0), radii, ball=True)
+    """Return the largest of the radii (S,) of balls about q (nq,) that are proved; 0 for none."""
+    offsets = np.zeros((len(radii), len(test.x)))  # all middles are at the pose
+    cells = test(offsets, np.tile(q, (len(radii), 1)), radii, ball=True)
     return float(radii[cells.proved].max(initial=0.0))
 
 
 class _Cubes(NamedTuple):
-    """S cubes of a grid, each with its cell; an untested one with its parent's."""
+    """S cubes of a grid, each with its cell; an untested cube with its parent's."""
 
-    level: IntArray  # (S,) how often the first cube was halved
-    numbers: IntArray  # (S, n) numbers of the cube along each axis, among those of its level
+    level: IntArray  # (S,) number of halvings of the first cube
+    numbers: IntArray  # (S, n) index of the cube along each axis, among the cubes of its level
     cells: Cells
 
     def split(self) -> _Cubes:
-        """Split each cube into 2^n of half the width."""
+        """Split each cube into 2^n cubes of half the width."""
         S, n = self.numbers.shape
         corners = np.indices((2,) * n).reshape(n, -1).T  # (2^n, n) of 0 and 1
         parent = np.repeat(np.arange(S), len(corners))
@@ -132,17 +133,20 @@ class _Grid(NamedTuple):
     def nearest_points(self, cubes: _Cubes) -> Array:
         """Compute the point (S, n) of each cube nearest to the pose."""
         size = 0.5 ** cubes.level[:, None]
-        lower, upper = ((cubes.numbers + side) * size - OFF_CENTRE for side in (0, 1))
+        lower = cubes.numbers * size - OFF_CENTRE
+        upper = (cubes.numbers + 1) * size - OFF_CENTRE
         return self.width * np.clip(0.0, lower, upper)
 
     def distances(self, cubes: _Cubes) -> Array:
-        """Compute the distances (S,) of the cubes from the pose."""
+        """Compute the distances (S,) of cubes from the pose, rounded down."""
         return np.linalg.norm(self.nearest_points(cubes), axis=1) / ROUND_UP
 
     def inward_cubes(self, cubes: _Cubes) -> IntArray:
-        """Return the smallest-level cubes (S, n) beside the nearest points, towards the pose.
+        """Return the smallest cubes (S, n) that touch each cube at its nearest point, from inside.
 
-        Smallest cubes are those of the level MAX_CUTS; a cube is `size` of them wide.
+        Smallest cubes are those of the level MAX_CUTS; a cube is `size` of them wide. The result is the
+        smallest cube about the pose, moved to at most one smallest cube outside of the cube's own along every
+        axis.
         """
         pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # the smallest cube about the pose
         size = 2 ** (MAX_CUTS - cubes.level[:, None])
@@ -150,14 +154,14 @@ class _Grid(NamedTuple):
 
 
 def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
-    """Return the distance of the nearest cube that is not proved, or on another branch than q (nq,)."""
+    """Return the distance of the nearest cube not proved to be on the branch of q (nq,)."""
     n = len(test.x)
     grid = _Grid(within / OFF_CENTRE * ROUND_UP)
     start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
-        """Test cubes; cut cubes without proof into parts, undecided at the last cut."""
+        """Test cubes; split cubes without proof, and leave the smallest undecided."""
         cubes = _test_cubes(test, grid, cubes, start.signs)
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
@@ -165,40 +169,37 @@ def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> flo
         pending = select(cubes, ~proved & ~is_smallest).split()
         return Examined(select(cubes, proved), undecided, pending)
 
-    end = branch_and_bound(
+    partition = branch_and_bound(
         examine, first, batch=CELLS_PER_BATCH, max_examined=max_cells, distance=grid.distances, limit=within
     )
-    proved = join(end.proved)
-    proved = select(proved, grid.distances(proved) < end.limit)
+    proved = join(partition.proved)
+    proved = select(proved, grid.distances(proved) < partition.limit)
     if not len(proved.level):
         return 0.0
     disagreeing = select(proved, ~_agree_with_inner_neighbours(test, grid, proved, q))
-    return float(grid.distances(disagreeing).min(initial=end.limit))
+    return float(grid.distances(disagreeing).min(initial=partition.limit))
 
 
 def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cubes:
-    """Test cubes on the branch that has the signs (1, 2) of the determinants.
+    """Test cubes on the branch whose determinants have the signs (1, 2).
 
-    A cube whose joints come out on another branch is not proved, and keeps its parent's cell.
+    A cube whose joints turn out to be on another branch is not proved, and keeps its parent's cell.
     """
     z = grid.middles(cubes)
-    half_widths = 0.5 * grid.width * 0.5 ** np.asarray(cubes.level, dtype=float)
-    parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
-    tested = test(z, _continue_joints(test, parents, z), half_widths)
+    half_widths = np.ldexp(0.5 * grid.width, -cubes.level)
+    tested = test(z, _continue_joints(test, cubes.cells, z), half_widths)
     is_elsewhere = (tested.signs != signs).any(axis=1)
-    cells = []
-    for old, new in zip(parents, tested, strict=True):
-        one_each = is_elsewhere.reshape(-1, *[1] * (new.ndim - 1))
-        cells.append(np.where(one_each, old, new))
-    return cubes._replace(cells=Cells(*cells))
+    parents = cubes.cells._replace(proved=np.zeros(len(z), dtype=bool))
+    assign(tested, is_elsewhere, select(parents, is_elsewhere))
+    return cubes._replace(cells=tested)
 
 
 def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
     """Return whether each cube is on the branch of its inward neighbour, (S,).
 
-    The cube about the pose is to have the joints q. At its point nearest to the pose a cube has one pose, in
-    the box of joints of a cell of size zero. Both cubes have it if the boxes of joints of both contain this
-    box.
+    The cube about the pose must have the joints q. At its point nearest to the pose a cube has exactly one
+    pose, in the joint box of a cell of size zero. Two cubes share this pose if the joint boxes of both
+    contain this box.
     """
     cells = cubes.cells
     nearest = grid.nearest_points(cubes)
@@ -208,31 +209,27 @@ def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: 
     agree = point.proved & (neighbour >= 0)
     for owners in (cells, select(cells, neighbour)):
         agree &= _contain_joint_boxes(test, owners, joints, ROUND_UP * point.radii)
-    home = np.flatnonzero((nearest == 0).all(axis=1))
-    agree[home] &= _contain_joint_boxes(
-        test, select(cells, home), np.repeat(q[None], len(home), axis=0), LOOP_GAP
-    )
+    has_pose = (nearest == 0).all(axis=1)
+    agree[has_pose] &= _contain_joint_boxes(test, select(cells, has_pose), q, LOOP_GAP)
     return agree
 
 
 def _contain_joint_boxes(test: CellTest, cells: Cells, q: Array, radii: Array | float) -> BoolArray:
-    """Return whether the joint boxes of S cells contain boxes about q (S, nq), (S,).
-
-    `radii` (S, k) are those of the boxes to contain.
-    """
+    """Return whether the joint boxes of S cells contain boxes of `radii` (S, k) about q (S, nq), (S,)."""
     robot = test.bounds.robot
     offset = difference(robot, cells.q, q)[:, robot.moving] / test.bounds.column_scale
     return np.all(ROUND_UP * np.abs(offset) + radii <= cells.radii, axis=1)
 
 
 def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
-    """Find the index (S,) of the cube next to each, towards the pose; -1 for none."""
+    """Find the index (S,) of the next cube towards the pose of each; -1 for none."""
     keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
     index_of = {tuple(key): index for index, key in enumerate(keys)}
-    inward = grid.inward_cubes(cubes).astype(np.intp)  # smallest cubes, each within one cube of every level
+    inward = grid.inward_cubes(cubes)  # smallest cubes, each within one cube of every level
     neighbour = np.full(len(keys), -1)
     for level in np.unique(cubes.level).tolist():
-        for k, numbers in enumerate((inward >> (MAX_CUTS - level)).tolist()):
+        ancestors = inward >> (MAX_CUTS - level)  # (S, n) numbers of the cubes of this level
+        for k, numbers in enumerate(ancestors.tolist()):
             neighbour[k] = index_of.get((level, *numbers), neighbour[k])
     return neighbour
 
@@ -240,8 +237,8 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
 def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
     """Continue joints (S, nq) from the middles of cells to points z (S, n).
 
-    The guess is along the slope of the cell, and Newton's method closes the loops; where it fails, the guess
-    is returned.
+    The guess is along the slope of the cell; Newton's method closes the loops. If it fails, the guess is
+    returned.
     """
     robot = test.bounds.robot
     change = np.clip(np.matvec(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
@@ -253,11 +250,11 @@ def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
 class Cells(NamedTuple):
     """S cells of platform coordinates, with the joints at their middles."""
 
-    z: Array  # (S, n) middles off the pose [robot lengths, rad]
+    z: Array  # (S, n) middles, from the pose [robot lengths, rad]
     q: Array  # (S, nq)
-    proved: BoolArray  # (S,)
+    proved: BoolArray  # (S,) to be free of singularities
     slope: Array  # (S, k, n) of the joints along the platform's coordinates
-    radii: Array  # (S, k) of the box with one pose for each x
+    radii: Array  # (S, k) of the joint box that holds one pose for each x
     signs: Array  # (S, 2) of det dF/dq and det P at the middle
 
 
@@ -268,20 +265,20 @@ class CellTest(NamedTuple):
     x: Array  # (n,)
 
     def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
-        """Test cells about z (S, n) of half width (S,), or balls of that radius.
+        """Test cells about z (S, n) of half width `half` (S,), or balls of that radius.
 
-        q (S, nq) are the joints at the middles. F is [platform - x ; loops]; its slopes along the joints are
-        dF, and P is the block of loops and passive joints.
+        q (S, nq) are the joints at the middles. F is [platform - x ; loops], dF its Jacobian along the
+        joints, and P the block of dF of loops and passive joints.
         """
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
         x = self.x + z * robot.platform_scale
-        platform_values = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
-        values = np.concatenate([platform_values, derivatives.values[:, robot.n :]], axis=1)
+        F = derivatives.values.copy()  # (S, k)
+        F[:, : robot.n] = robot.platform.residual(derivatives.frames, x) / robot.platform_scale
         dF = derivatives.slopes  # (S, k, k)
         Y = approximate_inverses(dF)
         slope = Y[:, :, : robot.n]
-        boxes = _prove_joint_boxes(derivatives, values, Y, _bound_over_cell(slope, half, ball))
+        boxes = _prove_joint_boxes(derivatives, F, Y, _bound_over_cell(slope, half, ball))
         regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
         blocks = (dF, dF[:, robot.n :, robot.n_a :])
         signs = np.stack([np.linalg.slogdet(block).sign for block in blocks], axis=1)
@@ -289,39 +286,36 @@ class CellTest(NamedTuple):
 
 
 class _JointBoxes(NamedTuple):
-    """Boxes of joints with one pose for each x of a cell.
-
-    x and `error` move joints within `image`.
-    """
+    """Boxes of joints with one pose for each x of a cell."""
 
     proved: BoolArray  # (S,)
     radii: Array  # (S, k)
-    image: Array  # (S, k)
-    error: Array  # (S, k)
+    image: Array  # (S, k) radii of the box in which the joints are, for all x of the cell
+    error: Array  # (S, k) of the joints, from their linear change with x
     remainders: Remainders
 
 
 def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
-    """Bound |slopes . dz| over cells or balls, slopes (S, .., n).
+    """Bound |slopes . dz| (S, ..) over cells or balls, slopes (S, .., n).
 
-    By the inequality of Cauchy and Schwarz over balls of radius `half` (S,), by that of the triangle over
-    cubes of half the width.
+    Over balls of radius `half` (S,) the Cauchy-Schwarz inequality gives the bound, over cubes of half width
+    `half` the triangle inequality.
     """
     sizes = np.linalg.norm(slopes, axis=-1) if ball else np.abs(slopes).sum(axis=-1)
     return sizes * half.reshape(-1, *[1] * (sizes.ndim - 1))
 
 
 def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
-    """Widen boxes of k joints, about the middles of S cells, until Krawczyk's test holds.
+    """Widen boxes of k joints about the middles of S cells until Krawczyk's test holds.
 
-    The map q - Y F takes a box of radii r into itself within reach + error, with
+    The map q - Y F takes a box of radii r into a box of radii reach + error, with
 
         error = |Y F| + |1 - Y dF| r + |Y| (remainder of F in the box).
 
     Args:
-        values: (S, k) F at the middles, where its derivatives are `derivatives`.
+        values: (S, k) F at the middles.
         Y: (S, k, k) approximate inverses of dF/dq at the middles.
-        reach: (S, k) by which x moves the joints within its cell at most.
+        reach: (S, k) largest linear change of the joints with x within the cell.
     """
     Y_size = np.abs(Y)
     value_errors = gamma(Y.shape[1]) * np.abs(values) + derivatives.bounds.rounding
@@ -334,8 +328,8 @@ def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach:
         remainders = derivatives.remainders(radii)
         error = ROUND_UP * (offset + np.matvec(Y_size, remainders.values) + np.matvec(defect, radii))
         image = ROUND_UP * (reach + error)
-        contracts = _spectral_radius_below_one(Y_size @ remainders.slopes + defect, radii)
-        proved = (image < radii).all(axis=1) & contracts & is_invertible
+        is_contraction = _spectral_radius_below_one(Y_size @ remainders.slopes + defect, radii)
+        proved = (image < radii).all(axis=1) & is_contraction & is_invertible
         return _JointBoxes(proved, radii, image, error, remainders)
 
     return widen_until_proved(test, WIDENING_RATIO * (offset + reach) + MIN_RADIUS, MIN_RADIUS, MAX_RADIUS)
@@ -344,14 +338,14 @@ def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach:
 def _passive_block_is_regular(
     derivatives: Derivatives, slope: Array, half: Array, box: _JointBoxes, ball: bool
 ) -> BoolArray:
-    """Return whether P is regular all over the cells (S,): no Type 2.
+    """Return whether P is regular all over the cells, (S,): no Type 2 singularity.
 
-    P = dF/dq of loops and passive joints. With Y near its inverse at the middle, P is regular where a bound N
-    of |1 - Y P| has a spectral radius below 1,
+    P is the block of dF/dq of loops and passive joints, and Y is near its inverse at the middle. The joints
+    change by `slope` (S, k, n) times z, up to their error. P is regular where the bound N on |1 - Y P|,
 
-    N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
+        N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
 
-    since the joints move by `slope` (S, k, n) times z, and by their error beside that.
+    has a spectral radius below 1.
     """
     robot = derivatives.bounds.robot
     rounding = derivatives.bounds.rounding
@@ -363,12 +357,12 @@ def _passive_block_is_regular(
     Y_size = np.abs(Y)
     dP_size = np.abs(dP)
 
-    # the change of Y P along the platform's coordinates, and its rounding
+    # linear change of Y P with the platform's coordinates, and its rounding
     changes = np.einsum("sij,sjkl,sln->sikn", Y, dP, slope, optimize=True)  # Y dP slope (S, s, s, n)
     step = _bound_over_cell(slope, half, ball=False)  # (S, k) of the joints
     rounded = np.einsum("sij,sjkl,sl->sik", Y_size, dP_size, step, optimize=True)
     N = identity_defect(Y, P) + _bound_over_cell(changes, half, ball) + gamma(s * k) * rounded
-    # the change of P beside that
+    # remaining change of P
     P_errors = np.einsum("sjkl,sl->sjk", dP_size + rounding, box.error)
     P_errors += 0.5 * np.einsum("sjkl,sl->sjk", dP_change, box.radii)
     P_errors += rounding * (1 + step.sum(axis=1))[:, None, None]
@@ -379,12 +373,12 @@ def _passive_block_is_regular(
 def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
     """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,).
 
-    They have if N w < w for a vector w > 0 (Collatz 1942). Tried are the `weights` (S, k), ones, and the row
-    sums, which lie near the eigenvector of Perron.
+    This holds if N w < w for a vector w > 0 (Collatz 1942). The vectors tried are the `weights` (S, k), ones,
+    and the row sums, which are close to the Perron eigenvector.
     """
-    rows = N.sum(axis=2)
-    shifted = rows + PERRON_SHIFT * rows.max(axis=1, keepdims=True)
+    sums = N.sum(axis=2)
+    near_perron = sums + PERRON_SHIFT * sums.max(axis=1, keepdims=True)
     is_below = np.zeros(len(N), dtype=bool)
-    for w in (weights, np.ones_like(rows), shifted):
-        is_below |= (ROUND_UP * np.matvec(N, np.broadcast_to(w, rows.shape)) < w).all(axis=1)
+    for w in (weights, np.ones_like(sums), near_perron):
+        is_below |= (ROUND_UP * np.matvec(N, w) < w).all(axis=1)
     return is_below

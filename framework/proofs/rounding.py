@@ -1,8 +1,9 @@
-"""Rounding, bounded from above: what every proof in this room is computed with.
+"""Upper bounds on rounding errors, for all proofs of this package.
 
-A sum of k products of computed numbers is off by at most `gamma(k)` times the sum of their moduli, and a sum
-of numbers without sign is rounded up by the factor `ROUND_UP` (Rump, Verification methods, Acta Numerica 19,
-2010). No rounding mode is switched: bounds hold as long as sums and products are rounded as IEEE 754 has it.
+A computed sum of k products has an error of at most `gamma(k)` times the sum of their moduli. A computed sum
+of non-negative numbers, times `ROUND_UP`, is at least the exact sum (Rump, Verification methods, Acta
+Numerica 19, 2010). No rounding mode is switched; the bounds hold if sums and products are rounded as in IEEE
+754.
 """
 
 from __future__ import annotations
@@ -14,16 +15,13 @@ import numpy as np
 from framework.numerics.arrays import Array
 
 UNIT_ROUNDOFF = 2.0**-53
-REACH_MARGIN = 1.01  # of a bound on a length, over its rounding
-WIDENING_RATIO = 1.1  # of a box over what a map of it into itself needs
-ROUND_UP = 1.0 + 1e-10  # more than rounding takes from a sum of some hundred numbers without sign
+REACH_MARGIN = 1.01  # factor on a computed length that makes it a bound, far above rounding
+WIDENING_RATIO = 1.1  # of a box to the image of the box tested before
+ROUND_UP = 1.0 + 1e-10  # outweighs the rounding of a sum of some hundred non-negative numbers
 
 
 def gamma(terms: int) -> float:
-    """Bound the relative rounding of a sum of `terms` products, eight times over.
-
-    Relative to the sum of the moduli.
-    """
+    """Bound the rounding of a sum of `terms` products over the sum of moduli, with a margin of 8."""
     return 8 * (terms + 4) * UNIT_ROUNDOFF
 
 
@@ -41,9 +39,9 @@ def approximate_inverses(matrices: Any) -> Any:
 def identity_defect(inverse: Any, matrices: Any) -> Array:
     """Bound |1 - X M| entry by entry (S, k, k), rounding included.
 
-    X is near the inverse of M. A product of complex numbers counts as two of real ones.
+    X is near the inverse of M. A complex product counts as two real ones.
     """
     identity = np.eye(matrices.shape[1])
-    computed = np.abs(identity - inverse @ matrices)
+    defect = np.abs(identity - inverse @ matrices)
     products = len(identity) * (2 if np.iscomplexobj(matrices) else 1)
-    return computed + gamma(products) * (np.abs(inverse) @ np.abs(matrices) + identity)
+    return defect + gamma(products) * (np.abs(inverse) @ np.abs(matrices) + identity)

@@ -1,15 +1,16 @@
 """All singular poses of a robot with one or two freedoms, in boxes, with a proof that there are no others.
 
-Boxes are of all joints that move: hinges all the way round, slides within a reach. `SingularBoxTest` drops,
-keeps, narrows or cuts them. What is kept is a piece of a smooth curve (with one freedom: a pose), or is
-listed as undecided. The proof trusts that pinocchio's positions and directions at one configuration
-are right to `tolerances.FRAME_ROUNDING`.
+Boxes are of all moving joints: hinges turn all the way round, slides move within a reach. `SingularBoxTest`
+drops, keeps, narrows or cuts a box. A box that is kept encloses an arc of a smooth curve of singular poses
+(with one
+freedom: a single pose); undecided boxes are listed. The proof trusts pinocchio's positions and directions at
+one configuration up to `tolerances.FRAME_ROUNDING`.
 
-A singular set is the poses in which a block of dF/dq loses rank, F = [platform - x ; loops], which they do
-where the bordered scalar g of the block is zero. A box is dropped where the loops cannot close in it or g is
-not zero in it; it is narrowed by {loops = 0, g = 0}; it is kept where Krawczyk's test proves, in a box a
-little larger, one singular pose for each value of one of its joints and nothing else, and the tube about that
-arc is small.
+A singular set is the poses in which a block of dF/dq loses rank, F = [platform - x ; loops]: there the
+bordered scalar g of the block is zero. A box is dropped if the loops cannot close in it or if g is not zero
+in it, and it is narrowed by the equations {loops = 0, g = 0}. It is kept if Krawczyk's test proves that a
+slightly larger box holds exactly one singular pose for each value of one of its joints, and the tube about
+this arc is small.
 
 Sources: Merlet, Parallel Robots, 2nd ed., Springer 2006, chapter 11; Bohigas, Manubens and Ros, Singularities
 of Robot Mechanisms, Springer 2017, who pave {closures = 0, rank lost} by linear relaxations.
@@ -41,31 +42,31 @@ from framework.proofs.interval_newton import (
     enclose_bordered_solutions,
     pivoted_inverses,
 )
-from framework.proofs.krawczyk import prove_existence
+from framework.proofs.krawczyk import Existence, prove_existence
 from framework.proofs.rounding import ROUND_UP
 
 RESOLUTION = 1e-3  # [m], or in robot lengths of turns
 SLIDE_REACH = 1.2  # [robot lengths] of slides about the reference
-MAX_BOXES = 500_000  # that are tested for each set
+MAX_BOXES = 500_000  # tested for each set
 MAX_HESSIAN_ENTRIES = 4_000_000  # second derivatives of a batch of boxes: 32 MB
-TESTED_BOX_RATIO = 1.5  # the box of Krawczyk's test over the box whose points it is about
-WIDENING_CURVATURE = 4.0  # [1/rad] what is added for the curvature of arcs, times the radius squared
-MIN_SIZE_RATIO = 0.01  # of the resolution: an undecided box that is smaller is not cut
+TESTED_BOX_RATIO = 1.5  # radii of the box of Krawczyk's test over those of the box itself
+WIDENING_CURVATURE = 4.0  # [1/rad] times the largest radius squared: added to the tested box for curved arcs
+MIN_SIZE_RATIO = 0.01  # of the resolution: a smaller box is not cut but undecided
 
 
 @dataclass(frozen=True, eq=False)
 class PavedSet(ReadOnlyArrays):
-    """The poses of one kind of singularity, in B proved boxes and U undecided ones.
+    """The poses of one kind of singularity, in B proved and U undecided boxes.
 
-    Each of the B holds exactly one singular pose for every value of one of its joints, the `along` one (with
-    one freedom: exactly one). Neighbours overlap.
+    A proved box holds exactly one singular pose for every value of its joint `along` (with one freedom:
+    exactly one singular pose). Neighbouring boxes overlap.
     """
 
     name: str  # type_2; or type_1 of the motors of a leg
     x: Array  # (B, n) middles in the platform's coordinates
-    x_radii: Array  # (B, n) the poses that are proved are within
+    x_radii: Array  # (B, n) the proved poses are within these radii
     q: Array  # (B, nq) middles
-    along: IntArray  # (B,) index into the joints that move; -1: none
+    along: IntArray  # (B,) index into the moving joints; -1 for none
     undecided_x: Array  # (U, n)
     undecided_x_radii: Array  # (U, n)
 
@@ -77,12 +78,12 @@ class PavedSet(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class SingularPaving:
-    """All singular sets of a robot: outside of their boxes no pose is singular."""
+    """All singular sets of a robot; no pose outside of their boxes is singular."""
 
     robot: ParallelRobot
     sets: tuple[PavedSet, ...]  # Type 2, then Type 1 of each leg
     window: Array | None  # (2, n) least and largest platform coordinates [m, rad]
-    resolution: float  # [m, robot lengths] the boxes are no wider
+    resolution: float  # [m, robot lengths] largest width of proved boxes
     reach: float  # [robot lengths] of slides about the reference; hinges turn all the way round
     seconds: float
 
@@ -93,7 +94,7 @@ class SingularPaving:
 
     @property
     def sentence(self) -> str:
-        """The result in a sentence."""
+        """Sentence with the numbers of proved and undecided boxes."""
         where = "" if self.window is None else " in the window"
         if self.robot.sliding[self.robot.moving].any():
             where += f", slides within {self.reach:.3g} robot lengths of the reference,"
@@ -111,24 +112,22 @@ def pave_singularities(
     reach: float = SLIDE_REACH,
     max_boxes: int = MAX_BOXES,
 ) -> SingularPaving:
-    """Enclose all Type 1 and Type 2 poses of a robot with one or two freedoms.
+    """Enclose all Type 1 and Type 2 poses of a robot with one or two freedoms, over all modes.
 
-    Over all modes.
-
-    Joint limits do not count; springs are at rest; loop equations that repeat others at the reference are
-    left out. Poses in which P loses rank without a motion of the platform are among those of Type 2;
-    `classify` tells them apart.
+    Joint limits are ignored, springs are at rest, and loop equations that are redundant at the reference are
+    left out. Poses in which P loses rank without a motion of the platform count as Type 2; `classify`
+    distinguishes them.
 
     Args:
         window: (2, n) least and largest platform coordinates [m, rad], angles up to whole turns; everywhere
             by default.
         resolution: largest width of a box in the platform's coordinates [m; robot lengths for turns].
-        reach: of slides about the reference, in lengths of the robot.
-        max_boxes: that are looked at for each set; those left over are undecided.
+        reach: of slides about the reference, in robot lengths.
+        max_boxes: number of boxes tested for each set; the remaining boxes are undecided.
 
     Raises:
-        InvalidInput: the robot has more freedoms, redundant motors, no passive joints or ball joints that
-            move; or an option is no positive number.
+        InvalidInput: the robot has more freedoms, redundant motors, no passive joints or moving ball joints;
+            or an option is not a positive number.
     """
     expect_robot(robot)
     _expect_pavable(robot)
@@ -164,7 +163,7 @@ def _expect_pavable(robot: ParallelRobot) -> None:
 
 
 def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
-    """Pave one set over the whole region, slides within `reach` robot lengths."""
+    """Pave one set over all turns of hinges and slides within `reach` [robot lengths]."""
     bounds = test.bounds
     robot = bounds.robot
     k = len(robot.moving)
@@ -172,17 +171,19 @@ def _pave_set(test: SingularBoxTest, reach: float, max_boxes: int) -> PavedSet:
     region = Boxes(np.zeros((1, k)), region_radii[None])
     batch = max(MAX_HESSIAN_ENTRIES // (len(bounds.row_scale) * k**2), 1)
     partition = branch_and_bound(test, region, batch=batch, max_examined=max_boxes)
+
     arcs = join(partition.proved)
-    left = join([partition.undecided, partition.pending])
-    derivatives = bounds.evaluate(bounds.configurations(left.middle))
+    undecided = join([partition.undecided, partition.pending])
+    derivatives = bounds.evaluate(bounds.configurations(undecided.middle))
+    remainders = derivatives.remainders(undecided.radii).values
     return PavedSet(
         name=test.block.name,
         x=arcs.x,
         x_radii=arcs.x_radii,
-        q=bounds.configurations(arcs.boxes.middle),
+        q=bounds.configurations(arcs.middle),
         along=arcs.along,
         undecided_x=robot.platform.coordinates(derivatives.frames),
-        undecided_x_radii=_platform_radii(derivatives, left.radii, derivatives.remainders(left.radii).values),
+        undecided_x_radii=_platform_radii(derivatives, undecided.radii, remainders),
     )
 
 
@@ -190,10 +191,12 @@ def _platform_radii(derivatives: Derivatives, radii: Array, remainders: Array) -
     """Bound the change (S, n) [m, rad] of platform coordinates over boxes.
 
     Args:
-        radii: (S, k) of the boxes; remainders: (S, R) of the values within these radii.
+        radii: (S, k) of the boxes.
+        remainders: (S, R) of the values within these radii.
     """
     robot = derivatives.bounds.robot
-    change = np.matvec(np.abs(derivatives.slopes[:, : robot.n]), radii) + remainders[:, : robot.n]
+    slopes = np.abs(derivatives.slopes[:, : robot.n])  # (S, n, k)
+    change = np.matvec(slopes, radii) + remainders[:, : robot.n]
     return robot.platform_scale * ROUND_UP * change
 
 
@@ -202,29 +205,27 @@ class SingularSet(NamedTuple):
 
     name: str  # type_2, or type_1 with the motors of the leg
     rows: IntArray  # (s,)
-    columns: IntArray  # (s,) among the `moving` ones
+    columns: IntArray  # (s,) among the moving columns
 
 
-def singular_sets(robot: ParallelRobot) -> tuple[SingularSet, ...]:
+def singular_sets(robot: ParallelRobot) -> list[SingularSet]:
     """Return the blocks of dF/dq that lose rank: Type 2, then Type 1 of each leg.
 
-    Type 2 is that of loops and passive joints; see `legs` for the others.
+    The block of Type 2 is that of loops and passive joints; see `legs` for the others.
     """
     loops = np.arange(robot.n, robot.n + len(robot.loops.names))
     passive = np.arange(robot.n_a, len(robot.moving))
-    of_legs = [
-        SingularSet(
-            f"type_1 of {' and '.join(leg.motors) or 'joints without a motor'}", leg.rows, leg.columns
-        )
-        for leg in legs(robot)
-    ]
-    return (SingularSet("type_2", loops, passive), *of_legs)
+    sets = [SingularSet("type_2", loops, passive)]
+    for leg in legs(robot):
+        motors = " and ".join(leg.motors) or "joints without a motor"
+        sets.append(SingularSet(f"type_1 of {motors}", leg.rows, leg.columns))
+    return sets
 
 
 class MeasureEnclosure(NamedTuple):
     """The bordered scalar g over S boxes, and its slope along k joints."""
 
-    valid: BoolArray  # (S,) a pose in the box is singular where g = 0, and there alone
+    valid: BoolArray  # (S,) whether poses in the box are singular if and only if g = 0
     g: Array  # (S,) at the middle
     g_error: Array  # (S,)
     slope: Array  # (S, k) at the middle
@@ -234,27 +235,27 @@ class MeasureEnclosure(NamedTuple):
 def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
     """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over boxes.
 
-    [P b; c' 0] [eta; g] = [0; 1], and psi is the eta of P'. The slope is -psi' dP eta (Govaerts 2000).
+    [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0; 1]. The slope is -psi' dP eta (Govaerts
+    2000).
     """
-    rows = block.rows[:, None]
-    columns = block.columns
+    entries = (slice(None), block.rows[:, None], block.columns)  # of the block
     rounding = derivatives.bounds.rounding
-    P = derivatives.slopes[:, rows, columns]  # (S, s, s)
-    right, left = enclose_bordered_solutions(P, remainders.slopes[:, rows, columns], rounding)
+    P = derivatives.slopes[entries]  # (S, s, s)
+    right, left = enclose_bordered_solutions(P, remainders.slopes[entries], rounding)
     eta = right.z[:, :-1]  # (S, s)
     eta_error = right.error[:, :-1]
     psi = left.z[:, :-1]
     psi_error = left.error[:, :-1]
-    dP = derivatives.hessians[:, rows, columns]  # (S, s, s, k)
-    dP_change = remainders.hessians[:, rows, columns] + rounding
+    dP = derivatives.hessians[entries]  # (S, s, s, k)
+    dP_change = remainders.hessians[entries] + rounding
 
-    # |psi' dP eta| changes by one factor at a time: dP, then eta, then psi
+    # in psi' dP eta one factor changes at a time: dP, then eta, then psi
     psi_size = np.abs(psi)
     eta_size = np.abs(eta) + eta_error
-    slope_changes = _bilinear_form(psi_size, dP_change, eta_size) + _bilinear_form(
-        psi_size, np.abs(dP), eta_error
-    )
-    slope_changes += _bilinear_form(psi_error, np.abs(dP) + dP_change, eta_size)
+    dP_size = np.abs(dP)
+    slope_changes = _bilinear_form(psi_size, dP_change, eta_size)
+    slope_changes += _bilinear_form(psi_size, dP_size, eta_error)
+    slope_changes += _bilinear_form(psi_error, dP_size + dP_change, eta_size)
     return MeasureEnclosure(
         valid=right.valid & left.valid,
         g=right.z[:, -1],
@@ -274,7 +275,7 @@ class Arcs(NamedTuple):
 
     x: Array  # (B, n)
     x_radii: Array  # (B, n)
-    boxes: Boxes
+    middle: Array  # (B, k) of the joints
     along: IntArray  # (B,) the joint that is the parameter
 
 
@@ -282,20 +283,29 @@ class _SingularEquations(NamedTuple):
     """The m loop equations and g = 0 in S boxes, and the platform's coordinates."""
 
     enclosure: LinearEnclosure  # in the box itself
-    exact: Array  # (S, m + 1) errors of the values at the middle
+    value_errors: Array  # (S, m + 1) at the middle
     changes: Array  # (S, m + 1, k) of the slopes in the wider box
     x: Array  # (S, n)
     x_slopes: Array  # (S, n, k) without dimension
-    x_errors: Array  # (S, n) of these in the wider box
+    x_errors: Array  # (S, n) of x + x_slopes d in the wider box, without dimension
+
+    def bound_arcs(self, proof: Existence, reach: Array) -> Array:
+        """Bound the extent (S, n) of arcs in x, parameters within reach (S,), without dimension.
+
+        An arc runs along the parameter p, within a tube about its tangent: x = x_slopes (along p + spread).
+        """
+        along = np.abs(np.matvec(self.x_slopes, proof.along)) * reach[:, None]
+        spread = np.matvec(np.abs(self.x_slopes), proof.spread)
+        return ROUND_UP * (along + self.x_errors + spread)
 
 
 class _Decision(NamedTuple):
-    """The remaining parts of S boxes, and the arcs proved."""
+    """The remaining parts of S boxes, and the proved arcs."""
 
     remaining: Contracted  # the parts that hold all singular poses
-    axis: IntArray  # (S,) to cut across where an arc is proved that is not small enough yet, else NO_AXIS
-    is_arc: BoolArray  # (S,) an arc is proved that is small enough to be kept
-    arcs: Arcs  # these
+    axis: IntArray  # (S,) to cut across if an arc is proved that is not small enough yet, else NO_AXIS
+    is_arc: BoolArray  # (S,) whether a proved arc is small enough to be kept
+    arcs: Arcs  # the kept arcs
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,9 +320,10 @@ class SingularBoxTest:
     def __call__(self, boxes: Boxes) -> Examined[Boxes, Arcs]:
         """Drop, keep, narrow or cut boxes.
 
-        The loops drop and narrow all; the measure g decides where it is valid.
+        The loops narrow all boxes. Where the measure g is valid, loops and g narrow the box further and prove
+        arcs.
         """
-        boxes, (lower, upper), derivatives, loops = self._drop_open_boxes(boxes)
+        boxes, remaining, derivatives, loops = self._drop_open_boxes(boxes)
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
@@ -320,21 +331,23 @@ class SingularBoxTest:
         equations = self._join_equations(derivatives, remainders, loops, g, boxes.radii)
         decision = self._decide_arcs(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 
-        lower[g.valid], upper[g.valid] = decision.remaining
+        remaining.lower[g.valid], remaining.upper[g.valid] = decision.remaining
         axis = np.full(boxes.size, NO_AXIS)
-        is_arc = np.zeros(boxes.size, dtype=bool)
         axis[g.valid] = decision.axis
-        is_arc[g.valid] = decision.is_arc
-        is_open = (lower <= upper).all(axis=1) & ~is_arc
-        narrow = select(boxes.sub_boxes(lower, upper), is_open)
-        boxes = select(boxes, is_open)
+        is_open = ~remaining.empty
+        is_open[g.valid] &= ~decision.is_arc
+        narrow = select(boxes.sub_boxes(*remaining), is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
-        return Examined(decision.arcs, *narrow_or_halve(boxes, narrow, axis[is_open], is_small))
+        return Examined(
+            decision.arcs, *narrow_or_halve(select(boxes, is_open), narrow, axis[is_open], is_small)
+        )
 
     def _drop_open_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
         """Drop boxes in which the loops cannot close within the window.
 
-        Return the other boxes, their parts in which loops may close, derivatives and loop equations.
+        Returns:
+            The other boxes, their parts in which loops may close, the derivatives and the loop equations in
+            them.
         """
         n = self.bounds.robot.n
         derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
@@ -344,12 +357,12 @@ class SingularBoxTest:
         possible = ~remaining.empty & self._meets_window(derivatives, boxes.radii, errors)
         boxes = select(boxes, possible)
         parts = select(remaining, possible)
-        return boxes, parts, derivatives.take(possible), select(loops, possible)
+        return boxes, parts, derivatives.take(np.flatnonzero(possible)), select(loops, possible)
 
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Return whether boxes may have poses in the window, (S,).
 
-        Angles of the window are the same after a whole turn.
+        Angles count up to whole turns. `errors` (S, R) are the remainders within `radii` (S, k).
         """
         robot = self.bounds.robot
         if self.window is None:
@@ -367,17 +380,17 @@ class SingularBoxTest:
         g: MeasureEnclosure,
         radii: Array,
     ) -> _SingularEquations:
-        """Join loops and measure to the equations of singular poses.
+        """Join loops and measure g to the equations of singular poses.
 
-        In boxes of `radii` (S, k), with remainders of wider boxes.
+        The enclosure is in boxes of `radii` (S, k); remainders and g are of wider boxes.
         """
         n = self.bounds.robot.n
-        rounding = self.bounds.rounding
         g_errors = ROUND_UP * (g.g_error + np.sum(g.slope_changes * radii, axis=1))
         measure = LinearEnclosure(g.g[:, None], g.slope[:, None], g_errors[:, None])
+        loop_errors = np.full_like(loops.errors, self.bounds.rounding)  # at the middle
         return _SingularEquations(
             loops.concatenate(measure),
-            exact=np.column_stack([np.full_like(loops.errors, rounding), g.g_error]),
+            value_errors=np.column_stack([loop_errors, g.g_error]),
             changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
             x_slopes=derivatives.slopes[:, :n],
@@ -385,37 +398,31 @@ class SingularBoxTest:
         )
 
     def _decide_arcs(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
-        """Narrow boxes by the equations, and prove an arc in the wider boxes.
+        """Narrow boxes by the equations, and prove an arc in boxes of radii `wider` (S, k).
 
-        `wider` (S, k) are radii. With two freedoms the set is a curve, and the joint along which it leaves
-        the box first is the parameter; the tested box is not wider along it. With one freedom the set is a
-        point.
+        With two freedoms the set is a curve. Its parameter is the joint along which it leaves the box first;
+        along this joint the tested box is not widened. With one freedom the set is a point.
         """
         robot = self.bounds.robot
-        slopes = equations.enclosure.slopes
-        lower, upper = contract(equations.enclosure, boxes.radii, pivoted_inverses(slopes, boxes.radii))
+        enclosure = equations.enclosure
+        remaining = contract(enclosure, boxes.radii, pivoted_inverses(enclosure.slopes, boxes.radii))
         parameter = None
+        along = np.full(boxes.size, NO_AXIS)
         reach = np.zeros(boxes.size)  # of the parameter
         if robot.n == 2:
-            tangent = np.linalg.svd(slopes)[2][:, -1]  # (S, k) the null vector of the slopes
-            parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
+            tangent = np.linalg.svd(enclosure.slopes)[2][:, -1]  # (S, k) the null vector of the slopes
+            along = parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
             each = np.arange(boxes.size)
             reach = wider[each, parameter] = boxes.radii[each, parameter]
-        proof = prove_existence(
-            equations.enclosure._replace(errors=equations.exact), equations.changes, wider, parameter
-        )
-        lower = np.where(proof.proved[:, None], np.maximum(lower, proof.lower), lower)
-        upper = np.where(proof.proved[:, None], np.minimum(upper, proof.upper), upper)
+        middle_enclosure = enclosure._replace(errors=equations.value_errors)
+        proof = prove_existence(middle_enclosure, equations.changes, wider, parameter)
+        proved = proof.proved[:, None]
+        np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)
+        np.minimum(remaining.upper, proof.upper, out=remaining.upper, where=proved)
 
-        # an arc runs along the parameter, within a tube about its tangent: x = x_slopes (along p + spread)
-        x_radii = np.abs(np.matvec(equations.x_slopes, proof.along)) * reach[:, None] + equations.x_errors
-        x_radii = ROUND_UP * (x_radii + np.matvec(np.abs(equations.x_slopes), proof.spread))  # (S, n)
-        is_small = (2 * robot.length * x_radii <= self.resolution).all(axis=1)
-        is_arc = proof.proved & (lower <= upper).all(axis=1) & is_small
-        along = np.full(boxes.size, NO_AXIS) if parameter is None else parameter
-        arcs = Arcs(
-            equations.x, robot.platform_scale * x_radii, boxes.sub_boxes(proof.lower, proof.upper), along
-        )
-        return _Decision(
-            Contracted(lower, upper), np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc)
-        )
+        x_radii = equations.bound_arcs(proof, reach)  # (S, n)
+        is_arc = proof.proved & ~remaining.empty
+        is_arc &= (2 * robot.length * x_radii <= self.resolution).all(axis=1)
+        middles = boxes.sub_boxes(proof.lower, proof.upper).middle
+        arcs = Arcs(equations.x, robot.platform_scale * x_radii, middles, along)
+        return _Decision(remaining, np.where(proof.proved, along, NO_AXIS), is_arc, select(arcs, is_arc))

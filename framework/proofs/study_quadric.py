@@ -1,17 +1,18 @@
-"""Rigid displacements as points of projective space, on which distances and products are quadrics.
+"""Rigid displacements as points of projective space, in which leg conditions are quadrics.
 
-A displacement q -> R q + p is the dual quaternion x + eps y with p = 2 y x* and R the rotation of x, up to a
-common factor; x . y = 0 (Study 1903). Times |x|^2 the functions 1, |p|^2, p, R'p and R of a displacement, 17
-in all, are quadratic forms of z = (x, y), and what a leg of constant length asks is linear in them (Husty
-1996; Gallet, Nawratil and Schicho 2015, who embed the displacements in P^16 so, a variety of degree 40):
+A displacement q -> R q + p is a dual quaternion x + eps y up to a common factor, with R the rotation of x,
+p = 2 y x* and x . y = 0 (Study 1903). Let z = (x, y). The 17 functions 1, |p|^2, p, R'p and R of a
+displacement, times |x|^2, are quadratic forms of z. The condition of a leg of constant length is linear in
+them (Husty 1996; Gallet, Nawratil and Schicho 2015, who so embed the displacements in P^16 as a variety of
+degree 40):
 
     |R b + p - a|^2 = l^2:    |p|^2 + 2 b . R'p - 2 a . p - 2 a . R b + |a|^2 + |b|^2 - l^2 = 0
 
 Such conditions make a system of a linear family (`QuadricFamily`): K equations z' (sum_j c_ij G_j) z = 0 with
-coefficients c (K, M), and F fixed ones z' S z = 0, of a point z of projective space P^(N-1), N = K + F + 1.
-For all coefficients but those of a set without volume it has the same number of isolated solutions, and no
-system of the family has more (Morgan and Sommese 1989; base points apart, where no equation of the family
-tells one member from another). `homotopy` finds them.
+coefficients c (K, M), and F fixed equations z' S z = 0, for a point z of projective space P^(N-1), N = K + F
++ 1. For almost all coefficients a system has the same number of isolated solutions, and no system of the
+family has more (Morgan and Sommese 1989; not counted are base points, where all members vanish). `homotopy`
+finds the solutions.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ ComplexArray = NDArray[np.complex128]
 
 RANDOM_SEED = 22
 NEWTON_STEPS = 50  # from a random point onto the fixed quadrics
-# places of the functions 1, |p|^2, p, R'p and R (3, 3) among the 17; of x_0, x and y among z
+# indices of the functions 1, |p|^2, p, R'p and R (3, 3) among the 17; of x_0 and the vectors of x and y in z
 _ONE, _SQUARE = 0, 1
 _POSITION, _ORIGIN, _ROTATION = np.arange(2, 5), np.arange(5, 8), np.arange(8, 17).reshape(3, 3)
 _X_0, _X, _Y = 0, np.arange(1, 4), np.arange(5, 8)
@@ -40,12 +41,12 @@ _X_0, _X, _Y = 0, np.arange(1, 4), np.arange(5, 8)
 
 @dataclass(frozen=True, eq=False)
 class QuadricFamily:
-    """Systems of quadrics: M members of a linear family, and F fixed equations."""
+    """Systems of quadrics: combinations of M members, and F fixed equations."""
 
     name: str
     members: Array  # (M, N, N)
-    fixed: Array  # (F, N, N)
-    bound: int  # of isolated solutions of any system
+    fixed: Array  # (F, N, N), F = 0 or 1
+    bound: int  # on the number of isolated solutions of any system
 
     @property
     def size(self) -> int:
@@ -54,7 +55,7 @@ class QuadricFamily:
 
     @property
     def equations(self) -> int:
-        """Number K of combinations of members that make a system."""
+        """Number K of combinations of members in a system."""
         return self.size - 1 - len(self.fixed)
 
     def quadrics(self, coefficients: ComplexArray | Array) -> ComplexArray:
@@ -64,8 +65,7 @@ class QuadricFamily:
 
     def quadrics_slack(self, slack: Array) -> Array:
         """Bound the change (K + F, N, N) of `quadrics` within slack (K, M)."""
-        uncertain = np.tensordot(slack, np.abs(self.members), axes=1)
-        return np.concatenate([uncertain, np.zeros_like(self.fixed)])
+        return np.concatenate([np.tensordot(slack, np.abs(self.members), axes=1), 0.0 * self.fixed])
 
     def values(self, z: ComplexArray) -> ComplexArray:
         """Evaluate the members (S, M) at points z (S, N)."""
@@ -85,19 +85,20 @@ class QuadricFamily:
         return c / np.linalg.norm(c, axis=1, keepdims=True)
 
     def is_dependent(self, coefficients: Array) -> bool:
-        """Return whether equations of coefficients (K, M) depend on one another: no solution is isolated.
+        """Return whether the equations depend on one another, so that no solution is isolated.
 
-        The equations are quotients f_k / f_1 by the first member, as displacements are finite where that is
-        not zero, and the fixed quadrics. At a random point z of the fixed quadrics their gradients have full
-        rank, with probability one, if they do anywhere; two points are tried.
+        The equations are the quotients f_k / f_1 of the combinations with coefficients (K, M) by the first
+        member, which is zero only at infinity, and the fixed quadrics. If their gradients have full rank
+        anywhere, they have it with probability one at a random point z of the fixed quadrics. Two points are
+        tried.
         """
         rng = np.random.default_rng(RANDOM_SEED)
         quadrics = self.quadrics(coefficients)
         first = self.members[0]
         for _ in range(2):
             z = self.random_point(rng)
-            gradients = quadrics @ z  # (K + F, N) of f_k, over 2
-            quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,)
+            gradients = quadrics @ z  # (K + F, N) half the gradients of f_k
+            quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,) f_k / f_1
             gradients[: self.equations] -= np.outer(quotients, first @ z)  # of f_k / f_1, times f_1 / 2
             sizes = singular_values(gradients)
             if sizes[-1] > RANK_ROUNDING * sizes[0]:
@@ -124,16 +125,15 @@ def append_row(matrices: Any, row: Any) -> Any:
 def first_occurrences(z: ComplexArray) -> BoolArray:
     """Return whether each unit point z (S, N) differs from all earlier ones, (S,).
 
-    As points of projective space: up to a complex factor.
+    Points of projective space are equal up to a complex factor.
     """
     cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
     coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
     return np.asarray(~np.tril(coincide, -1).any(axis=1))
 
 
-@cache
 def _quaternion_products() -> Array:
-    """Return the table (4, 4, 4) of (a b)_k = sum_ij table[k, i, j] a_i b_j."""
+    """Return the table (4, 4, 4) of quaternion products: (a b)_k = sum_ij table[k, i, j] a_i b_j."""
     units = [pin.Quaternion(*unit) for unit in np.eye(4)]  # 1, i, j, k; pinocchio puts the real part last
     products = np.array([[np.roll((a * b).coeffs(), 1) for b in units] for a in units])
     return np.moveaxis(products, 2, 0)
@@ -143,32 +143,26 @@ def _quaternion_products() -> Array:
 def _function_forms() -> Array:
     """Return the 17 functions as quadratic forms (17, 8, 8) of z = (x, y).
 
-    In the order of `displacement_functions`. Times |x|^2 these are |x|^2, 4 |y|^2, 2 y x*, 2 x* y and the
-    columns x e x* of R, e = i, j, k.
+    They are ordered as in `displacement_functions`. Times |x|^2 the functions are |x|^2, 4 |y|^2, 2 y x*, 2
+    x* y and the columns x e x* of R, e = i, j, k.
     """
     product = _quaternion_products()
-    star = np.diag([1.0, -1.0, -1.0, -1.0])  # x* = star x, the conjugate
+    star = np.diag([1.0, -1.0, -1.0, -1.0])  # star x = x*, the conjugate
     x = slice(0, 4)
     y = slice(4, 8)
     forms = np.zeros((17, 8, 8))
-    forms[0, x, x] = np.eye(4)
-    forms[1, y, y] = 4 * np.eye(4)
-    for k in range(3):
-        forms[2 + k, y, x] = 2 * product[k + 1] @ star  # (y x*)_k
-        forms[5 + k, x, y] = 2 * star @ product[k + 1]  # (x* y)_k
+    forms[_ONE, x, x] = np.eye(4)
+    forms[_SQUARE, y, y] = 4 * np.eye(4)
+    forms[_POSITION, y, x] = 2 * product[1:] @ star  # y x*
+    forms[_ORIGIN, x, y] = 2 * star @ product[1:]  # x* y
     for column in range(3):
-        x_times_unit = product[:, :, column + 1]  # (4, 4): (x e)_m = x_times_unit[m, n] x_n
-        for row in range(3):
-            # (x e x*)_row = (x e)_m product[row, m, j] star[j, j] x_j
-            forms[8 + 3 * row + column, x, x] = x_times_unit.T @ product[row + 1] @ star
+        x_times_unit = product[:, :, column + 1]  # (4, 4) of x e as a linear map of x
+        forms[_ROTATION[:, column], x, x] = x_times_unit.T @ product[1:] @ star  # (x e) x*
     return (forms + forms.swapaxes(1, 2)) / 2
 
 
 def displacement_functions(R: Array, p: Array) -> Array:
-    """Compute the functions 1, |p|^2, p, R'p, R (T, 17) of displacements R, p.
-
-    R (T, 3, 3), p (T, 3).
-    """
+    """Compute the functions 1, |p|^2, p, R'p, R (T, 17) of displacements R (T, 3, 3), p (T, 3)."""
     R_transposed_p = np.einsum("tij,ti->tj", R, p)
     square = np.sum(p * p, axis=1, keepdims=True)
     return np.concatenate([np.ones_like(square), square, p, R_transposed_p, R.reshape(-1, 9)], axis=1)
@@ -186,49 +180,55 @@ class Displacements:
     """A group of displacements, the family of its linear conditions, and its coordinates."""
 
     family: QuadricFamily
-    chosen: IntArray  # (M,) which of the 17 functions are the members of the family
-    coordinates: IntArray  # (N,) which of the 8 coordinates of a dual quaternion z are
+    chosen: IntArray  # (M,) indices of the family's members among the 17 functions
+    coordinates: IntArray  # (N,) indices of the family's coordinates among the 8 of a dual quaternion
+
+    @property
+    def only_translates(self) -> bool:
+        """Whether all displacements are translations."""
+        return not np.isin(_X, self.coordinates).any()
 
     def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
-        """Eliminate |p|^2 from all but one of the conditions (K, M).
+        """Eliminate |p|^2 from all but the first of the conditions (K, M).
 
-        Return the equivalent conditions, that one first, and bounds (K, M) on the size of their terms.
+        Towards infinity |p|^2 outgrows all other functions, so that conditions with |p|^2 differ in small
+        terms only. The condition with the largest share of |p|^2 is divided by its coefficient, and multiples
+        of it are subtracted from the others.
 
-        Towards infinity |p|^2 outgrows all other functions, and the conditions differ in small terms alone.
-        The condition in which it counts most is divided by its coefficient, and multiples of that are
-        subtracted from the others. Their entries of |p|^2 are zero exactly, and of size zero, whatever the
-        rounding. An entry is as uncertain as the largest of its condition.
+        Returns:
+            Equivalent conditions (K, M), the one with |p|^2 first, and the sizes (K, M) to which their
+            rounding is relative. All entries of a condition are as uncertain as its largest. The entries of
+            |p|^2 are exactly
+            1 and 0: their size is 0.
         """
-        square = np.flatnonzero(self.chosen == 1)  # the column of |p|^2, if any
+        square = np.flatnonzero(self.chosen == _SQUARE)  # the column of |p|^2, if any
         largest = np.abs(coefficients).max(axis=1, keepdims=True)  # (K, 1)
-        shares = np.abs(coefficients[:, square]).max(axis=1, initial=0.0) / largest[:, 0]
+        shares = np.abs(coefficients[:, square]).max(axis=1, initial=0.0) / largest[:, 0]  # (K,) of |p|^2
         k = int(np.argmax(shares))
         if not shares[k]:
-            return coefficients, np.repeat(largest, len(self.chosen), axis=1)
+            return coefficients, np.broadcast_to(largest, coefficients.shape)
         first = coefficients[k] / coefficients[k, square]  # |p|^2 has the coefficient 1
         others = np.delete(coefficients, k, axis=0)
         multiples = others[:, square]  # (K - 1, 1)
         rows = np.vstack([first, others - multiples * first])
         other_sizes = np.delete(largest, k, axis=0) + 2 * np.abs(multiples) * np.abs(first).max()
         sizes = np.repeat(np.vstack([1.0 / shares[k], other_sizes]), len(self.chosen), axis=1)
-        rows[1:, square] = sizes[:, square] = 0.0
+        rows[1:, square] = 0.0
+        sizes[:, square] = 0.0
         return rows, sizes
 
     def to_displacements(self, z: Array) -> tuple[Array, Array]:
         """Compute rotations R (T, 3, 3), translations p (T, 3) of real z (T, N)."""
         coordinates = np.zeros((len(z), 8))
         coordinates[:, self.coordinates] = z
-        if self.family.name == "translations":  # z = (1, p) stands for 1 + eps p / 2
-            coordinates[:, 5:] *= 0.5
+        if self.only_translates:  # z = (1, p) stands for the dual quaternion 1 + eps p / 2
+            coordinates[:, _Y] *= 0.5
         return displacements_of_quaternions(coordinates)
 
 
 @cache
 def spatial_displacements() -> Displacements:
-    """Return all displacements: six conditions, at most 40 solutions.
-
-    (Ronga and Vust 1992; Mourrain 1993)
-    """
+    """Return all displacements: six conditions, at most 40 solutions (Ronga and Vust 1992; Mourrain 1993)."""
     study = np.zeros((1, 8, 8))
     study[0, :4, 4:] = study[0, 4:, :4] = 0.5 * np.eye(4)
     family = QuadricFamily("displacements in space", _function_forms(), study, 40)
@@ -237,46 +237,40 @@ def spatial_displacements() -> Displacements:
 
 @cache
 def spherical_displacements() -> Displacements:
-    """Return the rotations about a point: three conditions, at most 8 solutions.
-
-    Three quadrics in P^3.
-    """
+    """Return the rotations about a point: three conditions (quadrics in P^3), at most 8 solutions."""
     chosen = np.array([_ONE, *_ROTATION.ravel()])
-    family = QuadricFamily(
-        "turns about a point", _function_forms()[chosen][:, :4, :4], np.zeros((0, 4, 4)), 8
-    )
-    return Displacements(family, chosen, np.arange(4))
+    forms = _function_forms()[chosen, :4, :4]
+    return Displacements(QuadricFamily("turns about a point", forms, forms[:0], 8), chosen, np.arange(4))
 
 
 @cache
 def planar_displacements(axis: int) -> Displacements:
     """Return the displacements normal to a base axis: three conditions, at most 6 solutions.
 
-    Three quadrics in P^3 with a common pair of points on the line x = 0, |y|^2 = 0 (Hunt 1983; Gosselin,
-    Sefrioui and Richard 1992).
+    The conditions are three quadrics in P^3 that share a pair of points on the line x = 0, |y|^2 = 0 (Hunt
+    1983; Gosselin, Sefrioui and Richard 1992).
     """
     in_plane = [(axis + 1) % 3, (axis + 2) % 3]
-    places = np.array([_X_0, _X[axis], *_Y[in_plane]])
+    coordinates = np.array([_X_0, _X[axis], *_Y[in_plane]])
     cosine_and_sine = _ROTATION[in_plane, in_plane[0]]
     chosen = np.array([_ONE, _SQUARE, *_POSITION[in_plane], *_ORIGIN[in_plane], *cosine_and_sine])
-    forms = _function_forms()[chosen][:, places][:, :, places]
-    return Displacements(
-        QuadricFamily("displacements in a plane", forms, np.zeros((0, 4, 4)), 6), chosen, places
-    )
+    forms = _function_forms()[np.ix_(chosen, coordinates, coordinates)]
+    return Displacements(QuadricFamily("displacements in a plane", forms, forms[:0], 6), chosen, coordinates)
 
 
 @cache
 def translation_displacements(axes: tuple[int, ...]) -> Displacements:
     """Return the translations along two or three base axes: at most 2 solutions.
 
-    They meet circles or spheres. With z = (1, p) the functions are 1, |p|^2 and the coordinates of p.
+    The conditions are circles or spheres. With z = (1, p) the functions are 1, |p|^2 and the coordinates of
+    p.
     """
-    chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
     size = len(axes) + 1
-    forms = np.zeros((len(chosen), size, size))
-    forms[0, 0, 0] = 1.0
-    forms[1, 1:, 1:] = np.eye(len(axes))
-    for k in range(len(axes)):
-        forms[2 + k, 0, 1 + k] = forms[2 + k, 1 + k, 0] = 0.5
-    places = np.array([_X_0, *_Y[list(axes)]])
-    return Displacements(QuadricFamily("translations", forms, np.zeros((0, size, size)), 2), chosen, places)
+    forms = np.zeros((size + 1, size, size))
+    forms[0, 0, 0] = 1.0  # 1
+    forms[1, 1:, 1:] = np.eye(len(axes))  # |p|^2
+    for k in range(1, size):
+        forms[1 + k, [0, k], [k, 0]] = 0.5  # p_k
+    chosen = np.array([_ONE, _SQUARE, *_POSITION[list(axes)]])
+    coordinates = np.array([_X_0, *_Y[list(axes)]])
+    return Displacements(QuadricFamily("translations", forms, forms[:0], 2), chosen, coordinates)

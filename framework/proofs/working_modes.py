@@ -1,9 +1,10 @@
-"""All joints for a given platform: the working modes, leg by leg.
+"""All configurations for a given pose of the platform: the working modes, leg by leg.
 
-The inverse kinematics is solved by Newton's method from many starts; the solutions of each leg (`legs`) are
-told apart and put together in every way that closes the loops. Each is proved to exist and to be single
-(Newton and Kantorovich). That a leg has no others is proved where its joints are few, four at most and one of
-them a slide, by paving their angles (`leg_paving`); where all legs are, all working modes are known.
+Newton's method solves the inverse kinematics from many starts. The distinct solutions of each leg (`legs`)
+are combined in every way that closes the loops, and each configuration is proved to exist and to be single
+(Newton and Kantorovich). If a leg has at most four joints, at most one of them a slide, paving the joints
+proves that it has no other solutions (`leg_paving`). With this proof for all legs, all working modes are
+known.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from framework.proofs.real_displacements import Status
 from framework.tolerances import LOOP_GAP
 
 RANDOM_STARTS = 300
-MAX_COMBINATIONS = 512  # of the legs' solutions
+MAX_COMBINATIONS = 512  # of the solutions of all legs
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +45,20 @@ class WorkingMode(ReadOnlyArrays):
     q: Array  # (nq,)
     motors: Array  # (n_a,) joint side
     signs: Array  # (legs,) see `leg_signs`
-    proved: bool  # that it exists and is single in a neighbourhood
+    proved: bool  # to exist, and to be the only solution in a neighbourhood
     within_limits: bool  # of the joints in the URDF
 
 
 @dataclass(frozen=True, eq=False)
 class WorkingModes:
-    """The working modes found, of at most MAX_COMBINATIONS of the legs' solutions."""
+    """The working modes among at most MAX_COMBINATIONS of the legs' solutions."""
 
-    # within the joints' limits first, then by their distance from the reference
+    # those within joint limits first, then by their distance from the reference
     modes: tuple[WorkingMode, ...]
-    solutions: tuple[int, ...]  # of each leg
+    solutions: tuple[int, ...]  # number of solutions of each leg
     legs: tuple[tuple[str, ...], ...]  # the motors of each leg
-    proved_legs: tuple[bool, ...]  # that have no other solutions, with the legs before them as in the modes
-    truncated: bool  # not all combinations were looked at
+    proved_legs: tuple[bool, ...]  # whether each has no other solutions, the legs before it as in the modes
+    truncated: bool  # whether there are more combinations than were tested
 
     @property
     def status(self) -> Status:
@@ -70,19 +71,19 @@ class WorkingModes:
         """The numbers of modes and of solutions of each leg, in a sentence."""
         proved = sum(mode.proved for mode in self.modes)
         inside = sum(mode.within_limits for mode in self.modes)
-        each = ", ".join(
-            f"{count}{'' if all_known else ' or more'} of {' and '.join(motors) or 'joints without a motor'}"
-            for count, motors, all_known in zip(self.solutions, self.legs, self.proved_legs, strict=True)
+        of_legs = []
+        for count, motors, all_known in zip(self.solutions, self.legs, self.proved_legs, strict=True):
+            number = f"{count}" if all_known else f"{count} or more"
+            of_legs.append(f"{number} of {' and '.join(motors) or 'joints without a motor'}")
+        total = f"{proved}, proved to be all" if self.status == "proved" else f"at least {proved}"
+        return (
+            f"{total}, each proved to exist and to be single ({', '.join(of_legs)}); "
+            f"{inside} within the joints' limits"
         )
-        within = f"{inside} within the joints' limits"
-        count = f"{proved}, proved to be all" if self.status == "proved" else f"at least {proved}"
-        return f"{count}, each proved to exist and to be single ({each}); {within}"
 
 
 def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
-    """Find all solutions of the inverse kinematics at platform coordinates x (n,).
-
-    Springs at rest.
+    """Find all solutions of the inverse kinematics at platform coordinates x (n,), springs at rest.
 
     Raises:
         InvalidInput: x has the wrong length or is not finite, or the platform does not determine the joints.
@@ -92,34 +93,33 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     x = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     solutions = _search_leg_solutions(robot, x)
     modes = _closed_modes(robot, _combine_solutions(robot, solutions), x)
-    modes.sort(
-        key=lambda mode: (not mode.within_limits, float(np.abs(_reference_offset(robot, mode.q)).sum()))
-    )
     q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)
+    all_legs = legs(robot)
+    counts = tuple(map(len, solutions))
     return WorkingModes(
         modes=tuple(modes),
-        solutions=tuple(len(joints) for joints in solutions),
-        legs=tuple(leg.motors for leg in legs(robot)),
+        solutions=counts,
+        legs=tuple(leg.motors for leg in all_legs),
         proved_legs=tuple(
             _is_leg_complete(robot, leg, joints, q, x)
-            for leg, joints in zip(legs(robot), solutions, strict=True)
+            for leg, joints in zip(all_legs, solutions, strict=True)
         ),
-        truncated=prod(len(joints) for joints in solutions) > MAX_COMBINATIONS,
+        truncated=prod(counts) > MAX_COMBINATIONS,
     )
 
 
 def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     """Search the joints (solutions, k) of each leg with the platform at x (n,).
 
-    They are offsets from the reference [rad, robot lengths], found by Newton's method from random starts on
-    the loops and the platform's coordinates together.
+    Joints are offsets from the reference [rad, robot lengths]. Newton's method solves the equations of loops
+    and platform from random starts.
     """
     scale = robot.platform_scale
     columns = robot.moving
 
     def platform_equations(frames: FrameStack) -> tuple[Array, Array]:
-        """Compute the offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
-        offsets = robot.platform.residual(frames, np.tile(x, (len(frames.position), 1))) / scale
+        """Compute offsets (T, n) of the platform from x, and their slopes (T, n, nv)."""
+        offsets = robot.platform.residual(frames, np.tile(x, (len(frames.q), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
     starts = draw_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
@@ -127,8 +127,11 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
     q = q[closed]
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
     offsets = (_reference_offset(robot, q) / robot.column_scale)[:, columns]
-    of_legs = [offsets[:, leg.columns] for leg in legs(robot)]
-    return [joints[distinct_rows(joints)] for joints in of_legs]
+    solutions = []
+    for leg in legs(robot):
+        joints = offsets[:, leg.columns]
+        solutions.append(joints[distinct_rows(joints)])
+    return solutions
 
 
 def _reference_offset(robot: ParallelRobot, q: Array) -> Array:
@@ -137,10 +140,7 @@ def _reference_offset(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
-    """Return configurations (T, nq) of all combinations of the legs' solutions.
-
-    One solution of each leg, at most MAX_COMBINATIONS.
-    """
+    """Return up to MAX_COMBINATIONS configurations (T, nq), with one solution of each leg."""
     columns = np.concatenate([robot.moving[leg.columns] for leg in legs(robot)])
     combinations = islice(product(*solutions), MAX_COMBINATIONS)
     offsets = np.reshape([np.concatenate(joints) for joints in combinations], (-1, len(columns)))
@@ -149,10 +149,10 @@ def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
 
 
 def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
-    """Return whether a leg provably has no other `solutions` (k, n), off the reference.
+    """Return whether a leg provably has no solutions besides `solutions` (k, n).
 
-    The legs on which it stands are in turn as in each of the modes q (T, nq). Without modes nothing is proved
-    unless the leg stands alone.
+    Solutions are offsets from the reference. The legs on which this leg depends are placed as in each of the
+    modes q (T, nq) in turn. Without modes, only a leg that depends on no other one can be proved.
     """
     columns = robot.moving[leg.columns]
     previous = robot.moving[leg.needed]
@@ -160,10 +160,9 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
     fixed[robot.moving] = False
     fixed[previous] = True
     if not len(q):
-        stands_alone = not len(previous) and robot.platform.is_point
-        return stands_alone and are_leg_solutions_complete(
-            robot, columns, fixed, robot.reference.q, solutions[:0], x
-        )
+        if len(previous) or not robot.platform.is_point:
+            return False
+        return are_leg_solutions_complete(robot, columns, fixed, robot.reference.q, solutions[:0], x)
     offsets = _reference_offset(robot, q) / robot.column_scale
     return all(
         are_leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
@@ -172,21 +171,22 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the configurations (T, nq) that close the loops with the platform at x, as modes."""
+    """Return the modes: configurations (T, nq) with closed loops, the platform at x.
+
+    Modes within joint limits come first, then those near the reference.
+    """
     if not len(q):
         return []
-    linearised = linearised_at(robot, q, np.repeat(x[None], len(q), axis=0))
+    linearised = linearised_at(robot, q, np.tile(x, (len(q), 1)))
     signs = leg_signs(robot, linearised)
     motors = robot.actuated_coordinates(q)
     lengths = np.concatenate([robot.platform_scale, robot.loop_lengths])
-    closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
-    return [
-        WorkingMode(
-            q=q[k],
-            motors=motors[k],
-            signs=signs[k],
-            proved=has_one_solution_near(robot, q[k], locked="platform"),
-            within_limits=not positions_beyond_limits(robot.limits, q[k : k + 1]),
-        )
-        for k in np.flatnonzero(closed)
-    ]
+    is_closed = np.abs(linearised.residual / lengths).max(axis=1) < LOOP_GAP
+    distances = np.abs(_reference_offset(robot, q)).sum(axis=1)  # (T,) [rad, m]
+    modes = []
+    for k in np.argsort(distances, kind="stable"):
+        if is_closed[k]:
+            proved = has_one_solution_near(robot, q[k], platform_locked=True)
+            within_limits = not positions_beyond_limits(robot.limits, q[k : k + 1])
+            modes.append(WorkingMode(q[k], motors[k], signs[k], proved, within_limits))
+    return sorted(modes, key=lambda mode: not mode.within_limits)

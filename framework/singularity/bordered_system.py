@@ -1,18 +1,17 @@
-"""Bordered matrices: how near square matrices are to losing rank, smoothly and with a sign.
+"""Bordered matrices: a smooth, signed measure of how close square matrices are to losing rank.
 
 With n x k borders b, c the k x k block G of
 
     [M  b] [eta]   [0]
     [c' 0] [ G ] = [1]
 
-has the rank deficiency of M, however many singular values of M vanish at once, as long as k is no
-less. det G has the sign of det M and, unlike det M, a scale; unlike the smallest singular value it has
-no kink. For k = 1 it is the bordered scalar g.
+has the rank deficiency of M if no more than k singular values of M vanish at once. det G has the sign of det
+M. Unlike det M it has a scale, and unlike the smallest singular value it has no kink. For k = 1 it is the
+bordered scalar g.
 
-`root_of_g` finds a root of g as one parameter p moves the matrix, however it does: the path coordinate s of a
-robot at rest or with given deflections, the time t of a motion. Each step of Newton's method has the border
-of the matrix at its own p, and the slope by central differences; so g is smooth at the root itself, where any
-border from elsewhere would do less well.
+`root_of_g` finds a root of g along a parameter p: the path coordinate s of a robot at rest or with given
+deflections, or the time t of a motion. Each Newton step takes the border of the matrix at its own p, and the
+slope by central differences. So the border fits best, and g is smoothest, at the root itself.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, chapter 3.
 """
 
@@ -32,46 +31,42 @@ MAX_ITERATIONS = 20
 
 
 class Border(NamedTuple):
-    """The border (b, c): singular vectors of one matrix, for all near the matrix."""
+    """The border (b, c): singular vectors of one matrix, for all matrices near this one."""
 
-    b: Array  # (n, size) left, or (T, n, size) of T matrices
-    c: Array  # (n, size) right, likewise
+    b: Array  # (n, size) left singular vectors, or (T, n, size) of T matrices
+    c: Array  # (n, size) right singular vectors, likewise
 
     @staticmethod
     def of(M: Array, size: int = 1) -> Border:
         """Return the border b, c (..., n, size) for matrices near M (..., n, n).
 
-        With it det G has the sign of det M. b and c are the singular vectors of the `size` least singular
-        values of M = U S V'. With them G of M itself is -diag of these values, of sign (-1)^size, while det M
-        has the sign of det U det V. Where the two signs differ the last column of b is negated.
+        b and c are the singular vectors of the `size` least singular values of M = U S V'. For M itself G is
+        minus the diagonal matrix of these values, so that det G has the sign (-1)^size, while det M has the
+        sign of det U det V. If the signs differ, the last column of b is negated: det G has the sign of det
+        M.
         """
         U, _, V_rows = np.linalg.svd(M)
-        b, c = U[..., -size:].copy(), V_rows[..., -size:, :].swapaxes(-1, -2)
+        b = U[..., -size:].copy()
+        c = V_rows[..., -size:, :].swapaxes(-1, -2)
         orientation = (-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows)
         b[..., -1] *= np.sign(orientation)[..., None]
         return Border(b, c)
 
 
 class BorderedSolution(NamedTuple):
-    """Solution of the bordered systems of T matrices."""
+    """Solutions of the bordered systems of T matrices."""
 
-    eta: Array  # (T, n, size), c' eta = 1; spans the null space where G = 0
+    eta: Array  # (T, n, size), c' eta = 1; spans the null space of M where G = 0
     G: Array  # (T, size, size)
 
     @property
     def g(self) -> Array:
-        """The measure of singularity det G (T,).
-
-        It is zero where and only where the matrix is singular.
-        """
+        """The measure of singularity det G (T,): zero if and only if the matrix is singular."""
         return determinant(self.G)
 
 
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
-    """Solve [M b; c' 0] [eta; G] = [0; 1] for T matrices M.
-
-    M is (T, n, n), with one border for all or T borders.
-    """
+    """Solve [M b; c' 0] [eta; G] = [0; 1] for M (T, n, n), one border or T."""
     count, n = matrices.shape[:2]
     size = border.b.shape[-1]
     bordered = np.zeros((count, n + size, n + size))
@@ -80,13 +75,13 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
     unit = np.zeros((count, n + size, size))
     unit[:, n:] = np.eye(size)
-    # by least squares with more null vectors than borders, to the last bit: G is singular there
+    # least squares, as the system is singular if M has more null vectors than borders; G is singular then
     solution = solve_or_fit(bordered, unit)
     return BorderedSolution(solution[:, :n], solution[:, n:])
 
 
 def bordered_solution(matrices: Array, k: int, size: int = 1) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n), all with the border of the k-th."""
+    """Solve the bordered systems of matrices (T, n, n) with the border of the k-th matrix."""
     return solve_bordered(matrices, Border.of(matrices[k], size))
 
 
@@ -99,37 +94,36 @@ def determinant(G: Array) -> Array:
 
 
 class Slope(NamedTuple):
-    """The measure g and its derivatives by p, with the border of the matrix at p."""
+    """The measure g and its derivatives with respect to p, with the border of the matrix at p."""
 
     g: float
     slope: float
     upper: float  # g at the upper end of the stencil
-    bend: float  # its second derivative; 0 where the stencil lies on one side
+    bend: float  # d2g/dp2; 0 if the stencil is cut at an end of the interval
 
 
 class Root(NamedTuple):
     """The result of Newton's method for a root of g."""
 
     place: float  # p at the last iterate
-    depth: float  # g there; 0 if the last step was so small that the next one is rounding
+    residual: float  # g at this p; 0 if converged: another step would be rounding
     converged: bool
-    slope: float  # dg/dp, by the last stencil
-    bend: float  # d2g/dp2, likewise; 0 at an end of the interval
+    slope: float  # dg/dp on the last stencil
+    bend: float  # d2g/dp2 on the last stencil; 0 at an end of the interval
 
 
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
-    """Return p between its neighbours (3,) for a central difference, cut to [low, high]."""
+    """Return the points (3,) of a central difference about p, cut to [low, high]."""
     half = STENCIL_HALF_WIDTH * (high - low)
     return np.clip([p - half, p, p + half], low, high)
 
 
 def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
-    """Compute g, dg/dp and d2g/dp2 from matrices (3, n, n) on a `stencil`.
+    """Compute g, dg/dp and d2g/dp2 from matrices (3, n, n) on a `stencil` p (3,).
 
-    The border of the middle matrix is `size` wide. p is (3,).
+    The border is that of the middle matrix, `size` columns wide.
     """
-    g = bordered_solution(matrices, 1, size).g
-    lower, middle, upper = map(float, g)
+    lower, middle, upper = map(float, bordered_solution(matrices, 1, size).g)
     width = float(p[2] - p[0])
     has_both_sides = p[0] < p[1] < p[2]
     bend = 4.0 * (lower - 2.0 * middle + upper) / width**2 if has_both_sides else 0.0
@@ -148,18 +142,18 @@ def root_of_g(
     """Find the root of g near `start`, within [low, high].
 
     Args:
-        matrices: the matrices (3, n, n) at three values (3,) of p.
-        size: width of the border; more than 1 where other singular values are small beside the one sought.
-        longest: a Newton step beyond this leads away from the root sought, and none is found.
+        matrices: computes the matrices (3, n, n) at three values (3,) of p.
+        size: width of the border; more than 1 if several singular values are small.
+        longest: a longer Newton step leads away from the root sought: the iteration ends without convergence.
     """
-    p, g, slope, bend = start, np.inf, 0.0, 0.0
+    p = start
     for _ in range(MAX_ITERATIONS):
         points = stencil(p, low, high)
-        g, slope, _, bend = differentiate_g(matrices(points), points, size)
-        step = -g / slope if slope else np.inf
+        local = differentiate_g(matrices(points), points, size)
+        step = -local.g / local.slope if local.slope else np.inf
         if not abs(step) < longest:
             break
         p = float(np.clip(p + step, low, high))
         if abs(step) < NEWTON_STEP * (high - low):
-            return Root(p, 0.0, True, slope, bend)
-    return Root(p, g, False, slope, bend)
+            return Root(p, 0.0, True, local.slope, local.bend)
+    return Root(p, local.g, False, local.slope, local.bend)

@@ -1,9 +1,9 @@
-"""Curves of F(u) = 0, one equation less than unknowns, by pseudo-arclength continuation, many at once.
+"""Pseudo-arclength continuation of curves F(u) = 0, one equation less than unknowns, many curves at once.
 
-Predictor along the tangent and its bend, corrector by Newton's method in the plane normal to the tangent
-(H. B. Keller 1977), the step shortened where the corrector moves far or the tangent turns much. All curves
-are traced in step from all their known points, both ways, until they meet the next one, leave a region or
-cannot be followed; the pieces are then put together.
+The predictor follows the tangent and its bend; the corrector is Newton's method in the plane normal to the
+tangent (H. B. Keller 1977). The step is shortened if the corrector moves far or the tangent turns much. All
+pieces of curves are traced together, in both directions from every start, until they meet the next start,
+leave a region or cannot be continued. Then the pieces are joined to curves.
 """
 
 from __future__ import annotations
@@ -19,39 +19,36 @@ from framework.singularity.bordered_system import Border
 from framework.singularity.locus_equations import Evaluated, LocusEquations
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
-MAX_CURVE_OFFSET = 0.05  # of a chord, from it to a point on the curve; chords leave the curve by 0.02
-MIN_CURVE_COSINE = 0.7  # of tangents there; curves cross at larger angles as a rule
+MAX_CURVE_OFFSET = 0.05  # of a point of a curve from a chord, over its length; the curve itself has 0.02
+MIN_CURVE_COSINE = 0.7  # between tangents of one curve; different curves usually cross at larger angles
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, lengths]
-MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points a full turn, chords 3e-3 of the radius off
-TURN_SHARE = 0.8  # of that turn at which the next step aims
-MIN_GROWTH, MAX_GROWTH = 0.5, 2.0  # of the step, from one to the next
+MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
+TURN_SHARE = 0.8  # of the largest turn, at which the next step aims
+MIN_GROWTH, MAX_GROWTH = 0.5, 2.0  # of a step over the one before
 MAX_CORRECTIONS = 6  # Newton steps
-MAX_CORRECTION_RATIO = 0.25  # of a step: what the corrector may move
+MAX_CORRECTION_RATIO = 0.25  # of all corrections to the step
 MAX_POINTS = 3000  # of a piece
-MAX_SEARCH_STEPS = 25  # Newton steps from a start drawn at random
-MAX_SEARCH_STEP = 0.5  # [rad, lengths] that one of them may move a joint
-MIN_START_DISTANCE = 1e-5  # [rad, lengths]: of nearer starts, all on one curve, the first is followed
+MAX_SEARCH_STEPS = 25  # Newton steps from a random configuration
+MAX_SEARCH_STEP = 0.5  # [rad, lengths] largest joint motion in one of these
+MIN_START_DISTANCE = 1e-5  # [rad, lengths]; of closer starts, which are on one curve, only the first is used
 
 
 class Points(NamedTuple):
     """S points of curves."""
 
     q: Array  # (S, nq)
-    tangent: Array  # (S, k) unit, the way that the curve is followed
-    orientation: Array  # (S,) det [dF/du ; t']: its sign changes at branch points
-    cusp: Array  # (S,) slope of g along the motion that locked motors do not hold, without dimension
-    eta: Array  # (S, m) that motion, of unit size, turned so that `cusp` is continuous
+    tangent: Array  # (S, k) unit vector in the direction of tracing
+    orientation: Array  # (S,) det [dF/du ; t']; its sign changes at branch points
+    cusp: Array  # (S,) slope of g along the escaping motion, without dimension
+    eta: Array  # (S, m) the escaping motion, of unit size, with the sign that makes `cusp` continuous
     border: Border  # (S, m, 1) of P
 
     def reverse(self) -> Points:
-        """Return the same points of curves that are followed the other way.
-
-        Their order stays.
-        """
+        """Return the points in the same order, with the direction of tracing reversed."""
         return self._replace(tangent=-self.tangent, orientation=-self.orientation)
 
     def backwards(self) -> Points:
-        """Return the points of one curve in reverse order, followed the other way."""
+        """Return the points of one curve in reverse order, traced the other way."""
         return select(self.reverse(), slice(None, None, -1))
 
     def single(self, k: int) -> Points:
@@ -63,46 +60,43 @@ class Curve(NamedTuple):
     """A traced curve."""
 
     points: Points  # in order; a closed curve ends with its first
-    ends: tuple[str, str]  # closed, left (the region), stalled (where the equations lose rank) or long
+    ends: tuple[str, str]  # closed, left (the region), stalled (the equations lose rank) or long (MAX_POINTS)
 
 
 def find_solutions(equations: LocusEquations, q: Array) -> Array:
-    """Find solutions (s, nq), maybe none, by least-norm Newton steps of bounded size from q (S, nq)."""
-    size = np.full(len(q), np.inf)
+    """Find solutions (s, nq), possibly none, by bounded least-norm Newton steps from q (S, nq)."""
     for _ in range(MAX_SEARCH_STEPS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
         change = -np.matvec(inverse, evaluated.values)
         size = np.abs(change).max(axis=1)
         is_finite = np.isfinite(size)
-        q, change, size = q[is_finite], change[is_finite], size[is_finite]
-        q = equations.move(q, change / np.maximum(size / MAX_SEARCH_STEP, 1.0)[:, None])
+        size = size[is_finite]
+        step = change[is_finite] / np.maximum(size / MAX_SEARCH_STEP, 1.0)[:, None]
+        q = equations.move(q[is_finite], step)
         if not len(q) or size.max() < NEWTON_STEP:
             break
     return q[size < NEWTON_STEP]
-
-
-def curve_points_at(equations: LocusEquations, q: Array) -> Points:
-    """Return the points of curves at solutions q (S, nq)."""
-    return _points_of(equations, q, equations.evaluate(q), None)
 
 
 def trace_curves(
     equations: LocusEquations,
     starts: Points,
     inside: Callable[[Array], BoolArray],
-    longest: float = MAX_STEP,
+    longest: float,
 ) -> list[Curve]:
     """Trace the distinct curves through S starts.
 
     Args:
-        inside: which configurations (T, nq) are in the region; the first point outside is kept.
-        longest: step [rad, lengths].
+        inside: computes which configurations (T, nq) are in the region; a curve includes its first point
+            outside.
+        longest: largest step [rad, lengths].
     """
-    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q[None]), axis=2)
+    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q), axis=2)
     starts = select(starts, ~np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1))
     pieces = _trace_pieces(equations, starts, inside, min(longest, MAX_STEP))
-    curves, done = list[Curve](), set[int]()
+    curves = list[Curve]()
+    done = set[int]()  # starts on these curves
     for first in range(len(starts.q)):
         if first in done:
             continue
@@ -117,32 +111,32 @@ def trace_curves(
 
 
 class _Piece(NamedTuple):
-    """A curve from a start, one way, to its end."""
+    """A part of a curve from a start, in one direction, to its end."""
 
-    points: Points  # the start itself is the first
-    end: str  # met (another start, which is the last point), or see `Curve`
-    following: int  # number of the piece that leads on from the start that was met
+    points: Points  # from the start on
+    end: str  # met (another start, which is the last point), or an end of `Curve`
+    following: int  # number of the piece that continues from the start that was met
 
 
 class _Fronts(NamedTuple):
-    """The last points of the F pieces that are being traced, all at once."""
+    """The last points of the F pieces that are being traced."""
 
     points: Points
-    bend: Array  # (F, k) rates of the tangents
+    bend: Array  # (F, k) derivatives of the tangents along the curves
     step: Array  # (F,) [rad, lengths] to be tried next
-    piece: IntArray  # (F,) the start's number, plus their count against its tangent
+    piece: IntArray  # (F,) number of the piece, see `_trace_pieces`
 
     def advance(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts after steps (F,), moved where accepted to the points ahead.
+        """Return the fronts after steps (F,), at the points ahead.
 
-        The next step aims at a share of the largest turn of the tangent.
+        After an accepted step the next one aims at a share of the largest turn of the tangent.
         """
-        turning = (ahead.tangent - self.points.tangent) / step[:, None]
-        turn = np.linalg.norm(turning, axis=1) * step  # [rad] in this step
+        bend = (ahead.tangent - self.points.tangent) / step[:, None]
+        turn = np.linalg.norm(bend, axis=1) * step  # [rad] in this step
         growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
         return _Fronts(
-            points=_replace_rows(self.points, np.flatnonzero(accepted), select(ahead, accepted)),
-            bend=np.where(accepted[:, None], turning, self.bend),
+            points=ahead,
+            bend=np.where(accepted[:, None], bend, self.bend),
             step=np.where(accepted, np.minimum(step * growth, longest), step),
             piece=self.piece,
         )
@@ -151,10 +145,10 @@ class _Fronts(NamedTuple):
 def _trace_pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[int, _Piece]:
-    """Trace two pieces from each of S starts, one either way.
+    """Trace two pieces from each of S starts, one in each direction.
 
-    Piece k goes along the tangent of start k, piece S + k against. All pieces take a step together; a piece
-    that has ended is left out of the `fronts`.
+    Piece k goes along the tangent of start k, piece S + k against it. All pieces take their steps together;
+    ended pieces leave the `fronts`.
     """
     starts_both_ways = join([starts, starts.reverse()])
     step = np.full(len(starts_both_ways.q), min(FIRST_STEP, longest))
@@ -166,8 +160,8 @@ def _trace_pieces(
         step = np.where(accepted, fronts.step, 0.5 * fronts.step)
         stalled = ~accepted & (step < MIN_STEP)
         following = _find_following(equations, fronts.points, ahead, step, starts)
-        conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]  # the first that holds decides
-        ends = np.select(conditions, ["stalled", "", "met", "left"], "")
+        conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]  # the first true one decides
+        ends = np.select(conditions, ["stalled", "", "met", "left"], "")  # "": the piece goes on
         for k in np.flatnonzero(accepted | stalled).tolist():
             piece = int(fronts.piece[k])
             if ends[k] == "met":
@@ -185,31 +179,31 @@ def _trace_pieces(
 def _find_following(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
 ) -> IntArray:
-    """Find the start that each front passes in its step.
+    """Find the piece (F,) that continues from the start passed in each front's step, or -1.
 
-    Returned is the piece (F,) that goes on from there, or -1. A start is passed if it lies between the planes
-    normal to the tangents at both ends of the step, beside the chord of the step, with a similar tangent.
+    A start is passed if it lies between the planes normal to the tangents at both ends of the step, is close
+    to the chord of the step, and has a similar tangent.
     """
-    from_front = equations.offsets(points.q[:, None], starts.q[None])  # (F, S, k) from fronts to starts
-    from_end = equations.offsets(ahead.q[:, None], starts.q[None])  # from the ends of the steps
-    chord = from_front - from_end  # of the step, as seen from each start
+    from_front = equations.offsets(points.q[:, None], starts.q)  # (F, S, k) from fronts to starts
+    from_end = equations.offsets(ahead.q[:, None], starts.q)  # from the ends of the steps to starts
+    chord = from_front - from_end  # of the step, measured modulo turns about each start
     length = np.linalg.norm(chord, axis=2)  # (F, S)
-    distance = np.matvec(from_front, points.tangent)  # (F, S) along the tangents
-    remaining = np.matvec(from_end, ahead.tangent)
+    distance = np.matvec(from_front, points.tangent)  # (F, S) of the start ahead of the front
+    remaining = np.matvec(from_end, ahead.tangent)  # (F, S) of the start ahead of the step's end
     chord_distance = np.linalg.norm(chord_offsets(from_front, chord), axis=2)
     cosine = ahead.tangent @ starts.tangent.T  # (F, S)
     passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
     passes &= chord_distance < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE
     passes &= np.abs(cosine) > MIN_CURVE_COSINE
     first = np.argmin(np.where(passes, distance, np.inf), axis=1)  # (F,) the nearest start ahead
-    is_against = np.take_along_axis(cosine, first[:, None], axis=1)[:, 0] <= 0
+    is_against = cosine[np.arange(len(first)), first] <= 0
     return np.where(passes.any(axis=1), first + len(starts.q) * is_against, -1)
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:
     """Compute offsets (..., k) of points from the nearest points of their chords.
 
-    Points and ends of chords are offsets from the chords' starts.
+    `offset` of the points and `chord` are from the starts of the chords.
     """
     square = np.maximum(np.sum(chord**2, axis=-1), np.finfo(float).tiny)
     share = np.clip(np.sum(offset * chord, axis=-1) / square, 0.0, 1.0)
@@ -217,35 +211,38 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
 
 
 def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect the points of a piece and its followers, and the end of the last.
+    """Collect the points of a piece and all following pieces, and the last end.
 
-    Pieces are numbered as in `_trace_pieces`; the starts that are passed are added to `done`.
+    Pieces are numbered as in `_trace_pieces`. Starts on the way are added to `done`.
     """
-    count, parts, piece = len(pieces) // 2, list[Points](), pieces[first]
+    count = len(pieces) // 2
+    piece = pieces[first]
+    parts = [piece.points]
     done.add(first % count)
-    while True:
-        parts.append(piece.points if not parts else select(piece.points, slice(1, None)))
-        if piece.end != "met":
-            return parts, piece.end
-        start, piece = piece.following % count, pieces[piece.following]
+    while piece.end == "met":
+        start = piece.following % count
         if start == first % count:
             return parts, "closed"
-        if start in done:  # starts so near to one another that their pieces disagree
+        if start in done:  # starts so close to one another that their pieces disagree
             return parts, "long"
         done.add(start)
+        piece = pieces[piece.following]
+        parts.append(select(piece.points, slice(1, None)))  # the start is there already
+    return parts, piece.end
 
 
 def advance(equations: LocusEquations, points: Points, step: Array, bend: Array) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) ahead, and whether each is accepted (S,).
+    """Compute the points a step (S,) ahead, and whether each step is accepted (S,).
 
-    The predictor is quadratic, with the tangents' rates `bend` (S, k); Newton's method corrects it. Points
-    are corrected together until each is `ready`, or given up: its system is singular, its corrections are
-    long against the step, or its tangent turns too far. A point that is not accepted stays as it was.
+    The predictor is quadratic with the derivatives `bend` (S, k) of the tangents; Newton's method corrects
+    it. All points are corrected together. A step is rejected if its system is singular, its corrections are
+    long against the step, or its tangent turns too far; its point stays.
     """
-    length = step[:, None]
-    q = equations.move(points.q, length * points.tangent + 0.5 * length**2 * bend)
-    ahead, accepted = points, np.zeros(len(q), dtype=bool)
-    live, correction = np.arange(len(q)), np.zeros(len(q))  # [rad, lengths] by all Newton steps so far
+    q = equations.move(points.q, step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * bend)
+    ahead = points
+    accepted = np.zeros(len(q), dtype=bool)
+    correction = np.zeros(len(q))  # [rad, lengths] by all Newton steps so far
+    live = np.arange(len(q))  # points that are neither ready nor rejected
     for _ in range(MAX_CORRECTIONS):
         start = select(points, live)
         evaluated = equations.evaluate(q[live], start.border)
@@ -256,10 +253,11 @@ def advance(equations: LocusEquations, points: Points, step: Array, bend: Array)
         is_regular &= correction[live] < MAX_CORRECTION_RATIO * step[live]
         ready = is_regular & (size < NEWTON_STEP)
         if ready.any():
-            corrected = _points_of(equations, q[live[ready]], select(evaluated, ready), select(start, ready))
+            corrected = curve_points(q[live[ready]], select(evaluated, ready), select(start, ready))
             turns = np.linalg.norm(corrected.tangent - start.tangent[ready], axis=1)
-            accepted[live[ready]] = turns < MAX_TANGENT_TURN
-            ahead = _replace_rows(ahead, live[ready], corrected)
+            is_smooth = turns < MAX_TANGENT_TURN
+            accepted[live[ready]] = is_smooth
+            ahead = _replace_rows(ahead, live[ready][is_smooth], select(corrected, is_smooth))
         live = live[is_regular & ~ready]
         if not len(live):
             break
@@ -275,35 +273,39 @@ def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:
 
 def _newton_correction(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
     """Compute Newton's step (S, k) normal to tangents (S, k), and whether the system is regular (S,)."""
-    square = np.concatenate([evaluated.slopes, tangent[:, None]], axis=1)
     values = np.concatenate([evaluated.values, np.zeros((len(tangent), 1))], axis=1)
-    change = -solve(square, values)
+    change = -solve(_append_tangent(evaluated.slopes, tangent), values)
     regular = np.asarray(np.isfinite(change).all(axis=1))
     return np.where(regular[:, None], change, 0.0), regular
 
 
+def _append_tangent(slopes: Array, tangent: Array) -> Array:
+    """Return the square matrices [dF/du ; t'] (S, k, k) of slopes (S, k - 1, k)."""
+    return np.concatenate([slopes, tangent[:, None]], axis=1)
+
+
 def _turn_along(vectors: Array, directions: Array) -> Array:
-    """Turn vectors (S, k) over where against directions (S, k)."""
+    """Negate vectors (S, k) that point against directions (S, k)."""
     return np.where(np.sum(vectors * directions, axis=1, keepdims=True) < 0, -vectors, vectors)
 
 
-def _points_of(equations: LocusEquations, q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
-    """Return the points of curves at q (S, nq).
+def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Points:
+    """Return the points of curves at q (S, nq), with the equations evaluated at q or almost.
 
-    Tangents and motions are turned as at the previous points.
-
-    Args:
-        evaluated: the equations at q, or within `NEWTON_STEP` of q.
+    Tangents and escaping motions have the signs of those at the previous points.
     """
-    tangent = np.linalg.svd(evaluated.slopes)[2][:, -1]
+    slopes = evaluated.slopes
+    tangent = np.linalg.svd(slopes)[2][:, -1]  # (S, k) the null vector
     motion = evaluated.eta / np.linalg.norm(evaluated.eta, axis=1, keepdims=True)
     if previous is not None:
-        tangent, motion = _turn_along(tangent, previous.tangent), _turn_along(motion, previous.eta)
+        tangent = _turn_along(tangent, previous.tangent)
+        motion = _turn_along(motion, previous.eta)
+    dg = slopes[:, -1, -motion.shape[1] :]  # (S, m) along the passive joints
     return Points(
         q=q,
         tangent=tangent,
-        orientation=np.linalg.det(np.concatenate([evaluated.slopes, tangent[:, None]], axis=1)),
-        cusp=np.sum(evaluated.slopes[:, -1, -motion.shape[1] :] * motion, axis=1),
+        orientation=np.linalg.det(_append_tangent(slopes, tangent)),
+        cusp=np.sum(dg * motion, axis=1),
         eta=motion,
         border=Border.of(evaluated.P),
     )

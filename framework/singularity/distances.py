@@ -1,9 +1,10 @@
-"""Distances of poses from singularities, by measures of design.
+"""Distances of poses from singularities, by measures used in design.
 
-All but g are functions of A v = B dq_a without dimension: twists and joint rates in radians and lengths, the
-characteristic length being `robot.length`. There the rows of A are part of an orthonormal basis, so that the
-singular values of A are cosines: 1 where nothing is lost, 0 at a Type 2 singularity, the same for a robot
-drawn in millimetres.
+All measures but g are functions of the dimensionless matrices of A v = B dq_a: twists and joint rates are in
+radians and characteristic lengths (`robot.length`). The rows of A are part of an orthonormal basis, so the
+singular values of
+A are cosines: 1 if nothing is lost, 0 at a Type 2 singularity, independent of the unit in which a robot is
+drawn.
 """
 
 from __future__ import annotations
@@ -26,22 +27,23 @@ SINGULAR_VALUE_FLOOR = 1e-30  # instead of a singular value that is zero to the 
 class Distances(NamedTuple):
     """Distances from singularities at T configurations.
 
-    Torques are those that hold a unit force [1 N] on the platform, in the worst direction among its
-    translations, without a moment [N m/N for hinges, N/N for slides]; of redundant motors the least ones.
-    Infinite where the motors do not hold such a force (Type 2), not a number for a platform that only turns.
+    Torques [N m/N for hinges, N/N for slides] balance a unit force of 1 N on the platform, in the worst
+    direction among its translations, without a moment; redundant motors take the least torques. They are
+    infinite where the motors do not hold such a force (Type 2), and NaN for a platform that only turns.
 
-    A pressure angle is that between the force which one motor exerts on the platform and the velocity which
-    it gives the platform while all other motors are locked; for the 5R its complement is the transmission
-    angle between the two distal rods. It is defined where twists have an angle without a choice of length,
-    for two or three translations alone, or turns alone, and as many motors; else it is not a number.
+    A pressure angle is the angle between the force that one motor exerts on the platform and the velocity
+    that it gives the platform while all other motors are locked. For the 5R its complement is the
+    transmission angle between the two distal rods. It is defined if an angle of twists needs no
+    characteristic length, that is for two or three translations alone, or turns alone, and as many motors.
+    Otherwise it is NaN.
     """
 
     g: Array  # (T,) smallest singular value of P with the sign of det P, see `singularity_measure`
-    sigma_A: Array  # (T,) smallest singular value of A, without dimension, 0 .. 1
+    sigma_A: Array  # (T,) smallest singular value of A, dimensionless, 0 .. 1
     torque_norm: Array  # (T,) largest 2-norm of all motor torques, joint side
     torque_largest: Array  # (T,) largest torque of a single motor, joint side
-    motor_torque_norm: Array  # (T,) the same on the motor side of the gears
-    motor_torque_largest: Array  # (T,)
+    motor_torque_norm: Array  # (T,) `torque_norm` on the motor side of the gears
+    motor_torque_largest: Array  # (T,) `torque_largest` on the motor side
     pressure_angle: Array  # (T, n_a) [rad], 0 best, pi/2 at a Type 2 singularity
 
     @property
@@ -54,10 +56,10 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     """Compute distances from singularities at T configurations at which x determines the joints."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     sigma_A = singular_values(A)[:, -1]
-    if robot.n_a > robot.n:  # least torques are those of dq_a = B^+ A v: A becomes B^+ A, B the unit matrix
+    if robot.n_a > robot.n:  # B^+ A v = dq_a gives the least torques: B^+ A replaces A, the unit matrix B
         A = np.linalg.pinv(B) @ A
-        B = np.broadcast_to(np.eye(robot.n_a), (len(A), robot.n_a, robot.n_a))
-    # v = J dq_a with J = A^-1 B by A = U S V': J = V S^-1 U' B, (T, n, n_a) without dimension
+        B = np.eye(robot.n_a)
+    # v = J dq_a with J = A^-1 B = V S^-1 U' B (T, n, n_a), A = U S V'
     U, values, V_rows = np.linalg.svd(A, full_matrices=False)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     J = V_rows.swapaxes(1, 2) @ (inverse[:, :, None] * (U.swapaxes(1, 2) @ B))
@@ -77,10 +79,11 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
 def _worst_torques(
     robot: ParallelRobot, J: Array, right: Array, values: Array, gear: Array
 ) -> tuple[Array, Array]:
-    """Compute the largest 2-norm (T,) and single torque (T,) against a unit force, over ratios `gear` (n_a,).
+    """Compute the largest 2-norm (T,) and single torque (T,) that balance a unit force.
 
-    By virtual work W' v = tau' dq_a the torques are tau = J' W, with J (T, n, n_a) of v = J dq_a. They are
-    infinite where a direction (a row of `right`) of a vanishing singular value moves the platform's point.
+    By virtual work W' v = tau' dq_a the torques are tau = J' W, with J (T, n, n_a) of v = J dq_a; the gears
+    reduce them by the ratios `gear` (n_a,). Torques are infinite where a singular value (of `values`)
+    vanishes whose direction (row of `right`) moves the platform's point.
     """
     translations = robot.translations
     if not translations.any():
@@ -96,10 +99,7 @@ def _worst_torques(
 
 
 def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
-    """Compute the pressure angles (T, n_a) [rad].
-
-    They are the angles of each column of J to the normal of all others.
-    """
+    """Compute the pressure angles (T, n_a) [rad]: of each column of J to the normal of all others."""
     has_one_unit = robot.translations.all() or not robot.translations.any()
     if not has_one_unit or robot.n < 2 or robot.n_a != robot.n:
         return np.full((len(J), robot.n_a), np.nan)
@@ -107,7 +107,7 @@ def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
     unit = J / np.where(size > 0, size, 1.0)  # (T, n, n_a) velocities of the platform, one motor each
     U, values, V_rows = np.linalg.svd(unit)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
-    # rows of the inverse: forces without power on the velocities of all other motors
+    # rows of the inverse (T, n_a, n): forces that do no work on the velocities of all other motors
     forces = (V_rows.swapaxes(1, 2) * inverse[:, None]) @ U.swapaxes(1, 2)
     angle = np.arccos(np.minimum(1.0 / np.linalg.norm(forces, axis=2), 1.0))
     return np.where(size[:, 0] > 0, angle, np.nan)

@@ -1,8 +1,8 @@
-"""Jogging: one platform coordinate or one motor moves at a time, the loops closed all along.
+"""Jogging: one platform coordinate or one motor moves at a time, with the loops closed throughout.
 
 The platform follows a straight line (`tracking`), or a motor turns (`forward_kinematics`). The motion ends
-where the robot could go on in another working or assembly mode, with the reason in words. A platform crosses
-Type 2 singularities; motors end there.
+where the robot could continue in another working or assembly mode; the reason is given in words. A motion of
+the platform crosses Type 2 singularities, a motion of a motor ends there.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
-NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular values over those at the reference
-LIMIT_BISECTIONS = 8  # of a motion that ends at the limit of a joint: its last 0.4 % may be left out
+NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # of the least singular value to its usual size
+LIMIT_BISECTIONS = 8  # of a motion that ends at a joint limit: 0.4 % of it may be left out
 # Motion of the platform along t_s that shows an escaping motion [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
 MOTOR_STOP_DISTANCE = 1e-8
-USUAL_SIZE_FLOOR = 0.01  # singular value: of a reference that is nearly singular itself
-MAX_RETREATS = 6  # from a singularity, each ten times as far as the last
+USUAL_SIZE_FLOOR = 0.01  # of singular values, for a reference that is nearly singular itself
+MAX_RETREATS = 6  # from a singularity, each ten times as far as the one before
 MAX_LOOSE_STEP = 0.5  # [rad, robot lengths] of a joint in a Newton step along t_s
-LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # of that motion along t_s
+LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # of the largest motion along t_s, at which poses are computed
 
-# What a singularity is called, and what it means.
+# Name of a singularity, and its meaning.
 CLASSES = {
     "type_2": ("Type 2 singularity", "the motors do not hold the platform along t_s"),
     "leg_passive": ("leg-passive singularity", "passive joints of a leg move by themselves"),
@@ -67,37 +67,39 @@ class JoggedPose:
     q: Array  # (nq,)
     x: Array  # (n,)
     motors: Array  # (n_a,) joint side [rad, m]
-    g: float | None  # None: every joint has a motor
-    smallest: float | None  # smallest singular value of P
-    level: str  # regular, near, singular
-    kind: str  # of that singularity: type_1, type_2, leg_passive, constraint, closure, or ""
-    verdict: str  # the class, in words
-    twist: Array  # (n,) least controlled, of unit size
-    stopped: str  # the reason why the motion ended early, or ""
+    g: float | None  # None if every joint has a motor
+    smallest: float | None  # least singular value of P, likewise
+    level: str  # of proximity: regular, near, singular
+    kind: str  # of the singularity: type_1, type_2, leg_passive, constraint, closure, or ""
+    verdict: str  # level and kind in words
+    twist: Array  # (n,) the least controlled twist, of unit size
+    stopped: str  # why the motion ended early, or ""
 
 
 def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
-    """Describe a jogged robot at an assembled configuration q (nq,): its distance from singularities.
+    """Describe the distance of a configuration q (nq,) from singularities of Type 1 and Type 2.
 
-    Type 1 and Type 2 are near where the least singular value of their matrix is small beside its usual one.
+    The level of each type compares the least singular value of its matrix with the value at the reference.
 
     Raises:
         InvalidInput: q is not assembled.
     """
     closed = assembled_at(robot, q)
     linearised = closed.linearised
-    type1_value, type2_value = _least_singular_values(robot, linearised)
+    least = _least_singular_values(robot, linearised)
     usual = np.maximum(_least_singular_values(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR)
     has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
-    type1_level = _proximity_level(type1_value / usual[0])
-    type2_level = _proximity_level(type2_value / usual[1]) if has_measure else "regular"
+    type1_level = _proximity_level(least[0] / usual[0])
+    type2_level = _proximity_level(least[1] / usual[1]) if has_measure else "regular"
     level, kind, verdict = type1_level, "", "regular: the motors hold the platform in every direction"
     if type2_level != "regular":
-        level, kind = type2_level, uncontrolled_motion(robot, linearised).kind
+        level = type2_level
+        kind = uncontrolled_motion(robot, linearised).kind
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
     elif type1_level != "regular":
-        kind, verdict = "type_1", _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+        kind = "type_1"
+        verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
     return JoggedPose(
@@ -105,7 +107,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         x=closed.x[0],
         motors=robot.actuated_coordinates(q[None])[0],
         g=float(measure.g[0]) if has_measure else None,
-        smallest=type2_value if has_measure else None,
+        smallest=float(least[1]) if has_measure else None,
         level=level,
         kind=kind,
         verdict=verdict,
@@ -114,38 +116,38 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     )
 
 
-def _proximity_level(share: float) -> str:
+def _proximity_level(ratio: float) -> str:
     """Return regular, near or singular for a least singular value over its usual size."""
-    if share >= NEAR_SINGULAR_RATIO:
+    if ratio >= NEAR_SINGULAR_RATIO:
         return "regular"
-    return "near" if share > SINGULAR_RATIO else "singular"
+    return "near" if ratio > SINGULAR_RATIO else "singular"
 
 
 class LooseMotion(NamedTuple):
-    """A motion of the platform along t_s, to either side of a singular pose, its loops closed."""
+    """A motion of the platform along t_s to both sides of a singular pose, loops closed."""
 
     q: Array  # (9, nq) from one end to the other, the pose itself in the middle
-    shift: float  # [m] of the platform's point to either side
-    turn: float  # [rad] of the platform to either side
+    shift: float  # [m] of the platform's point, to either side
+    turn: float  # [rad] of the platform, to either side
     motors: Array  # (n_a,) joint side [rad, m], largest motion of each motor: of second order on the locus
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute closed poses along t_s, which show how little the motors turn; None where the loops open.
+    """Compute closed poses along t_s, with the motors nearly at rest; None if the loops open.
 
-    To first order the loops allow this motion with locked motors. With the loops closed exactly the motors
-    move by the square of the platform's motion. `shift` is the largest of the platform [robot lengths].
+    To first order the loops allow this motion with locked motors. With the loops closed exactly, the motors
+    move by the square of the platform's motion. `shift` is the largest shift of the platform [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    size = max(linear / (shift * robot.length), angular / largest_turn)  # of t_s over the largest motion
+    size = max(linear / (shift * robot.length), angular / largest_turn)  # t_s / size is the largest motion
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if size == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
     largest_change = np.linalg.solve(E, pose.twist / size)  # (n,) of the platform's coordinates
     x = pose.x + LOOSE_SHARES[:, None] * largest_change
-    stack = close_each(robot, x, np.repeat(pose.q[None], len(x), axis=0), farthest=MAX_LOOSE_STEP)
+    stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_LOOSE_STEP)
     if not stack.closed.all():
         return None
     motors = robot.actuated_coordinates(stack.q)
@@ -155,7 +157,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
     """Move one platform coordinate to `value`, the others at rest.
 
-    The motion ends where the working mode does.
+    The motion ends at the limit of the working mode.
 
     Raises:
         InvalidInput: q is not assembled, no such coordinate, or the platform does not fix the joints.
@@ -170,7 +172,7 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> J
 def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
     """Move the platform's origin towards a point (3,) of the base [m].
 
-    It goes as far as its coordinates allow.
+    Coordinates that are no translations keep their values.
 
     Raises:
         InvalidInput: q is not assembled, the point is not finite, or the platform does not fix the joints.
@@ -185,7 +187,7 @@ def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
 def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
     """Move the platform straight to coordinates `target` (n,).
 
-    It goes as far as working mode and joint limits allow.
+    The motion ends where the working mode or a joint limit ends it.
 
     Raises:
         InvalidInput: q is not assembled, or the platform does not fix the joints.
@@ -193,21 +195,24 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
     require_square(robot)
     start = assembled_at(robot, q)
     x = start.x[0]
-    return _stop_at_limits(
-        robot, start.q[0], lambda share: _follow_line(robot, start, x + share * (target - x))
-    )
+
+    def pose_after(share: float) -> JoggedPose:
+        return _follow_line(robot, start, x + share * (target - x))
+
+    return _stop_at_limits(robot, start.q[0], pose_after)
 
 
 def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
-    """Find the last pose of a motion from q (nq,) within joint limits.
+    """Find the last pose of a motion from q (nq,) within joint limits, by bisection.
 
-    It is found by bisection. `pose_after` returns the pose after a share of the motion.
+    `pose_after` computes the pose after a share of the motion.
     """
     pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
-    last, inside, outside = describe_jogged_pose(robot, q), 0.0, 1.0  # shares of the motion
+    last = describe_jogged_pose(robot, q)
+    inside, outside = 0.0, 1.0  # shares of the motion
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
         pose = pose_after(middle)
@@ -220,23 +225,24 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
 
 
 def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """Move the platform straight to coordinates `target` (n,), as far as the working mode goes."""
+    """Move the platform straight to coordinates `target` (n,), as far as the working mode allows."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return describe_jogged_pose(robot, q)
+    linearised = start.linearised
     try:
         followed = follow_path(robot, Line(start.x[0], target), q)
-        end, linearised = followed.last.q[0], followed.last.linearised
+        q = followed.last.q[0]
+        linearised = followed.last.linearised
         if followed.complete:
-            return describe_jogged_pose(robot, end)
+            return describe_jogged_pose(robot, q)
     except NotAssembled:  # the start is singular
-        end, linearised = q, start.linearised
-    return describe_jogged_pose(
-        robot,
-        end,
+        pass
+    reason = (
         f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded here "
-        f"(Type 1 singularity) and reaches no further in this working mode.",
+        f"(Type 1 singularity) and reaches no further in this working mode."
     )
+    return describe_jogged_pose(robot, q, reason)
 
 
 def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
@@ -250,19 +256,17 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     motors = robot.actuated_coordinates(start.q)[0]
 
     def turn(angle: float) -> Array:
-        """Return the joints (nq,) after a turn of the motor [rad, m]."""
+        """Compute the joints (nq,) after a turn of the motor [rad, m]."""
         target = motors.copy()
-        target[index] = motors[index] + angle
+        target[index] += angle
         return forward_kinematics(robot, target, near=q).q
 
     def stop_before(angle: float, sign: float) -> Array:
-        """Return joints (nq,) just before a singularity.
-
-        It lies after a turn of this size and sign.
-        """
+        """Compute joints (nq,) just before the singularity after a turn of this size and sign."""
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         for _ in range(MAX_RETREATS):
-            angle, retreat = angle - retreat, 10.0 * retreat
+            angle -= retreat
+            retreat *= 10.0
             if angle <= 0.0:
                 break
             try:
@@ -272,10 +276,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
         return q
 
     def pose_after(share: float) -> JoggedPose:
-        """Return the pose after a share of the turn.
-
-        It is just before a singularity that lies between.
-        """
+        """Compute the pose after a share of the turn, or just before a singularity on the way."""
         angle = share * (value - motors[index])
         try:
             return describe_jogged_pose(robot, turn(angle))
@@ -297,7 +298,7 @@ def _check_request(index: int, count: int, value: float) -> None:
         raise InvalidInput(f"value: needs a finite number, got {value!r}")
 
 
-def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
-    """Compute the least singular values of the legs (Type 1) and of P (Type 2), T = 1."""
-    legs = singular_values(type1_matrix(robot, linearised)).min()
-    return float(legs), float(clearance(robot, linearised)[0])
+def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
+    """Compute the least singular values (2,) of the matrices of Type 1 and Type 2 (T = 1)."""
+    type1_value = singular_values(type1_matrix(robot, linearised)).min()
+    return np.array([type1_value, clearance(robot, linearised)[0]])

@@ -1,11 +1,11 @@
-"""The singular locus in two of a robot's freedoms, as equations of a curve in the space of its joints.
+"""The singular locus in two freedoms of a robot, as equations of a curve in joint space.
 
-Unknown are all k joints that move (motors and passive ones, radians and lengths of the robot). Equations: the
-loops are closed, all freedoms but two are fixed, and g = 0, k - 1 in all. The solutions are curves, which go
-on smoothly in joint space where the platform's plane shows an end, a corner or a point: through Type 1
-singularities from one working mode into the next, through legs of zero length, around a self-motion.
-g and its gradient are Govaerts': with P eta + b g = 0, c' eta = 1 and psi' P + g c' = 0, psi' b = 1,
-dg = -psi' dP eta (Govaerts 2000, section 3.3).
+The unknowns are all k moving joints (motors and passive joints, in radians and robot lengths). The k - 1
+equations are the loop equations, fixed values of all freedoms but two, and g = 0. The solutions are curves
+that are smooth in joint space even where their image in the platform's plane has an end, a corner or a point:
+they pass through Type 1 singularities from one working mode to the next, through legs of zero length, and
+around self-motions. The gradient of g is Govaerts' (2000, section 3.3): with P eta + b g = 0, c' eta = 1 and
+psi' P + g c' = 0, psi' b = 1, it is dg = -psi' dP eta.
 """
 
 from __future__ import annotations
@@ -27,42 +27,42 @@ from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border, solve_bordered
 from framework.singularity.type2 import has_signed_measure
 
-# [rad, lengths] of central differences: errors of 1e-10 in slopes, none in what is solved
+# [rad, lengths] of central differences; slopes have errors of 1e-10, solutions none
 DIFFERENCE_STEP = 1e-5
 
 
 class Evaluated(NamedTuple):
-    """The equations of the locus at S configurations, for k joints that move."""
+    """The equations of the locus at S configurations, for k moving joints."""
 
     values: Array  # (S, k - 1)
     slopes: Array  # (S, k - 1, k)
     P: Array  # (S, m, m)
-    eta: Array  # (S, m) passive rates nearest to an escaping motion, c' eta = 1
+    eta: Array  # (S, m) passive rates closest to an escaping motion, c' eta = 1
 
 
 @dataclass(frozen=True, eq=False)
 class LocusEquations:
-    """Closures, fixed freedoms and g of a robot as functions of its joints near any configuration."""
+    """Loops, fixed freedoms and g of a robot as functions of its joints."""
 
     robot: ParallelRobot
-    x: Array  # (n,) the platform's coordinates in the slice
-    motors: Array  # (n_a,) the motors' joints in the slice
-    in_motors: bool  # whether freedoms are the motors; else the platform's coordinates
-    free_names: tuple[str, str]  # of the two freedoms that are not fixed
-    free: tuple[int, int]  # the two freedoms that are not fixed
-    fixed: IntArray  # (n - 2,) the others
+    x: Array  # (n,) platform coordinates of the slice
+    motors: Array  # (n_a,) motor joints of the slice
+    in_motors: bool  # whether the freedoms are the motors; else they are the platform's coordinates
+    free_names: tuple[str, str]  # names of the two free freedoms
+    free: tuple[int, int]  # their indices
+    fixed: IntArray  # (n - 2,) indices of the others
 
     @staticmethod
     def of(robot: ParallelRobot, q: Array, x: Array, free: tuple[str, str] | None) -> LocusEquations:
         """Return the equations of the slice through q (nq,), x (n,) in two freedoms.
 
         Args:
-            free: two axes of the platform or two actuators, whose others are fixed; the two translations by
-                default.
+            free: two axes of the platform or two actuators; the other axes or actuators are fixed. The two
+                translations by default.
 
         Raises:
-            InvalidInput: no such freedoms; the platform does not determine the joints; redundant motors or no
-                passive joints, which leave no signed measure g.
+            InvalidInput: no such freedoms; the platform does not determine the joints; or g has no sign,
+                because of redundant motors or for want of passive joints.
         """
         require_square(robot)
         if not has_signed_measure(robot):
@@ -79,24 +79,24 @@ class LocusEquations:
         column_names = robot.actuator_names if in_motors else robot.axis_names
         if free[0] == free[1] or free[1] not in column_names:
             raise InvalidInput(f"free: needs two axes or two motors, got {', '.join(free)}")
-        first, second = column_names.index(free[0]), column_names.index(free[1])
+        indices = column_names.index(free[0]), column_names.index(free[1])
         return LocusEquations(
             robot=robot,
             x=x,
             motors=robot.actuated_coordinates(q[None])[0],
             in_motors=in_motors,
             free_names=free,
-            free=(first, second),
-            fixed=np.delete(np.arange(robot.n), [first, second]),
+            free=indices,
+            fixed=np.delete(np.arange(robot.n), indices),
         )
 
     def move(self, q: Array, u: Array) -> Array:
-        """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q."""
+        """Return the configurations (S, nq) after steps u (S, k) [rad, lengths] from q (S, nq)."""
         columns = self.robot.moving
         return integrate_columns(self.robot, q, columns, u * self.robot.column_scale[columns])
 
     def offsets(self, start: Array, q: Array) -> Array:
-        """Compute offsets (..., k) of q (..., nq) from start (..., nq), hinges the short way round."""
+        """Compute offsets (..., k) of q (..., nq) from start (..., nq), angles within half a turn."""
         columns = self.robot.moving
         offset = difference(self.robot, start, q)[..., columns] / self.robot.column_scale[columns]
         turning = ~self.robot.sliding[columns]
@@ -104,59 +104,59 @@ class LocusEquations:
         return offset
 
     def evaluate(self, q: Array, border: Border | None = None) -> Evaluated:
-        """Evaluate the equations and their derivatives at q (S, nq).
+        """Evaluate the equations and their derivatives at q (S, nq), by default each with its own border.
 
-        Each has its own border by default.
+        The derivatives of P and of the fixed freedoms are central differences over the c poses of a stencil.
         """
-        robot, count = self.robot, len(self._stencil)
-        poses = self.move(np.repeat(q, count, axis=0), np.tile(self._stencil, (len(q), 1)))  # (S count, nq)
+        robot = self.robot
+        c = len(self._stencil)
+        poses = self.move(np.repeat(q, c, axis=0), np.tile(self._stencil, (len(q), 1)))  # (S c, nq)
         linearised = linearised_at(robot, poses, None)
-        centres = linearised.select(slice(None, None, count))  # at q itself
-        loops = independent_loops_matrix(robot, centres)[:, :, robot.moving]  # (S, m, k)
+        centres = linearised.select(slice(None, None, c))  # at q itself
+        loop_slopes = independent_loops_matrix(robot, centres)[:, :, robot.moving]  # (S, m, k)
         gaps = (centres.residual / equation_sizes(robot))[:, robot.n :]
-        all_P = passive_matrix(robot, linearised).reshape(len(q), count, len(robot.following), -1)
+
+        all_P = passive_matrix(robot, linearised).reshape(len(q), c, len(robot.following), -1)
         P = all_P[:, 0]  # (S, m, m)
         border = Border.of(P) if border is None else border
         eta, g = solve_bordered(P, border)  # (S, m, 1), (S, 1, 1)
         dg = _measure_slopes(P, border, eta[:, :, 0], _differences(all_P))  # (S, k)
-        offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), count, len(self.fixed))
+
+        offsets = self._fixed_offsets(poses, linearised.frames).reshape(len(q), c, len(self.fixed))
+        offset_slopes = _differences(offsets).swapaxes(1, 2)  # (S, n - 2, k)
         return Evaluated(
             values=np.concatenate([gaps, offsets[:, 0], g[:, 0]], axis=1),
-            slopes=np.concatenate([loops, _differences(offsets).swapaxes(1, 2), dg[:, None]], axis=1),
+            slopes=np.concatenate([loop_slopes, offset_slopes, dg[:, None]], axis=1),
             P=P,
             eta=eta[:, :, 0],
         )
 
     @cached_property
     def _stencil(self) -> Array:
-        """Steps (2 k + 1, k) [rad, lengths] of central differences: none, all ahead, all back."""
+        """Steps (c, k) [rad, lengths] of central differences: none, all ahead, all back; c = 2 k + 1."""
         units = np.eye(len(self.robot.moving))
         return DIFFERENCE_STEP * np.concatenate([0.0 * units[:1], units, -units])
 
     def _fixed_offsets(self, poses: Array, frames: FrameStack) -> Array:
         """Compute the offsets (T, n - 2) of the fixed freedoms at poses (T, nq), without dimension."""
-        robot, fixed = self.robot, self.fixed
+        robot = self.robot
         if self.in_motors:
-            sliding, scale = robot.sliding[robot.actuated], robot.column_scale[robot.actuated]
-            offset = robot.actuated_coordinates(poses) - self.motors
+            is_sliding = robot.sliding[robot.actuated]
+            offset = (robot.actuated_coordinates(poses) - self.motors) / robot.column_scale[robot.actuated]
         else:
-            sliding, scale = robot.translations, robot.platform_scale
-            offset = robot.platform.coordinates(frames) - self.x
-        offset, sliding = (offset / scale)[:, fixed], sliding[fixed]
-        offset[:, ~sliding] = wrap_angles(offset[:, ~sliding])
-        return offset
+            is_sliding = robot.translations
+            offset = (robot.platform.coordinates(frames) - self.x) / robot.platform_scale
+        offset[:, ~is_sliding] = wrap_angles(offset[:, ~is_sliding])
+        return offset[:, self.fixed]
 
 
 def _measure_slopes(P: Array, border: Border, eta: Array, dP: Array) -> Array:
-    """Compute the gradient dg = -psi' dP eta (S, k) of g.
-
-    dP (S, k, m, m) are the derivatives of P (S, m, m).
-    """
+    """Compute dg = -psi' dP eta (S, k) from derivatives dP (S, k, m, m) of P."""
     psi = solve_bordered(P.swapaxes(1, 2), Border(border.c, border.b)).eta[:, :, 0]
     return -np.matvec(np.matvec(dP, eta[:, None]), psi)
 
 
 def _differences(values: Array) -> Array:
-    """Compute derivatives (S, k, ...) by central differences of values (S, 2 k + 1, ...), see `_stencil`."""
+    """Compute derivatives (S, k, ...) by central differences of values (S, c, ...) on the stencil."""
     k = values.shape[1] // 2
     return (values[:, 1 : k + 1] - values[:, k + 1 :]) / (2 * DIFFERENCE_STEP)

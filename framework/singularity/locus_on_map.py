@@ -1,10 +1,10 @@
-"""The singular locus on a map: traced curves on the map's branch, compared with the signs of g there.
+"""The singular locus on a map: curves traced on the map's branch, and compared with the signs of g.
 
-Starts of the tracing are the poses beside which g changes its sign, and those where |g| is least among its
-neighbours. A traced curve belongs to the map where a step of inverse kinematics from the nearest pose leads
-to the curve's own configuration. So each point is singular, and of the poses' own branch. Completeness is not
-claimed: a curve between the poses may be so small that g changes no sign on the grid. Changes of sign between
-neighbours that no curve explains are reported.
+Tracing starts from the poses next to a sign change of g, and from local minima of |g|. A point of a traced
+curve belongs to the map if a step of inverse kinematics from the nearest pose leads to the point's own
+configuration. So each point is singular and on the branch of the poses. Completeness is not claimed: a curve
+between the poses may be so small that no sign on the grid changes. Sign changes between neighbours that no
+curve explains are reported.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ from framework.singularity.locus_equations import LocusEquations
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-STARTS_PER_ROUND = 24  # sign changes of a round that tracing starts from, evenly chosen
-MAX_ROUNDS = 4  # each from further sign changes, which the curves so far do not pass
-# cells between curves that are one: on one branch of the map they have the same joints
+STARTS_PER_ROUND = 24  # of tracing, chosen evenly among the unexplained sign changes
+MAX_ROUNDS = 4  # of tracing for each working mode
+# Distance in cells below which two curves are one: on one branch of the map the joints at a point are unique.
 SAME_CURVE_CELLS = 0.25
-MAX_TOUCHES = 16  # least |g| that it starts from: curves along which g keeps its sign
-STEPS_PER_REACH = 16.0  # of a curve along half an edge of the window, at least
-REGION_MARGIN = 1.05  # half the edge of the region followed, to the window's farthest side
-EXPLAINED_CELLS = 1.0  # between a change of sign and the curve that explains it
-AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])  # a cell, and those about it
-MAX_ANGLE_STEP = 3.0  # [rad] between neighbours: the angle has been counted on from pi to -pi
+MAX_TOUCHES = 16  # minima of |g| from which tracing starts: g keeps its sign across some curves
+STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region
+REGION_MARGIN = 1.05  # half an edge of the region over the distance of the window's farthest side
+EXPLAINED_CELLS = 1.0  # largest distance of a sign change from the curve that explains it
+AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])  # a cell (first) and its eight neighbours
+MAX_ANGLE_STEP = 3.0  # [rad] between neighbours of a curve; a larger one is a jump from pi to -pi
 
 
 class MapPoses(NamedTuple):
     """The grid of poses of a map over two platform coordinates, on one branch."""
 
-    axes: tuple[int, int]  # the two platform coordinates
-    lower: Array  # (2,) their least values [m, rad]
+    axes: tuple[int, int]  # indices of the two platform coordinates
+    lower: Array  # (2,) least values of these [m, rad]
     upper: Array  # (2,)
     cell: Array  # (2,) distance of neighbours along either axis
     x: Array  # (I, J, n)
     q: Array  # (I, J, nq)
     reached: BoolArray  # (I, J)
     g: Array  # (I, J) NaN where a pose is not reached
-    # from q (T, nq) at x (T, n) and other x: configurations there, and whether they are on the same branch
+    # continues q (T, nq) from x (T, n) to other x (T, n); returns q, and whether it is on the same branch
     lead: Callable[[Array, Array, Array], tuple[Array, BoolArray]]
 
 
@@ -67,9 +67,9 @@ class MapLocus(ReadOnlyArrays):
     """The locus on the branch of a map, or the reason why none is traced."""
 
     curves: tuple[MapCurve, ...]
-    sign_changes: int  # of g between neighbouring poses
-    unexplained: Array  # (u, 2) where g changes its sign and no curve passes within a cell
-    why_not: str  # empty if it was traced
+    sign_changes: int  # number of neighbouring poses between which g changes its sign
+    unexplained: Array  # (u, 2) points of sign changes that no curve passes within a cell
+    why_not: str  # empty if the locus was traced
     seconds: float
 
     @property
@@ -77,12 +77,13 @@ class MapLocus(ReadOnlyArrays):
         """The result in words."""
         if self.why_not:
             return f"not traced: {self.why_not}"
-        count, missed = len(self.curves), len(self.unexplained)
+        count = len(self.curves)
         curves = {0: "no curve", 1: "1 curve"}.get(count, f"{count} curves")
-        rest = "all explained" if not missed else f"at {missed} no curve passes"
-        signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
-        if not self.sign_changes:
-            signs = "g does not change its sign"
+        signs = "g does not change its sign"
+        if self.sign_changes:
+            missed = len(self.unexplained)
+            rest = f"at {missed} no curve passes" if missed else "all explained"
+            signs = f"g changes its sign between {self.sign_changes} neighbours, {rest}"
         return f"{curves} traced; {signs}; completeness is not claimed"
 
 
@@ -90,8 +91,9 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     """Trace the locus on a map, on the branch of its poses."""
     started = time.perf_counter()
     first = tuple(np.argwhere(poses.reached)[0])
+    free = robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
     try:
-        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], _free_axes(robot, poses))
+        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], free)
     except InvalidInput as error:
         return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
     changes = _sign_changes(poses.g)
@@ -103,36 +105,40 @@ def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
 def _trace_modes(
     equations: LocusEquations, poses: MapPoses, changes: IntArray
 ) -> tuple[list[MapCurve], BoolArray]:
-    """Trace the curves of all working modes, modes with most starts first.
+    """Trace the curves of all working modes, modes with the most starts first.
+
+    Each round starts from sign changes that the curves so far do not explain; the first round also from
+    minima of |g|.
 
     Args:
-        changes: (e, 4) indices i, j of the poses on both sides of each change of sign.
+        changes: (e, 4) indices i, j of the poses on both sides of each sign change.
 
     Returns:
-        The curves; whether each change of sign is left unexplained, as no curve passes beside it, (e,).
+        The curves; whether each sign change is left unexplained, (e,).
     """
     minima = _find_minima(poses.g)  # (t, 2) indices i, j
-    curves, unexplained = list[MapCurve](), np.ones(len(changes), dtype=bool)
+    curves = list[MapCurve]()
+    unexplained = np.ones(len(changes), dtype=bool)
     change_modes = _working_modes(equations.robot, poses, changes[:, :2])
     minimum_modes = _working_modes(equations.robot, poses, minima)
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
-        starts = _poses_at(poses, minima[(minimum_modes == mode).all(axis=1)])
-        for _ in range(MAX_ROUNDS):  # from the minima of |g| first, each time from changes not yet explained
+        cells = minima[(minimum_modes == mode).all(axis=1)]
+        for _ in range(MAX_ROUNDS):
             todo = np.flatnonzero(unexplained & of_mode)
-            starts = np.concatenate([starts, _poses_at(poses, changes[_choose_evenly(todo), :2])])
-            if not len(starts):
+            cells = np.concatenate([cells, changes[_choose_evenly(todo), :2]])
+            if not len(cells):
                 break
-            for curve in _trace_near(equations.robot, poses, starts):
+            for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
                 for part in _parts_on_branch(equations, poses, curve):
-                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # repeats no other
+                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # not only a known curve
                         curves.append(part)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, EXPLAINED_CELLS)
             remaining = np.count_nonzero(unexplained & of_mode)
-            if remaining in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:  # none helped, or all were tried
+            if remaining in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:  # no progress, or all were tried
                 break
-            starts = starts[:0]
+            cells = cells[:0]
     return curves, unexplained
 
 
@@ -147,26 +153,22 @@ def _choose_evenly(indices: IntArray) -> IntArray:
     return indices[np.linspace(0, len(indices) - 1, count).round().astype(np.intp)]
 
 
-def _free_axes(robot: ParallelRobot, poses: MapPoses) -> tuple[str, str]:
-    """Return the names of the map's two platform coordinates."""
-    return robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
-
-
 def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
-    """Compute the working mode, the sign of each leg (e, legs), at cells (e, 2) of the map."""
+    """Compute the working modes (e, legs), a sign for each leg, at cells (e, 2) of the map."""
     return leg_signs(robot, linearised_at(robot, _poses_at(poses, cells), None))
 
 
-def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: Array) -> list[LocusCurve]:
+def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
     """Trace the locus over the map from starts (k, nq), in the working mode of the first."""
+    robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
-    lengths = robot.platform_scale[axes]
-    reach = REGION_MARGIN * float((np.abs(np.stack([poses.lower, poses.upper]) - centre) / lengths).max())
+    sides = np.abs(np.stack([poses.lower, poses.upper]) - centre) / robot.platform_scale[axes]  # (2, 2)
+    reach = REGION_MARGIN * float(sides.max())
     traced = trace_locus(
         robot,
         starts[0],
-        free=_free_axes(robot, poses),
+        free=equations.free_names,
         reach=reach,
         starts=0,
         one_mode=True,
@@ -180,17 +182,16 @@ def _trace_near(robot: ParallelRobot, poses: MapPoses, starts: Array) -> list[Lo
 
 
 def _sign_changes(g: Array) -> IntArray:
-    """Find the neighbours between which g (I, J) changes its sign: (e, 4), indices of both."""
-    changes = []
-    for down, right in ((1, 0), (0, 1)):
-        first, second = g[: len(g) - down, : g.shape[1] - right], g[down:, right:]
-        indices = np.argwhere(first * second < 0)
-        changes.append(np.concatenate([indices, indices + np.array([down, right])], axis=1))
-    return np.concatenate(changes)
+    """Find the neighbours between which g (I, J) changes its sign: indices (e, 4) of both."""
+    down = np.argwhere(g[:-1] * g[1:] < 0)
+    right = np.argwhere(g[:, :-1] * g[:, 1:] < 0)
+    first = np.concatenate([down, right])  # (e, 2)
+    second = np.concatenate([down + np.array([1, 0]), right + np.array([0, 1])])
+    return np.concatenate([first, second], axis=1)
 
 
 def _find_minima(g: Array) -> IntArray:
-    """Find the cells (t, 2) at which |g| (I, J) is less than at all of eight neighbours."""
+    """Find the MAX_TOUCHES least local minima (t, 2) of |g| (I, J), each among eight neighbours."""
     from scipy.ndimage import minimum_filter
 
     size = np.where(np.isfinite(g), np.abs(g), np.inf)
@@ -202,18 +203,18 @@ def _find_minima(g: Array) -> IntArray:
 
 
 def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
-    """Return the points (e, 2) halfway between the neighbours of changes (e, 4) of sign."""
+    """Return the points (e, 2) halfway between the neighbours of sign changes (e, 4)."""
     return poses.lower + 0.5 * (changes[:, :2] + changes[:, 2:]) * poses.cell
 
 
 def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -> BoolArray:
-    """Whether points x (e, 2) are more than `cells` cells away from all curves, (e,)."""
-    is_apart, scaled = np.ones(len(x), dtype=bool), x / poses.cell
+    """Return whether points x (e, 2) are more than `cells` cells away from all curves, (e,)."""
+    is_apart = np.ones(len(x), dtype=bool)
     for curve in curves:
-        points = curve.x / poses.cell
-        start, chord = points[:-1], np.diff(points, axis=0)
-        for k in np.flatnonzero(is_apart).tolist():
-            is_apart[k] = np.abs(chord_offsets(scaled[k] - start, chord)).max(axis=1).min() > cells
+        chord = np.diff(curve.x, axis=0) / poses.cell
+        for k in np.flatnonzero(is_apart):  # one by one: all points times all chords would need much memory
+            offset = (x[k] - curve.x[:-1]) / poses.cell
+            is_apart[k] = np.abs(chord_offsets(offset, chord)).max(axis=1).min() > cells
     return is_apart
 
 
@@ -221,57 +222,55 @@ def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -
 
 
 def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCurve) -> list[MapCurve]:
-    """Return the parts of a curve that lie on the map's branch.
-
-    Parts are cut where an angle jumps by a turn.
-    """
+    """Return the parts of a curve on the map's branch, cut where an angle jumps by a turn."""
     axes = list(poses.axes)
     x = curve.x[:, axes]
     is_on, is_off = _compare_branches(equations, poses, curve, x)
-    jumps = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[axes]
-    breaks = np.flatnonzero(jumps.any(axis=1) | (is_off[1:] != is_off[:-1])) + 1
+    is_jump = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[axes]
+    breaks = np.flatnonzero(is_jump.any(axis=1) | (is_off[1:] != is_off[:-1])) + 1
     parts = np.split(np.arange(len(x)), breaks)
     return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
 
 
 class _Neighbours(NamedTuple):
-    """The map's poses about m points: the nearest one and its eight neighbours, in the order of `AROUND`."""
+    """The map's poses about m points: the nearest pose and its eight neighbours, as in `AROUND`."""
 
-    cells: IntArray  # (m, 9, 2) indices, 0 where there is none
-    reached: BoolArray  # (m, 9) whether there is a pose
+    x: Array  # (m, 9, n)
     q: Array  # (m, 9, nq)
+    reached: BoolArray  # (m, 9) whether the neighbour is on the map and its pose is reached
 
 
 def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
-    """Return the map's poses about points x (m, 2): the nearest and its eight neighbours."""
+    """Return the map's poses about points x (m, 2)."""
     nearest = np.round((x - poses.lower) / poses.cell).astype(int)
-    cells = nearest[:, None] + AROUND
-    on_map = ((cells >= 0) & (cells < np.array(poses.g.shape))).all(axis=2)
-    cells = np.where(on_map[:, :, None], cells, 0)
-    rows, columns = cells[..., 0], cells[..., 1]
-    return _Neighbours(cells, on_map & poses.reached[rows, columns], poses.q[rows, columns])
+    cells = nearest[:, None] + AROUND  # (m, 9, 2)
+    on_map = ((cells >= 0) & (cells < poses.g.shape)).all(axis=2)
+    rows, columns = np.moveaxis(np.where(on_map[:, :, None], cells, 0), 2, 0)  # (m, 9) each
+    return _Neighbours(poses.x[rows, columns], poses.q[rows, columns], on_map & poses.reached[rows, columns])
 
 
 def _compare_branches(
     equations: LocusEquations, poses: MapPoses, curve: LocusCurve, x: Array
 ) -> tuple[BoolArray, BoolArray]:
-    """Tell which points x (m, 2) of a curve are on the map's branch.
+    """Decide which points x (m, 2) of a curve are on the map's branch, and which are not.
 
-    Returned are masks (m,) of those that surely are, and of those that surely are not. A step of inverse
-    kinematics from the nearest pose leads to the point's own configuration, or elsewhere. Where the inverse
-    kinematics is singular too no step leads to a point: it then counts as on the branch if it is no farther
-    from the nearest pose than the farthest of the neighbours. Points at and beyond the rim of the reached
-    poses may be neither.
+    A point is on the branch if a step of inverse kinematics from the nearest pose leads to its configuration,
+    and off if the step leads elsewhere. If the inverse kinematics is singular, too, no step leads to the
+    point. Then it counts as on the branch if it is no farther from the nearest pose than the farthest of the
+    neighbours. Points at and beyond the edge of the reached poses may be neither.
+
+    Returns:
+        Masks (m,) of the points on the branch, and of the points off the branch.
     """
     is_on, is_off = np.zeros((2, len(x)), dtype=bool)
     neighbours = _neighbouring_poses(poses, x)
     inside = np.flatnonzero(neighbours.reached[:, 0])
     if not len(inside):
         return is_on, is_off
-    neighbours, q = select(neighbours, inside), curve.q[inside]
+    neighbours = select(neighbours, inside)
+    q = curve.q[inside]
     nearest_q = neighbours.q[:, 0]
-    rows, columns = neighbours.cells[:, 0].T
-    ends, arrives = poses.lead(nearest_q, poses.x[rows, columns], curve.x[inside])
+    ends, arrives = poses.lead(nearest_q, neighbours.x[:, 0], curve.x[inside])
     with np.errstate(invalid="ignore"):  # poses that are not reached
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
         to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)

@@ -1,11 +1,11 @@
 """The measure g along a path as Chebyshev series, panel by panel, each checked by its tail.
 
-On a panel det G of `bordered_system` is a polynomial up to rounding, so its roots and its extrema are all
-found as eigenvalues; none is stepped over.
+On a panel, det G of `bordered_system` is a polynomial up to rounding. Its roots and extrema are eigenvalues,
+so that all of them are found and none is stepped over.
 
-Where the path touches the locus, crosses it twice within a short stretch, or misses, g has an extremum near
-zero. The extremum is polished on panels centred on it. The rounding of g there is measured by the last
-coefficients of the panel's series. Against it is decided whether the path touches, crosses twice or misses.
+Where the path touches the locus, crosses it twice within a short stretch, or just misses it, g has an
+extremum near zero. The extremum is polished on panels centred on it. The last coefficients of such a panel's
+series measure the rounding of g, which decides between touching, crossing twice and missing.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import bordered_solution, determinant
 from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH, RANK_LOST
 
-TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a series sums dozens of values
+TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
 PANEL_NODES = 24
-MAX_ETA_NORM = 20.0  # larger with a border that has turned away from the null vectors
-CANDIDATE_DEPTH = 1e3  # tails of g that a minimum may be deep and still be looked at
-PANEL_HALF_WIDTH = 0.04  # of a panel about an extremum, in s; halved while rounding is not all that is left
-MAX_HALVINGS = 5  # of that width
-CENTRING_PASSES = 3  # each centres the panel on the extremum found on the last one
-FIRST_BRACKET_STEP = 1e-10  # of the walks away from an extremum, in s; doubled
-WIDER_BORDER_RATIO = 0.05  # singular values below are candidates for a wider border
+MAX_ETA_NORM = 20.0  # of a border that fits; a larger eta means that it is far from the null vectors
+CANDIDATE_DEPTH = 1e3  # largest |g| of a candidate, in tails of the series
+PANEL_HALF_WIDTH = 0.04  # of a panel about an extremum, in s; halved while the series has a truncation error
+MAX_HALVINGS = 5  # of this width
+CENTRING_PASSES = 3  # each centres the panel on the extremum found in the one before
+FIRST_BRACKET_STEP = 1e-10  # of the search to the sides of an extremum, in s; doubled
+WIDER_BORDER_RATIO = 0.05  # smaller singular values may need a wider border
 
 
 class Measured(NamedTuple):
-    """A square matrix along a branch, whose loss of rank is measured by g."""
+    """A square matrix along a branch, whose loss of rank g measures."""
 
     branch: Branch
     matrix: Callable[[LinearisedLoops], Array]  # (T, n, n) of linearised loops
@@ -50,11 +50,12 @@ class Measured(NamedTuple):
         """Evaluate the matrices (T, n, n) at s (T,)."""
         return self.matrix(self.branch.close(s).linearised)
 
-    def guess(self, s: Array) -> LinearisedLoops:
-        """Compute the equations at the branch's guesses for s (T,).
+    def count_lost_ranks(self, s: float) -> int:
+        """Count the singular values that vanish at s."""
+        return count_small_values(self.evaluate(np.array([s]))[0], RANK_LOST**self.power)
 
-        The loops may not close there.
-        """
+    def guess(self, s: Array) -> LinearisedLoops:
+        """Linearise the possibly open loops at the branch's guesses for s (T,)."""
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
@@ -68,7 +69,7 @@ class Unresolved(NotConverged):
     """The measure is not smooth near `s`, however narrow the panel."""
 
     def __init__(self, name: str, s: float, width: float) -> None:
-        """Keep s, and the width of the panel as residual."""
+        """Store s, and the width of the panel as residual."""
         super().__init__(
             f"{name}: the singularity measure cannot be resolved near s = {s:.6g}", residual=width, s=s
         )
@@ -90,7 +91,7 @@ class Panel:
 
     @property
     def width(self) -> float:
-        """Its width in s."""
+        """Width in s."""
         return self.end - self.start
 
     @cached_property
@@ -107,13 +108,13 @@ class Panel:
 
 
 class Samples(NamedTuple):
-    """A cache of the branch's loops, linearised on the nodes of panels."""
+    """A cache of the branch's loops, linearised at the nodes of panels."""
 
     branch: Branch
     panels: dict[tuple[float, float], LinearisedLoops]  # by start and end of the panel
 
     def loops(self, start: float, end: float) -> LinearisedLoops:
-        """Return the linearised loops on the nodes (T = PANEL_NODES) of a panel."""
+        """Return the linearised loops at the nodes of a panel (T = PANEL_NODES)."""
         if (start, end) not in self.panels:
             self.panels[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
         return self.panels[start, end]
@@ -125,29 +126,29 @@ def _panel_nodes(start: float, end: float) -> Array:
 
 
 def resolve_panels(samples: Samples, measured: Measured) -> list[Panel]:
-    """Resolve g on panels of [0, 1], halved where g does not resolve.
+    """Resolve g on panels of [0, 1], ascending; panels are halved until each is resolved.
 
     Raises:
         Unresolved: some panel does not resolve.
         SingularPath: the matrix is singular all along a panel.
     """
-    waiting = list(pairwise(measured.knots))[::-1]
-    done: list[Panel] = []
+    waiting = list(pairwise(measured.knots))[::-1]  # a stack, the first panel on top
+    resolved = list[Panel]()
     while waiting:
         start, end = waiting.pop()
         panel = _resolve_panel(samples, measured, start, end)
         if panel is not None:
-            done.append(panel)
+            resolved.append(panel)
             continue
         middle = 0.5 * (start + end)
         if end - start < MIN_PANEL_WIDTH:
             raise Unresolved(samples.branch.robot.name, middle, end - start)
         waiting += [(middle, end), (start, middle)]
-    return done
+    return resolved
 
 
 class Candidate(NamedTuple):
-    """A place on a panel that may be a contact: a minimum of |g| or a root, not polished."""
+    """A point of a panel that may be a contact: a minimum of |g| or a root, not polished."""
 
     panel: Panel
     s: float
@@ -156,35 +157,35 @@ class Candidate(NamedTuple):
 
 def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     """Find the minima of |g| and the roots of g that may be contacts."""
-    deepest = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
-    all_candidates: list[Candidate] = []
+    level = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
+    candidates = list[Candidate]()
     for panel in resolved:
         constant, *others = np.abs(panel.series)
-        if constant - sum(others) > deepest:  # g is nowhere near zero
+        if constant - sum(others) > level:  # g is nowhere near zero
             continue
-        is_deep = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < deepest
-        minima = panel.path_coordinates(panel.extrema[is_deep])
+        is_near_zero = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < level
+        minima = panel.path_coordinates(panel.extrema[is_near_zero])
         roots = panel.path_coordinates(real_roots(panel.series))
-        all_candidates += [Candidate(panel, float(s), True) for s in minima]
-        all_candidates += [Candidate(panel, float(s), False) for s in roots]
-    return all_candidates
+        candidates += [Candidate(panel, float(s), True) for s in minima]
+        candidates += [Candidate(panel, float(s), False) for s in roots]
+    return candidates
 
 
 def bound_measure(resolved: list[Panel]) -> float:
-    """Return an upper bound of |g| on the panels: the largest sum of |coefficients|."""
+    """Bound |g| on the panels from above, by the largest sum of |coefficients|."""
     return max(float(np.abs(panel.series).sum()) for panel in resolved)
 
 
 def _resolve_panel(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on a panel by a Chebyshev series, by ever wider borders.
+    """Resolve g on a panel by a Chebyshev series; None if no border suffices.
 
-    None if no border suffices.
+    Borders are tried from one column up to the number of small singular values.
     """
     try:
         matrices = measured.matrix(samples.loops(start, end))
     except NotAssembled:
         return None
-    middle = PANEL_NODES // 2  # whose border serves for the whole panel
+    middle = PANEL_NODES // 2  # this node's border is used on the whole panel
     widest = count_small_values(matrices[middle], WIDER_BORDER_RATIO)
     for size in range(1, max(widest, 1) + 1):
         solution = bordered_solution(matrices, middle, size)
@@ -196,18 +197,15 @@ def _resolve_panel(samples: Samples, measured: Measured, start: float, end: floa
                 f"{end:.6g}"
             )
         series = coefficients(g[:, None])
-        is_unfit = np.linalg.norm(solution.eta, axis=1).max() > MAX_ETA_NORM  # the border
-        # the tail that rounding makes of a g that is small itself counts as resolved
-        if not is_unfit and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
+        border_fits = np.linalg.norm(solution.eta, axis=1).max() <= MAX_ETA_NORM
+        # if g itself is small, a tail of rounding is large against g and yet resolved
+        if border_fits and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
     return None
 
 
 def count_small_values(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix below a level.
-
-    The level is a share of the largest, or of 1 if that is less.
-    """
+    """Count the singular values of a matrix below `level` times the largest, at most `level`."""
     values = singular_values(matrix)
     return int(np.sum(values < level * min(float(values[0]), 1.0)))
 
@@ -220,14 +218,14 @@ class Extremum(NamedTuple):
 
     s: float
     g: float
-    rounding: float  # to which g is known here
+    rounding: float  # of g
     start: float
     end: float
     series: Array  # (PANEL_NODES,) Chebyshev coefficients of g on [start, end]
 
     @property
     def is_touch(self) -> bool:
-        """Whether g is zero here as far as can be known."""
+        """Whether g is zero within its rounding."""
         return abs(self.g) <= self.rounding
 
     def evaluate(self, s: Array) -> Array:
@@ -236,7 +234,9 @@ class Extremum(NamedTuple):
 
     def bracket(self, level: float) -> tuple[float, float]:
         """Return the nearest s below and above with |g| over a level, else the panel's ends."""
-        lower, upper = (self._find_first_step(side, lambda g: np.abs(g) > level) for side in (-1, 1))
+        lower, upper = (
+            self._find_first_step(end, lambda g: np.abs(g) > level) for end in (self.start, self.end)
+        )
         return (
             self.start if lower is None else lower[1],
             self.end if upper is None else upper[1],
@@ -244,18 +244,18 @@ class Extremum(NamedTuple):
 
     @property
     def changes_sign(self) -> bool:
-        """Whether g has different signs on the two sides, where |g| is more than rounding."""
+        """Whether g has different signs on the two sides, where |g| exceeds rounding."""
         lower, upper = self.evaluate(np.array(self.bracket(self.rounding)))
         return bool(lower * upper < 0)
 
     def roots(self) -> list[float]:
         """Find the roots beside an extremum that is no touch: two, one or none.
 
-        At most one lies on each side; it is bracketed and bisected, to rounding of g.
+        At most one root lies on each side; it is bracketed and bisected down to rounding.
         """
         roots = []
-        for side in (-1, 1):
-            bracket = self._find_first_step(side, lambda g: g * self.g < 0)
+        for end in (self.start, self.end):
+            bracket = self._find_first_step(end, lambda g: g * self.g < 0)
             if bracket is not None:
                 inner, outer = bracket
                 while (middle := 0.5 * (inner + outer)) not in (inner, outer):
@@ -266,18 +266,18 @@ class Extremum(NamedTuple):
                 roots.append(middle)
         return roots
 
-    def _find_first_step(self, side: int, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
-        """Walk from the extremum to one side until g passes a test.
+    def _find_first_step(self, end: float, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
+        """Step from the extremum towards an end of the panel until g passes a test.
 
-        Steps are doubled; the side is -1 or 1.
+        Steps double the distance.
 
         Returns:
-            s at both ends of the last step; None if g passes nowhere on the panel.
+            s before and after the last step; None if g passes nowhere.
         """
-        room = abs((self.end if side > 0 else self.start) - self.s)
+        room = abs(end - self.s)
         count = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))) + 1
-        distances = np.concatenate(([0.0], FIRST_BRACKET_STEP * 2.0 ** np.arange(count)))
-        s = self.s + side * np.minimum(distances, room)
+        distances = np.minimum(FIRST_BRACKET_STEP * 2.0 ** np.arange(count), room)
+        s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
         return (float(s[passing[0]]), float(s[passing[0] + 1])) if len(passing) else None
 
@@ -291,21 +291,23 @@ def extremum_near(
 ) -> Extremum:
     """Find the extremum nearest to s of a scalar function (T,) of blocks G (T, size, size).
 
-    A panel about s gives the extremum of its series, on which the next panel is centred; then panels are
-    halved until their series ends in rounding. On a panel without an extremum s itself is returned.
+    The series on a panel about s gives an extremum, on which the next panel is centred. Then panels are
+    halved until the series ends in rounding. If a panel has no extremum, s itself is returned.
 
     Args:
-        matrices: the matrices (T, n, n) at s (T,), smooth between the `knots`, of which 0 and 1 are two.
+        matrices: computes the matrices (T, n, n) at s (T,), which are smooth between the `knots` (k,).
+        knots: from 0 to 1.
     """
     k = np.searchsorted(knots[1:-1], s, side="right")
-    lowest, highest = knots[k], knots[k + 1]  # g is not smooth beyond
+    lowest, highest = knots[k : k + 2]  # between these knots g is smooth
     half_width = PANEL_HALF_WIDTH
     for k_pass in range(1, CENTRING_PASSES + MAX_HALVINGS + 1):
-        start, end = max(lowest, s - half_width), min(highest, s + half_width)
-        stack = matrices(np.append(_panel_nodes(start, end), s))  # s last, whose border serves for all
+        start = max(lowest, s - half_width)
+        end = min(highest, s + half_width)
+        stack = matrices(np.append(_panel_nodes(start, end), s))  # s last: its border is used for all
         values = scalar(bordered_solution(stack, -1, size).G)
         series = coefficients(values[:-1, None])[:, 0]
-        # a resolved series ends in rounding, another one in its truncation error
+        # the last coefficients are rounding if the series is resolved, else its truncation error
         rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)
         local_extrema = extrema(series)  # in [-1, 1]
         if not len(local_extrema):

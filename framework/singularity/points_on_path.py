@@ -1,4 +1,4 @@
-"""The singular points of a path and their kinds; paths through Type 1 are refused."""
+"""The singular points of a path and their kinds; a path through a Type 1 singularity is refused."""
 
 from __future__ import annotations
 
@@ -44,20 +44,20 @@ MAX_CONTINUATIONS = 16
 
 @dataclass(frozen=True, eq=False)
 class SingularPoint(ReadOnlyArrays):
-    """A place on the path where the motors lose hold of the robot, springs at rest.
+    """A point of the path at which the motors do not hold the robot, springs at rest.
 
-    `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is
-    transversal or tangential. `corank` motions escape at once; `slope` is dg/ds, and for several of
-    them that of the one which is let go most slowly, without sign. `motion` are the joint rates of the twist.
-    Two singular points nearer together than `resolution`, in s, would look like this tangential one; None
-    where that was not measured, and for transversal ones.
+    `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is transversal
+    or tangential. `corank` motions escape at once. `slope` is dg/ds; if several motions escape, it is the
+    least slope of their singular values, without sign. `motion` are the joint rates of the twist. Two
+    singular points closer together than `resolution`, in s, would look like this tangential point; it is None
+    for transversal points, and where it was not measured.
     """
 
     s: float
     kind: str
     contact: str
     corank: int
-    twist: Array  # (n,) t_s of unit speed (see `twist_norm`), pointing along the path; zeros if not type_2
+    twist: Array  # (n,) t_s of unit size (see `twist_norm`), pointing along the path; zeros if not type_2
     platform: Array  # (n,)
     slope: float
     q: Array  # (nq,)
@@ -70,12 +70,10 @@ class SearchedPath(NamedTuple):
 
     branch: Branch
     points: tuple[SingularPoint, ...]
-    near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, at ends too, below a hundredth of its largest
+    near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, ends included, below a hundredth of the largest
 
     def under(self, wrenches: ExternalWrenches) -> SearchedPath:
-        """Return the same path under wrenches of the world.
-
-        Singular points do not depend on them.
+        """Return the same path under external wrenches, on which singular points do not depend.
 
         Raises:
             InvalidInput: the robot has no such frame.
@@ -84,34 +82,33 @@ class SearchedPath(NamedTuple):
 
 
 def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = None) -> SearchedPath:
-    """Follow the path; find its singular points, each to rounding, and its near misses.
+    """Follow the path; find its singular points to rounding, and its near misses.
 
     Args:
-        branch: the path as followed by `track_path`, if at hand.
+        branch: the path as followed by `track_path`, if known.
 
     Raises:
         As `locate_singularities`.
     """
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
-    samples, type1, type1_panels = _continue_branch(branch)
-    _refuse_type_1(type1, type1_panels)
-    if not len(robot.following):  # every joint has a motor: locked, nothing moves
+    samples = _continue_branch(branch)
+    if not len(robot.following):  # every joint has a motor: no motion escapes
         return SearchedPath(branch, ())
     power = 1 if len(robot.loops.names) == len(robot.following) else 2
     passive = Measured(samples.branch, partial(type2_matrix, robot), power)
     try:
         resolved = resolve_panels(samples, passive)
-        if samples.branch is branch:  # without continuations: better guesses through the panels' nodes
+        if samples.branch is branch:  # without continuations: the nodes of the panels give better guesses
             edges = np.array([resolved[0].start, *(panel.end for panel in resolved)])
             q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
             passive = passive._replace(branch=branch)
-        ranks_lost = find_contacts(passive, resolved)
-        misses = find_near_misses(passive, resolved, ranks_lost)
+        contacts = find_contacts(passive, resolved)
+        misses = find_near_misses(passive, resolved, contacts)
     except Unresolved as unresolved:
         raise _unresolved_error(passive, unresolved) from None
-    points = tuple(_singular_point(passive, contact) for contact in ranks_lost)
+    points = tuple(_singular_point(passive, contact) for contact in contacts)
     return SearchedPath(branch, points, tuple(misses))
 
 
@@ -126,52 +123,47 @@ def check_branch(robot: ParallelRobot, path: Path, branch: Branch) -> None:
 def locate_singularities(
     robot: ParallelRobot, path: Path, *, branch: Branch | None = None
 ) -> tuple[SingularPoint, ...]:
-    """Find all singular points on the path, ascending in s, each to rounding.
+    """Find all singular points on the path to rounding, ascending in s.
 
     Args:
-        branch: the path as followed by `track_path`, if at hand.
+        branch: the path as followed by `track_path`, if known.
 
     Raises:
         OutOfReach, Type1Singularity: the path cannot be followed, or meets a stretched or folded leg.
         SingularPath: the path runs along the singular locus.
-        UncontrolledMotions: several motions escape so near one another that they cannot be told apart, or
-            where the path starts or ends.
-        NotConverged: g cannot be resolved, or needs loop equations that were dropped; says where.
+        UncontrolledMotions: several motions escape too close to one another to be distinguished, or where the
+            path starts or ends.
+        NotConverged: g cannot be resolved, or dropped loop equations are needed; the message says where.
     """
     return search_path(robot, path, branch=branch).points
 
 
-class _ContinuedBranch(NamedTuple):
-    """A branch continued where the inverse kinematics is singular and the branch yet smooth."""
+def _continue_branch(branch: Branch) -> Samples:
+    """Continue the branch wherever the inverse kinematics is singular and the branch smooth.
 
-    samples: Samples  # the branch closed on panels
-    type1: Measured  # the matrix of the inverse kinematics along the branch
-    panels: list[Panel] | Unresolved  # its measure on panels; or the error where one is not resolved
-
-
-def _continue_branch(branch: Branch) -> _ContinuedBranch:
-    """Continue the branch wherever the inverse kinematics is singular and the branch yet smooth."""
+    Raises:
+        Type1Singularity: it is singular and the branch not smooth, at a stretched or folded leg.
+    """
     for _ in range(MAX_CONTINUATIONS):
         samples = Samples(branch, {})
         type1 = Measured(branch, partial(type1_matrix, branch.robot))
-        resolved: list[Panel] | Unresolved
+        panels: list[Panel] | Unresolved
         try:
-            resolved = resolve_panels(samples, type1)
-            suspects = [candidate.s for candidate in find_candidates(resolved)]
+            panels = resolve_panels(samples, type1)
+            suspects = [candidate.s for candidate in find_candidates(panels)]
         except Unresolved as unresolved:
-            resolved, suspects = unresolved, [unresolved.s]
+            panels = unresolved
+            suspects = [unresolved.s]
         continued = _continue_at_first(branch, suspects)
         if continued is None:
             break
         branch = continued
-    return _ContinuedBranch(samples, type1, resolved)
+    _refuse_type_1(type1, panels)
+    return samples
 
 
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
-    """Continue the branch at the first path coordinate at which that succeeds.
-
-    None if it succeeds at none.
-    """
+    """Continue the branch at the first of several s where this succeeds; None if at none."""
     for s in parameters:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
@@ -180,15 +172,17 @@ def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None
     return None
 
 
-def _refuse_type_1(type1: Measured, resolved: list[Panel] | Unresolved) -> None:
+def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded."""
-    if isinstance(resolved, Unresolved):  # the branch has a kink, or another one meets it
-        singular = [_most_singular_s(type1, resolved.s)]
+    if isinstance(panels, Unresolved):  # the branch has a kink, or meets another one
+        singular = [_most_singular_s(type1, panels.s)]
     else:
-        singular = [contact.s for contact in find_contacts(type1, resolved) if _is_type_1(type1, contact.s)]
+        singular = [contact.s for contact in find_contacts(type1, panels) if _is_type_1(type1, contact.s)]
     if not singular:
         return
-    s, branch, robot = singular[0], type1.branch, type1.branch.robot
+    s = singular[0]
+    branch = type1.branch
+    robot = branch.robot
     x = branch.path(s)
     joint = weakest_leg(robot, type1.guess(np.array([s])))
     raise Type1Singularity(
@@ -201,10 +195,10 @@ def _refuse_type_1(type1: Measured, resolved: list[Panel] | Unresolved) -> None:
 
 
 def _most_singular_s(type1: Measured, s: float) -> float:
-    """Find the s at which the least singular value is smallest.
+    """Find the s of the least singular value among the branch's knots about s, and s to three digits.
 
-    Candidates are the knots of the branch about s, and s to three digits. A knot on the singularity itself
-    may be on another branch; then guesses are wrong up to the next knots, between which the singularity lies.
+    A knot on the singularity itself may be on another branch. Then the guesses are wrong up to the
+    neighbouring knots, between which the singularity lies.
     """
     knots = type1.branch.s
     k = int(np.searchsorted(knots, s))
@@ -216,12 +210,13 @@ def _most_singular_s(type1: Measured, s: float) -> float:
 
 
 def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
-    """Return the error for a measure that is not resolved at s.
+    """Return the error for a measure that is not resolved at some s.
 
-    If several singular values of its matrix vanish there, as many motions escape together; else it is
-    `unresolved` itself.
+    If several singular values of the matrix vanish at s, as many motions escape together; otherwise the error
+    is `unresolved` itself.
     """
-    branch, s = passive.branch, unresolved.s
+    branch = passive.branch
+    s = unresolved.s
     values = singular_values(passive.matrix(passive.guess(np.array([s])))[0])
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
@@ -233,16 +228,16 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
     """Raise NotConverged if dropped loop equations are needed at s.
 
-    The independent ones then have a lower rank than all rows. An overconstrained robot repeats its loop
-    equations in proportions that change as it moves; the rows that say it all at the reference need not do so
-    everywhere.
+    The kept equations then have a lower rank than all equations together. In an overconstrained robot the
+    linear dependences of the loop equations change as the robot moves: equations that suffice at the
+    reference need not suffice everywhere.
     """
     robot = branch.robot
     if not len(robot.structure.dropped):
         return
     all_rows = loop_equations(robot.rows, linearised.frames).jacobian
-    all_scaled = scale_jacobian(robot, all_rows, robot.rows.rotation)[0][:, robot.moving]
-    all_values = singular_values(all_scaled)
+    all_scaled = scale_jacobian(robot, all_rows, robot.rows.rotation)
+    all_values = singular_values(all_scaled[0][:, robot.moving])
     values = singular_values(scaled_loops(robot, linearised)[0][:, robot.moving])
     if np.sum(values > RANK_LOST) < np.sum(all_values > RANK_LOST):
         dropped = [robot.rows.names[k] for k in robot.structure.dropped]
@@ -255,38 +250,31 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
 
 
 def _is_type_1(type1: Measured, s: float) -> bool:
-    """Whether motors' joints can move at s, where the matrix is singular, while the platform rests.
+    """Return whether motor joints can move while the platform rests, at s where `type1` is singular.
 
-    The matrix is singular too where passive joints alone move without the platform; that is not Type 1. The
-    matrix of Type 2 then loses rank together with it.
+    The matrix is also singular where passive joints alone can move while the platform rests. This is not Type
+    1, and the matrix of Type 2 loses rank, too.
     """
-    robot, branch = type1.branch.robot, type1.branch
+    branch = type1.branch
     linearised = branch.close(s).linearised
     _check_dropped_rows(branch, s, linearised)
     type1_value = float(singular_values(type1.matrix(linearised)[0])[-1])
-    type2_value = singular_values(type2_matrix(robot, linearised)[0]).min(initial=np.inf)
-    if type2_value > max(RANK_LOST, 1e2 * type1_value):  # only the first matrix is singular
+    type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
+    if type2_value > max(RANK_LOST, 1e2 * type1_value):  # only the matrix of Type 1 is singular
         return True
-    return uncontrolled_motion(robot, linearised).kind == "type_2"
+    return uncontrolled_motion(branch.robot, linearised).kind == "type_2"
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     """Describe the singular point at a contact: its twist, dg/ds and pose."""
-    branch, s = passive.branch, contact.s
-    robot, points = branch.robot, stencil(s)
+    branch = passive.branch
+    s = contact.s
+    points = stencil(s)
     closed = branch.close(points)
     linearised = closed.linearised.select(1)  # at s
     _check_dropped_rows(branch, s, linearised)
-    uncontrolled = uncontrolled_motion(robot, linearised)
-    along = sign_along(uncontrolled.twist, robot.platform.path_twist(branch.path, s))
-    P = passive.matrix(closed.linearised)
-    if uncontrolled.corank > 1:
-        slopes = block_slopes(passive.evaluate, s, uncontrolled.corank).slope
-        slope = singular_values(slopes)[-1]
-    else:
-        _, slope, upper, _ = differentiate_g(P, points)
-        # a border at the root leaves the sign of g open: that of det P above the root decides
-        slope *= np.sign(upper) * np.linalg.slogdet(P[2])[0] if points[2] > s else 1.0
+    uncontrolled = uncontrolled_motion(branch.robot, linearised)
+    along = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,
@@ -294,8 +282,24 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         corank=uncontrolled.corank,
         twist=along * uncontrolled.twist,
         platform=branch.path(s),
-        slope=float(slope),
+        slope=_slope_at(passive, s, closed.linearised, uncontrolled.corank),
         q=closed.q[1],
         motion=along * uncontrolled.motion,
         resolution=contact.resolution,
     )
+
+
+def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: int) -> float:
+    """Compute dg/ds at a singular point from the loops on its `stencil`.
+
+    If several motions escape, it is the least slope of their singular values.
+    """
+    if corank > 1:
+        return float(singular_values(block_slopes(passive.evaluate, s, corank).slope)[-1])
+    points = stencil(s)
+    P = passive.matrix(linearised)  # (3, n_p, n_p)
+    local = differentiate_g(P, points)
+    if points[2] == s:  # the end of the path
+        return local.slope
+    # with the border of a singular matrix the sign of g is arbitrary: det P beyond the root decides
+    return local.slope * float(np.sign(local.upper) * np.linalg.slogdet(P[2])[0])

@@ -1,6 +1,7 @@
-"""Every kind of singularity of a pose, named, with its freedoms and the pose's distances from singularities.
+"""All kinds of singularity of a pose, with its freedoms and its distances from singularities.
 
-The kinds, by the rates (v, dq_a, dq_p) of platform, motors and passive joints that the loops allow:
+The kinds are defined by the rates (v, dq_a, dq_p) of platform, motors and passive joints that the loops
+allow:
 
 type_1       motors move while the platform rests: B singular, "first kind" of Gosselin and Angeles (1990);
              redundant input and impossible output (RI, IO) of Zlatanov, Fenton and Benhabib (1994). `legs`
@@ -12,14 +13,14 @@ leg_passive  passive joints move while motors and platform rest: redundant passi
              passive-joint twist system) of Briot, Caro and Germain (2016): the inverse dynamics has a pole
              there that no motion along the platform's path removes.
 constraint   the platform gains freedoms that it has nowhere else (Zlatanov, Bonev and Gosselin 2002): either
-             the loops lose rank and its instantaneous mobility rises (IIM), or locked motors let it leave
-             the platform's axes.
-closure      the loop equations lose rank, and bodies other than the platform gain the freedom: increased
+             the loops lose rank and its instantaneous mobility increases (IIM), or with locked motors it can
+             leave the platform's axes.
+closure      the loop equations lose rank, and only bodies other than the platform gain a freedom: increased
              instantaneous mobility (IIM) of Zlatanov et al. (1994).
 architectural  type_2, leg_passive or constraint at every pose, not at this one alone: g = 0 everywhere
              (Ma and Angeles 1992). No path leaves it.
 
-Type 1 and Type 2 together are the "third kind" of Gosselin and Angeles (1990): `kinds` then names both.
+Type 1 and Type 2 together are the "third kind" of Gosselin and Angeles (1990): `kinds` then lists both.
 
 C. Gosselin and J. Angeles, IEEE Trans. Robotics and Automation 6(3), 1990. D. Zlatanov, R. G. Fenton and B.
 Benhabib, ASME DETC 1994. M. Conconi and M. Carricato, IEEE Trans. Robotics 25(6), 2009. S. Briot, S. Caro and
@@ -48,7 +49,7 @@ from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import escaping_motions, twist_norm
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
 
-DIFFERENCE_STEP = 1e-4  # [rad, lengths] of the central difference along a direction
+DIFFERENCE_STEP = 1e-4  # [rad, lengths] of central differences along a direction
 
 NAMES = {
     "type_1": "Type 1",
@@ -62,37 +63,37 @@ NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Classification(ReadOnlyArrays):
-    """The classes of singularity of a pose, and its distances from singularities.
+    """The kinds of singularity of a pose, and its distances from singularities.
 
-    Torques per newton are `Distances`' own: the worst over unit forces along the platform's translations,
-    infinite where t_s moves the point, not a number for a platform that only turns.
+    Torques per newton are those of `Distances`: the largest over unit forces along the platform's
+    translations, infinite if t_s moves the platform's point, NaN for a platform that only turns.
     """
 
-    kinds: Names  # of NAMES, in its order; empty where the pose is regular
+    kinds: Names  # of NAMES, in this order; empty for a regular pose
     legs: Names  # Type 1: actuators that can move while the platform rests
-    twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, each a unit (`twist_norm`)
+    twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, of unit size (`twist_norm`)
     corank: int  # independent motions that locked motors do not hold, of platform or joints
     corank_inverse: int  # independent motions that a locked platform does not hold
     gained: int  # instantaneous freedoms of the loops beyond the platform's n
-    contact: str  # of the direction `along` with the locus: transversal or tangential; "" without one
+    contact: str  # of the direction `along` with the locus: transversal or tangential; "" without a direction
     g: float  # signed, zero at Type 2, leg-passive and constraint singularities
-    sigma_A: float  # smallest singular value of A without dimension, 0 .. 1
-    length: float  # [m] the characteristic length behind all that has no dimension
+    sigma_A: float  # smallest singular value of A, dimensionless, 0 .. 1
+    length: float  # [m] characteristic length of all dimensionless quantities
     torque_norm: float  # largest 2-norm of all motor torques per newton, joint side [N m/N, N/N for slides]
-    torque_largest: float  # of a single motor
-    motor_torque_norm: float  # the same, motor side
-    motor_torque_largest: float
-    pressure_angle: Array  # (n_a,) [rad], not a number where undefined
-    transmission_angle: Array  # (n_a,) [rad], its complement
+    torque_largest: float  # largest torque of a single motor, likewise
+    motor_torque_norm: float  # `torque_norm` on the motor side of the gears
+    motor_torque_largest: float  # `torque_largest` on the motor side
+    pressure_angle: Array  # (n_a,) [rad], NaN where undefined
+    transmission_angle: Array  # (n_a,) [rad], complement of the pressure angle
 
     @property
     def regular(self) -> bool:
-        """Whether the pose is no singularity at all."""
+        """Whether the pose is not singular at all."""
         return not self.kinds
 
     @property
     def sentence(self) -> str:
-        """The answer in one line."""
+        """The kinds of singularity in one line."""
         if self.regular:
             return "regular"
         names = " and ".join(NAMES[kind] for kind in self.kinds)
@@ -103,19 +104,21 @@ class Classification(ReadOnlyArrays):
 
 
 def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = None) -> Classification:
-    """Name every singularity of an assembled configuration and compute its distances from singularities.
+    """Classify the singularities of an assembled configuration, and compute its distances.
 
-    A pose is singular where a singular value, in radians and characteristic lengths, is below 1e-7 of a unit
-    motion: one at 4e-5 is near to a singularity and regular. Springs keep their deflections in q.
+    A pose is singular if a singular value, in radians and characteristic lengths, is below 1e-7 of a unit
+    motion. A pose with a value of 4e-5 is near a singularity and regular. Springs keep their deflections in
+    q.
 
     Args:
-        q: an assembled configuration (nq,), or what `assemble` and `forward_kinematics` return.
-        along: rates (n,) of the platform's coordinates: whether a path in this direction crosses the locus
-            (transversal contact: g changes at first order) or touches it (tangential).
+        q: an assembled configuration (nq,), or a result of `assemble` or `forward_kinematics`.
+        along: rates (n,) of the platform's coordinates. With them the contact is classified: a path in this
+            direction crosses the locus (transversal: g changes at first order) or touches it (tangential).
 
     Raises:
-        InvalidInput: q has the wrong length, is not finite, or leaves the loops open; or the platform's axes
-            are not as many as the degrees of freedom; or `along` is given where no path can be followed.
+        InvalidInput: q has the wrong length, is not finite, or leaves the loops open; the platform's axes are
+            not as many as the degrees of freedom; or `along` is given at a pose where no path can be
+            followed.
     """
     closed = assembled_at(robot, q)
     require_square(robot)
@@ -124,8 +127,8 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     at_rest = null_directions(type1_matrix(robot, linearised)[0])  # motions of a locked platform
     gained = max(escaping.freedoms - robot.n, 0)
     kinds = set(escaping.kinds)
-    is_type_1, legs = _motors_moving_at_rest(robot, at_rest[:, : robot.n_a], gained)
-    if is_type_1:
+    legs = _motors_moving_at_rest(robot, at_rest[:, : robot.n_a], gained)
+    if legs is not None:
         kinds.add("type_1")
     if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
         kinds.add("architectural")
@@ -137,12 +140,14 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
                 f"singularity, or of its loops), so no path is followed"
             )
         contact = _classify_contact(robot, closed, along, escaping.corank)
-    twists = escaping.motions @ linearised.platform[0].T
+    twists = np.zeros((0, robot.n))
+    if "type_2" in kinds:
+        twists = _unit_twists(robot, escaping.motions @ linearised.platform[0].T)
     distances = singularity_distances(robot, linearised)
     return Classification(
         kinds=tuple(kind for kind in NAMES if kind in kinds),
-        legs=legs,
-        twists=_unit_twists(robot, twists) if "type_2" in kinds else np.zeros((0, robot.n)),
+        legs=legs or (),
+        twists=twists,
         corank=escaping.corank,
         corank_inverse=len(at_rest),
         gained=gained,
@@ -150,31 +155,28 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         length=robot.length,
         pressure_angle=distances.pressure_angle[0],
         transmission_angle=distances.transmission_angle[0],
-        **{key: float(values[0]) for key, values in distances._asdict().items() if values.ndim == 1},
+        **{name: float(values[0]) for name, values in distances._asdict().items() if values.ndim == 1},
     )
 
 
-def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> tuple[bool, Names]:
-    """Return whether a pose is of Type 1, and the motors that move.
-
-    They move while the platform rests.
+def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> Names | None:
+    """Return the motors that move while the platform rests; None unless the pose is of Type 1.
 
     Args:
-        rates: (k, n_a) of the motors in the motions of a locked platform.
-        gained: freedoms that the loops gain at this pose, which do not count.
+        rates: (k, n_a) of the motors in the unit motions of a locked platform.
+        gained: number of freedoms that the loops gain at this pose, which are not Type 1.
     """
     if np.linalg.matrix_rank(rates, tol=RANK_LOST) <= gained:
-        return False, ()
-    share = np.linalg.norm(rates, axis=0)
-    moving = zip(robot.actuator_names, share, strict=True)
-    return True, tuple(name for name, size in moving if size > RANK_LOST**0.5)
+        return None
+    moves = np.linalg.norm(rates, axis=0) > RANK_LOST**0.5
+    return tuple(np.array(robot.actuator_names)[moves].tolist())
 
 
 def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
-    """Whether P has lost rank at the reference and at poses drawn at random.
+    """Return whether P has lost rank at the reference and at random poses about q (nq,) and the reference.
 
-    Poses are drawn about q (nq,) and about the reference. g is analytic: where it vanishes at poses drawn at
-    random, it vanishes on all that is connected to them, but with probability zero.
+    g is analytic: if it vanishes at random poses, then with probability one it vanishes at all poses
+    connected to them.
     """
     reference = robot.reference.q
     if _least_singular_value(robot, reference) >= RANK_LOST:
@@ -192,15 +194,15 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
     """Compute independent unit twists (k, n) that span the same space as twists (c, n)."""
     scale = robot.platform_scale
     values, right = np.linalg.svd(twists / scale)[1:]
-    spanning = right[: int(np.sum(values > RANK_LOST))] * scale
-    return np.array([twist / twist_norm(robot, twist) for twist in spanning]).reshape(-1, robot.n)
+    basis = right[: np.count_nonzero(values > RANK_LOST)] * scale
+    return np.array([twist / twist_norm(robot, twist) for twist in basis]).reshape(-1, robot.n)
 
 
 def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
-    """Return the contact, transversal or tangential, of the direction dx with the locus.
+    """Return the contact, transversal or tangential, of the direction `along` with the locus.
 
-    Transversal: all vanishing singular values change at first order. With the border of the pose itself these
-    slopes are the singular values of dG along a unit motion of the joints.
+    It is transversal if all vanishing singular values change at first order. With the border of the pose
+    itself their slopes are the singular values of dG along a unit motion of the joints.
     """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
     twist = robot.platform.twist(closed.x, dx[None])[0]
@@ -208,7 +210,7 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     size = float(np.linalg.norm(rates / robot.column_scale))
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
-    step = DIFFERENCE_STEP / size * rates  # (nv,) of that length
+    step = DIFFERENCE_STEP / size * rates  # (nv,)
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), np.stack([-step, 0.0 * step, step]))
     matrices = type2_matrix(robot, linearised_at(robot, poses, None))
     G = bordered_solution(matrices, 1, corank).G

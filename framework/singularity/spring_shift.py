@@ -1,8 +1,9 @@
 """The shift of a singular point along its path by deflections of the springs.
 
-Where a deflected robot is singular depends on its deflections, and these on its motion: near a Type 2
-singularity the motors of a robot at rest cannot carry what pushes along t_s, so there is no static deflection
-to take. What can be said without a motion is the rate: on g(s, q_e) = 0, ds/dq_e = -(dg/dq_e) / (dg/ds).
+The singular point of a deflected robot depends on the deflections, and these depend on the motion: near a
+Type 2 singularity the motors of a robot at rest cannot balance loads along t_s, so that there is no static
+deflection. Without a motion, only the derivative is known: from g(s, q_e) = 0, ds/dq_e = -(dg/dq_e) /
+(dg/ds).
 """
 
 from __future__ import annotations
@@ -17,28 +18,29 @@ from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import bordered_solution
 from framework.singularity.points_on_path import SingularPoint
 
-DIFFERENCE_STEP = 1e-5  # of s, rad, robot lengths, for differences
-SHIFT_ROUNDING = 1e-14  # of s that one such step may move the point by rounding alone
+DIFFERENCE_STEP = 1e-5  # of s, or [rad, robot lengths], for differences
+SHIFT_ROUNDING = 1e-14  # in s; a smaller shift by one such step is rounding
 
 
 def spring_shift(branch: Branch, point: SingularPoint) -> Array:
-    """Compute the shift ds/dq_e (n_e,) [1/m, 1/rad] of a singular point by deflections, springs at rest.
+    """Compute the shift ds/dq_e (n_e,) [1/m, 1/rad] of a singular point by deflections.
 
-    NaN where several motions escape at once, or where the path touches the locus without crossing it: small
-    deflections do not move such a point, they split it or make it vanish.
+    The result is NaN if several motions escape at once, or if the path touches the locus without crossing it:
+    small deflections do not move such a point, they split it or make it vanish.
     """
-    robot, path = branch.robot, branch.path
-    if not robot.n_e or point.corank > 1 or point.contact != "transversal":
-        return np.full(robot.n_e, np.nan)
+    robot = branch.robot
+    n_e = robot.n_e
+    if not n_e or point.corank > 1 or point.contact != "transversal":
+        return np.full(n_e, np.nan)
     steps = DIFFERENCE_STEP * robot.column_scale[robot.elastic]
     s_back, s_ahead = np.clip([point.s - DIFFERENCE_STEP, point.s + DIFFERENCE_STEP], 0.0, 1.0)
-    # at the point, each spring stretched one way, then the other; then springs at rest ahead and back
-    deflections = np.vstack([np.diag(steps), -np.diag(steps), np.zeros((2, robot.n_e))])
-    s = np.append(np.full(2 * robot.n_e, point.s), [s_ahead, s_back])
+    # at the point: each spring deflected one way, then the other; then springs at rest, ahead and back
+    deflections = np.vstack([np.diag(steps), -np.diag(steps), np.zeros((2, n_e))])
+    s = np.append(np.full(2 * n_e, point.s), [s_ahead, s_back])
     guess = integrate_columns(robot, branch.guess(s), robot.elastic, deflections)
-    matrices = type2_matrix(robot, close_loops(robot, path(s), guess).linearised)
+    matrices = type2_matrix(robot, close_loops(robot, branch.path(s), guess).linearised)
     g = bordered_solution(matrices, -1).g
-    by_deflection = (g[: robot.n_e] - g[robot.n_e : -2]) / (2 * steps)  # dg/dq_e, (n_e,)
-    by_path = (g[-2] - g[-1]) / (s_ahead - s_back)  # dg/ds
-    shift = -by_deflection / by_path
+    dg_dq = (g[:n_e] - g[n_e:-2]) / (2 * steps)  # (n_e,)
+    dg_ds = (g[-2] - g[-1]) / (s_ahead - s_back)
+    shift = -dg_dq / dg_ds
     return np.where(np.abs(shift * steps) < SHIFT_ROUNDING, 0.0, shift)
