@@ -210,7 +210,7 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     """Write study.json, study.npz and study.csv; the same study gives the same bytes."""
     document = study_setup(study.task, study.designs) | {"units": dict(study.units)}
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
-    arrays = {WHY: np.array(study.why, dtype=np.str_)}
+    arrays: dict[str, NDArray[Any]] = {WHY: np.array(study.why, dtype=np.str_)}
     arrays |= {f"parameter_{name}": values for name, values in parameters.items()}
     arrays |= study.columns
     columns = [*parameters.items(), *study.columns.items()]

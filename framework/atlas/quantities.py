@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -240,7 +241,7 @@ def quantity_values(
     wrench = find_wrench(quantities)
     poses = Poses(robot, q, linearised, None if wrench is None else np.array(wrench))
     with np.errstate(all="ignore"):  # some are infinite at Type 2
-        values = {quantity.key: _VALUES[quantity.key](poses) for quantity in quantities}
+        values: dict[str, Any] = {quantity.key: _VALUES[quantity.key](poses) for quantity in quantities}
     if has_loaded(quantities):
         values["load"] = poses.loaded.reason
     return values

@@ -318,7 +318,7 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
 @lru_cache(maxsize=64)
 def _interior_values(size: int) -> Array:
     """Return the matrix (2 size + 2, size) from Chebyshev coefficients to values inside (-1, 1)."""
-    return chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1)
+    return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
 
 
 @lru_cache(maxsize=64)

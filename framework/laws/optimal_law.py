@@ -139,7 +139,7 @@ def _slope_powers(smoothness: int, order: int) -> Array:
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
     slope = bump / polynomial.polyval(1.0, integral)
-    return polynomial.polyder(slope, order - 1)
+    return np.asarray(polynomial.polyder(slope, order - 1), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
