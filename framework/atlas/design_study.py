@@ -182,8 +182,8 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
     masks = {"area": reached, "free_area": reached & is_free}
     if workspace.load is not None:
         masks["carried_area"] = reached & (workspace.load == LoadReason.CARRIED)
-    cell_area = float(np.prod(workspace.window.cell))
-    columns = {key: cell_area * int(mask.sum()) for key, mask in masks.items()}
+    cell_area = np.prod(workspace.window.cell)
+    columns = {key: float(cell_area * mask.sum()) for key, mask in masks.items()}
     for quantity in workspace.quantities:
         values = value_range(workspace.values[quantity.key])
         columns |= {f"{quantity.key}_{part}": value for part, value in values.items() if value is not None}

@@ -42,6 +42,7 @@ def map_setup(workspace: WorkspaceMap) -> dict[str, Any]:
 def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Quantity]) -> dict[str, Any]:
     """Return the settings of a map over a window, as a document of JSON."""
     names = robot.axis_names
+    constants = window.constants.tolist()
     return {
         "robot": robot.name,
         "robot_hash": robot_hash(robot),
@@ -53,11 +54,7 @@ def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Qu
         "lower": window.lower.tolist(),
         "upper": window.upper.tolist(),
         "shape": list(window.shape),
-        "held": {
-            name: float(value)
-            for k, (name, value) in enumerate(zip(names, window.constants, strict=True))
-            if k not in window.axes
-        },
+        "held": {names[k]: constants[k] for k in range(robot.n) if k not in window.axes},
         "quantities": [quantity.key for quantity in quantities],
         "wrench": find_wrench(quantities),
         "parameters": dict(robot.description.parameters),

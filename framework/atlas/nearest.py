@@ -293,11 +293,11 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         if linearised is None:
             return None
         g, a = linearised
-        square = float(a @ a)
+        square = a @ a
         if not square > 0:
             return None
         target = x + scale * a * (a @ ((y - x) / scale) - g) / square
-        distance = float(_platform_distances(robot, target, y))
+        distance = _platform_distances(robot, target, y)
         if distance < NEWTON_STEP:
             return Foot(float(_platform_distances(robot, y, x)), y, q) if abs(g) < RANK_LOST else None
 

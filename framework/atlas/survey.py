@@ -175,7 +175,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
             refusal = refusal or error
             continue
         reason[i, j] = PoseReason.REACHED
-        fill_grid(robot, x, q, reason, np.array([stride]))
+        fill_grid(robot, x, q, reason, [stride])
         window_poses = np.s_[::subdivisions, ::subdivisions]
         return q[window_poses].copy(), reason[window_poses].copy()
     raise OutOfReach(

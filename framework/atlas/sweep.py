@@ -8,6 +8,7 @@ poses between them with half the stride, and so on: each pose is computed once, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from framework.kinematics.loop_matrices import count_lost_ranks
 from framework.kinematics.modes import keeps_sign, keeps_working_mode
 from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray
+from framework.numerics.arrays import Array, BoolArray
 from framework.tolerances import BRANCHES_CROSS
 
 NEWTON_STEPS = 10  # at most to correct a prediction
@@ -59,7 +60,7 @@ class StepEnds(NamedTuple):
     reason: ReasonArray  # (T,) `PoseReason`
 
 
-def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, strides: IntArray) -> None:
+def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, strides: Sequence[int]) -> None:
     """Assemble the poses of a grid from their neighbours, in place.
 
     A pose whose reason is NO_NEIGHBOUR is tried from each reached neighbour until one succeeds. Poses with

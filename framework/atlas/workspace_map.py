@@ -220,7 +220,7 @@ def fill_band(
     q = band.q.copy()
     reason = band.reason.copy()
     coarse_stride = _coarse_stride(robot, window)
-    strides = np.array([stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)])
+    strides = [stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)]
     fill_grid(robot, x, q, reason, strides)
     rows = band.stop - band.first  # without the first row of the next band
     return _evaluate_poses(robot, quantities, q[:rows], reason[:rows])
@@ -256,14 +256,11 @@ def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
 def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, ArrayField]:
     """Return the types and shapes of a filled band's arrays, by name."""
     shape = (band.stop - band.first, band.q.shape[1])
-    arrays = {
-        "q": ArrayField("f", (*shape, band.q.shape[2])),
-        "reason": ArrayField("u", shape),
-        "assembly": ArrayField("i", shape),
-    }
+    kinds = {"reason": "u", "assembly": "i"} | {quantity.key: "f" for quantity in quantities}
     if has_loaded(quantities):
-        arrays["load"] = ArrayField("u", shape)
-    return arrays | {quantity.key: ArrayField("f", shape) for quantity in quantities}
+        kinds["load"] = "u"
+    fields = {key: ArrayField(kind, shape) for key, kind in kinds.items()}
+    return fields | {"q": ArrayField("f", (*shape, band.q.shape[2]))}
 
 
 def _evaluate_poses(
@@ -299,7 +296,7 @@ def _join_bands(
         border[first] = ~was_filled[first] & was_filled[first - 1]
     for wanted in (border, ~was_filled):
         reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
-        fill_grid(robot, x, grids["q"], reason, np.array([1]))
+        fill_grid(robot, x, grids["q"], reason, [1])
         if not (reason[border] == PoseReason.REACHED).any():
             return
 
@@ -333,7 +330,7 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
 
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
     other_reason[np.isfinite(other_q[..., 0])] = PoseReason.REACHED
-    fill_grid(robot, x, other_q, other_reason, np.array([1]))
+    fill_grid(robot, x, other_q, other_reason, [1])
     is_other = other_reason == PoseReason.REACHED
     reason[(reason == PoseReason.OPEN) & is_other] = PoseReason.OTHER_MODE
     reason[unjoined & ~is_other] = PoseReason.OPEN

@@ -32,7 +32,7 @@ from framework.kinematics.continuation.pose_stack import forward_kinematics_stac
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.arrays import Array, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.numerics.fields import positive
 from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
@@ -159,8 +159,8 @@ def calibrate(
     used = measured.select_instants(~is_test)
     used_q = q[~is_test]
     solver = GaussNewton(geometry.model, used, used_q, prior)
-    solver.run(robot.name, progress)
-    _check_plausible(robot, geometry, solver.values / prior, solver.noise)
+    solver.run(progress)
+    _check_plausible(geometry, solver.values / prior, solver.noise)
     equations = eliminate_poses(geometry.model, used, used_q)
     combinations = _find_combinations(equations, used, prior)
 
@@ -208,19 +208,19 @@ def _find_combinations(equations: ParameterEquations, measured: Measurements, pr
     return find_combinations(rows, prior)
 
 
-def _check_plausible(robot: ParallelRobot, geometry: Geometry, deviations: Array, noise: float) -> None:
+def _check_plausible(geometry: Geometry, deviations: Array, noise: float) -> None:
     """Refuse implausible noise, and implausible changes (p,) over their prior deviations."""
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
-            f"{robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; raise "
-            f"length_error or angle_error, give the noise, or look at the data",
+            f"{geometry.robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; "
+            f"raise length_error or angle_error, give the noise, or look at the data",
             residual=noise,
         )
     worst = np.abs(deviations).argmax()
     largest = float(abs(deviations[worst]))
     if largest > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
-            f"{robot.name}: {geometry.names[worst]} would be off by {largest:.3g} standard "
+            f"{geometry.robot.name}: {geometry.names[worst]} would be off by {largest:.3g} standard "
             f"deviations of what the file may be wrong by; raise length_error or angle_error, or "
             f"look at the data",
             residual=largest,
@@ -234,11 +234,10 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
     loops are closed.
     """
     motor_steps = measured.values[:, : measured.driven] - model.actuated_coordinates(q)
-    steps = np.hstack([motor_steps, np.tile(values, (len(q), 1))])
-    q = integrate_columns(model, q, np.concatenate([model.actuated, model.elastic]), steps)
+    q = _move_poses(model, q, model.actuated, motor_steps, values)
     poses = close_at_motors(model, q, np.zeros((len(q), model.model.nv)), q)
     if not poses.closed.all():
-        worst = int(np.argmin(poses.closed))
+        worst = np.argmin(poses.closed)
         raise NotConverged(
             f"{model.name}: at pose {worst + 1} of those held out the loops do not close at the measured "
             f"motor angles; these data are of another robot, or the file is too far off",
@@ -246,6 +245,13 @@ def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, va
         )
     offset = measurement_offsets(model, measured, poses.linearised.frames).offset  # (T, m)
     return np.sqrt(np.mean(offset**2, axis=0))
+
+
+def _move_poses(model: ParallelRobot, q: Array, columns: IntArray, steps: Array, change: Array) -> Array:
+    """Move columns (k,) of q (T, nq) by steps (T, k), and the parameters by a change (p,)."""
+    parameter_steps = np.tile(change, (len(q), 1))
+    columns = np.concatenate([columns, model.elastic])
+    return integrate_columns(model, q, columns, np.hstack([steps, parameter_steps]))
 
 
 def _describe_unseen(
@@ -333,8 +339,8 @@ class GaussNewton:
         # eliminating the pose of an instant uses up as many equations as there are motors
         self.equations_per_instant = len(measured.names) - measured.driven
 
-    def run(self, name: str, progress: Callable[[int], None]) -> None:
-        """Iterate until the parameters converge; `name` is the robot's.
+    def run(self, progress: Callable[[int], None]) -> None:
+        """Iterate until the parameters converge.
 
         A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). Poses
         follow the parameters linearly.
@@ -346,7 +352,8 @@ class GaussNewton:
             self.steps += 1
             progress(self.steps)
             change = self._damped_step(equations, damping)
-            q = self._move_poses(equations, change)
+            joint_steps = equations.step + equations.follow @ change
+            q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
             if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
@@ -361,17 +368,10 @@ class GaussNewton:
                 self._estimate_deviations(equations)
                 return
         raise NotConverged(
-            f"{name}: calibration does not settle after {self.steps} steps; the file is too far off for "
-            f"these data, or they are of another robot",
+            f"{self.model.name}: calibration does not settle after {self.steps} steps; the file is too far off "
+            f"for these data, or they are of another robot",
             residual=cost,
         )
-
-    def _move_poses(self, equations: ParameterEquations, change: Array) -> Array:
-        """Return the poses (T, nq) after a change (p,) of the parameters, by linearised loops."""
-        joint_step = equations.step + equations.follow @ change  # (T, k)
-        parameter_step = np.tile(change, (len(joint_step), 1))
-        columns = np.concatenate([self.model.joints, self.model.elastic])
-        return integrate_columns(self.model, self.q, columns, np.hstack([joint_step, parameter_step]))
 
     def _weighted_rows(self, equations: ParameterEquations) -> tuple[Array, Array]:
         """Return rows (N, p) with unit noise for parameters over prior deviations, residuals (N,).

@@ -50,8 +50,8 @@ class Combinations(ReadOnlyArrays):
         """Last singular value within the rank over the next one; infinite at full rank or rank 0."""
         if self.rank == len(self.singular_values) or not self.rank:
             return np.inf
-        least = max(float(self.singular_values[self.rank]), float(np.finfo(float).tiny))
-        return float(self.singular_values[self.rank - 1]) / least
+        least = max(self.singular_values[self.rank], np.finfo(float).tiny)
+        return float(self.singular_values[self.rank - 1] / least)
 
     @property
     def unseen(self) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.documents import read_origin
+from framework.model.documents import child_element, read_origin
 from framework.model.placement import placement, rotation_about
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ReadOnlyArrays
@@ -119,11 +119,10 @@ def _insert_origin_joint(urdf: Element, joint: Element) -> str:
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     SubElement(urdf, "link", name=link)
-    parent = joint.find("parent")
+    parent = child_element(joint, f"joint {joint.get('name')!r}", "parent")
     origin = joint.find("origin")
-    fixed = joint_element(NewJoint(name, "fixed"), _link_name(joint, "parent"), link)
-    if parent is not None:
-        parent.set("link", link)
+    fixed = joint_element(NewJoint(name, "fixed"), parent.get("link", ""), link)
+    parent.set("link", link)
     if origin is not None:
         joint.remove(origin)
         fixed.append(origin)

@@ -181,7 +181,7 @@ def identify(
     estimate = _estimate_base_parameters(base, rows)
     file = base.described.values
     links = collect_link_parameters(robot, base.described)
-    link_values = _fit_possible_bodies(robot, base, links, rows, estimate, prior)
+    link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
     error_before = torque_error(robot, regressor, measured, test, file)
     error_after = torque_error(robot, regressor, measured, test, parameters)
@@ -270,7 +270,6 @@ def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
 
 
 def _fit_possible_bodies(
-    robot: ParallelRobot,
     base: BaseParameters,
     links: LinkParameters,
     rows: Rows,
@@ -288,7 +287,7 @@ def _fit_possible_bodies(
     information = rows.matrix.T @ rows.matrix / estimate.noise**2 + file_rows.T @ file_rows  # (p, p)
     misfit = rows.right - rows.matrix @ base.described.values
     residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
-    return fit_possible_parameters(robot, links, information, residual, prior)
+    return fit_possible_parameters(base.robot, links, information, residual, prior)
 
 
 def torque_error(

@@ -298,7 +298,7 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         raise InvalidInput(
-            f"{source}: at sample {int(samples[k]) + 1} motor_angle_{robot.actuator_names[motor]} "
+            f"{source}: at sample {samples[k] + 1} motor_angle_{robot.actuator_names[motor]} "
             f"contradicts the measured platform: its joint is {largest:.3g} rad (slides: robot lengths) off "
             f"where the platform has it, the limit is {MAX_MOTOR_MISFIT:g}; look at zero, sign and gear "
             f"ratio, or at the assembly mode of the robot file"

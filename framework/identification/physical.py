@@ -40,6 +40,16 @@ class LinkParameters(NamedTuple):
     spread: Array  # (u,) sizes of the parameters, in which the prior deviation is measured
     to_parameters: Array  # (p, u) matrix to the parameters of bodies and motors, `TorqueParameters`
 
+    @property
+    def link_slices(self) -> list[slice]:
+        """The entries of each link among the u parameters."""
+        return [slice(10 * i, 10 * i + 10) for i in range(len(self.links))]
+
+    @property
+    def motor_slice(self) -> slice:
+        """The entries of all motors among the u parameters."""
+        return slice(10 * len(self.links), None)
+
 
 def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
     """Collect the parameters of all links with mass and of the motors.
@@ -128,12 +138,11 @@ def fit_possible_parameters(
         NotConverged: the solver does not converge.
     """
     best, change = _minimise_misfit(links, information, residual, prior * links.spread)
-    bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
-    matrices = [_inertia_cone(links.values[body], change[body], best[body]) for body in bodies]
-    motors = slice(10 * len(links.links), None)
+    cones = [_inertia_cone(links.values[i], change[i], best[i]) for i in links.link_slices]
+    motors = links.motor_slice
     unit = prior * links.spread[motors]
     positive = Affine(change[motors] / unit[:, None], best[motors] / unit)
-    y = semidefinite_least_squares(matrices, positive)
+    y = semidefinite_least_squares(cones, positive)
     if isinstance(y, Unsolved):
         raise NotConverged(
             f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
@@ -141,11 +150,11 @@ def fit_possible_parameters(
         )
     values = best + change @ y
     values[motors] = np.maximum(values[motors], 0.0)
-    for body in bodies:
-        if (values[body] != links.values[body]).any():
+    for i in links.link_slices:
+        if (values[i] != links.values[i]).any():
             link = Element("link")
-            _write_inertial(link, values[body])
-            values[body] = read_inertial_parameters(link)  # exactly as a file would store this body
+            _write_inertial(link, values[i])
+            values[i] = read_inertial_parameters(link)  # exactly as a file would store this link
     return values
 
 
@@ -191,11 +200,10 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     description = robot.description
     urdf = fromstring(description.urdf_text)
     elements = {link.get("name", ""): link for link in urdf.findall("link")}
-    for i, name in enumerate(links.links):
-        body = slice(10 * i, 10 * i + 10)
-        if (values[body] != links.values[body]).any():
-            _write_inertial(elements[name], values[body])
-    motors = values[10 * len(links.links) :].reshape(-1, len(OF_MOTORS))
+    for name, i in zip(links.links, links.link_slices, strict=True):
+        if (values[i] != links.values[i]).any():
+            _write_inertial(elements[name], values[i])
+    motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
     actuators = []
     joints = dict(description.joints)
     for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):

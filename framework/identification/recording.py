@@ -144,9 +144,7 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
     if "time" in recording.names:
         not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(not_later):
-            raise InvalidInput(
-                f"{recording.source}: time does not advance after sample {int(not_later[0]) + 1}"
-            )
+            raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
     start = robot.actuated_coordinates(robot.reference.q[None])[0]
     turning = [
         k

@@ -42,8 +42,7 @@ class OnParameter:
     @cached_property
     def edges(self) -> Array:
         """Panel edges (panels + 1,) in xi: both ends and the knots of the path."""
-        inner = self.law.stretch(self.law.phi.inverse(self.knots)) if len(self.knots) else np.empty(0)
-        return np.concatenate([[-1.0], inner, [1.0]])
+        return np.concatenate([[-1.0], self.law.stretch(self.law.phi.inverse(self.knots)), [1.0]])
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
         """Compute s, ds/dt, d2s/dt2, and dp/dt, d2p/dt2, at p (T,).

@@ -42,6 +42,14 @@ def is_number(value: object) -> bool:
     return math.isfinite(value)
 
 
+def normalise_time(t: ArrayLike, duration: float) -> Array:
+    """Return 2 t / duration - 1 in [-1, 1], with the shape of t; refuse t outside [0, duration]."""
+    x = np.asarray(t, dtype=float) * (2.0 / duration) - 1.0
+    if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
+        raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
+    return np.clip(x, -1.0, 1.0)
+
+
 class MotionLaw(Protocol):
     """Any object with a `duration` [s] and a call `law(t, order)`.
 
@@ -146,21 +154,14 @@ class Law(ReadOnlyArrays, PlannedLaw):
             InvalidInput: t is not finite, or outside [0, duration], where the polynomial is no motion.
         """
         check_order(order)
-        x = self._normalise(t)
+        x = normalise_time(t, self.duration)
         return evaluate(x.ravel(), self._series(order)[:, None]).reshape(x.shape)
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
         """Compute s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
         series = np.stack([self._series(order) for order in range(count)], axis=1)
-        x = self._normalise(t)
+        x = normalise_time(t, self.duration)
         return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
-
-    def _normalise(self, t: ArrayLike) -> Array:
-        """Return the normalised time x = 2 t / duration - 1; refuse t outside [0, duration]."""
-        x = np.asarray(t, dtype=float) * (2.0 / self.duration) - 1.0
-        if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
-            raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
-        return np.clip(x, -1.0, 1.0)
 
     def _series(self, order: int) -> Array:
         """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative."""

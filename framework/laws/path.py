@@ -135,7 +135,7 @@ class Line(PointPath):
         direction = self.end - self.start
         if order == 0:
             return self.start + s[:, None] * direction
-        return 0.0 * s[:, None] + (direction if order == 1 else 0.0 * direction)
+        return np.tile(direction if order == 1 else 0.0 * direction, (len(s), 1))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -228,7 +228,7 @@ class Spline(PointPath):
         points = _check_points(self.points, 2, "spline")
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if chords.min() < DEGENERATE_PATH * chords.max():
-            k = int(np.argmin(chords))
+            k = np.argmin(chords)
             raise InvalidInput(
                 f"spline: points {k} and {k + 1} are {chords[k]:.3g} apart, others {chords.max():.3g}: too "
                 f"uneven to tell their places on the curve"
@@ -298,7 +298,7 @@ class Polyline(PointPath):
         blend = min(float(self.blend), longest)
         back = np.linalg.norm(directions[1:] + directions[:-1], axis=1) < DEGENERATE_PATH
         if back.any():
-            corner = int(np.argmax(back)) + 1
+            corner = np.argmax(back) + 1
             raise InvalidInput(
                 f"polyline: at point {corner}, {points[corner].tolist()}, it turns straight back: no smooth "
                 f"path does; stop there, and plan two motions"
@@ -402,7 +402,7 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     allowed = WRONG_DERIVATIVE * size + rounding
     excess = np.abs(means - quotients) - allowed
     if np.any(excess > 0):
-        i, component = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        i, component = np.unravel_index(np.argmax(excess), excess.shape)
         raise InvalidInput(
             f"path: path(s, {order}) is not the derivative of path(s, {order - 1}): at s = "
             f"{starts[i]:.4g} coordinate {component} has {means[i, component]:.6g} instead of "
@@ -417,7 +417,7 @@ def _check_continuous(path: Path, order: int) -> None:
     for _ in range(JUMP_GRIDS):
         values = _evaluate_path(path, s, order)
         change = np.abs(np.diff(values, axis=0)).max(axis=1)
-        k = int(change.argmax())
+        k = change.argmax()
         changes.append(change[k])
         s = np.linspace(s[k], s[k + 1], JUMP_INTERVALS)
     if changes[-1] > max(0.5 * changes[0], PATH_JUMP * np.abs(values).max()):
