@@ -297,7 +297,7 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         if not square > 0:
             return None
         target = x + scale * a * (a @ ((y - x) / scale) - g) / square
-        distance = _platform_distances(robot, target, y)
+        distance = float(_platform_distances(robot, target, y))
         if distance < NEWTON_STEP:
             return Foot(float(_platform_distances(robot, y, x)), y, q) if abs(g) < RANK_LOST else None
 

@@ -212,8 +212,8 @@ def _check_plausible(geometry: Geometry, deviations: Array, noise: float) -> Non
     """Refuse implausible noise, and implausible changes (p,) over their prior deviations."""
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
-            f"{geometry.robot.name}: what is left of the data is {noise:.3g} times the noise that is assumed; "
-            f"raise length_error or angle_error, give the noise, or look at the data",
+            f"{geometry.robot.name}: what is left of the data is {noise:.3g} times the noise that is "
+            f"assumed; raise length_error or angle_error, give the noise, or look at the data",
             residual=noise,
         )
     worst = np.abs(deviations).argmax()
@@ -368,8 +368,8 @@ class GaussNewton:
                 self._estimate_deviations(equations)
                 return
         raise NotConverged(
-            f"{self.model.name}: calibration does not settle after {self.steps} steps; the file is too far off "
-            f"for these data, or they are of another robot",
+            f"{self.model.name}: calibration does not settle after {self.steps} steps; the file is too "
+            f"far off for these data, or they are of another robot",
             residual=cost,
         )
 

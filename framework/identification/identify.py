@@ -270,21 +270,17 @@ def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
 
 
 def _fit_possible_bodies(
-    base: BaseParameters,
-    links: LinkParameters,
-    rows: Rows,
-    estimate: BaseEstimate,
-    prior: float,
+    base: BaseParameters, links: LinkParameters, rows: Rows, estimate: BaseEstimate, prior: float
 ) -> Array:
     """Fit parameters (u,) of possible links and motors to the rows.
 
     For each undetermined base parameter an additional row of small deviation keeps it near the file's value.
     """
-    sizes = base.described.sizes[base.combinations.leading]
+    sizes = base.described.sizes[base.combinations.leading]  # (rank,)
     spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
     is_unseen = _exceed_their_size(base, estimate.values, estimate.deviations)
-    file_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
-    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + file_rows.T @ file_rows  # (p, p)
+    prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
+    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows  # (p, p)
     misfit = rows.right - rows.matrix @ base.described.values
     residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
     return fit_possible_parameters(base.robot, links, information, residual, prior)

@@ -64,7 +64,7 @@ def measured_motion(
     """Compute the recorded motion of all joints, with filtered torques.
 
     The noise of the filtered torques is estimated from the part that the filter removes. White noise fills
-    the band up to half the sampling rate, of which the filter passes the share 2 cutoff period.
+    the band up to half the sampling rate, and the filter passes the share 2 cutoff period of this band.
 
     Args:
         cutoff: of the filter [Hz]; by default the frequency above which the angles' spectra are noise.
@@ -163,15 +163,14 @@ def _signal_frequency(joints: Array, period: float) -> float:
     from scipy.ndimage import uniform_filter1d
 
     count = len(joints)
-    chord = joints[0] + np.linspace(0.0, 1.0, count)[:, None] * (joints[-1] - joints[0])
+    chord = np.linspace(joints[0], joints[-1], count)  # (T, n_a)
     window = np.hanning(count)[:, None]
     power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2
     power = uniform_filter1d(power, SMOOTHING_BINS, axis=0, mode="nearest")
     noise = np.median(power[len(power) // 2 :], axis=0)
     is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
-    is_noise = np.vstack([~is_signal, np.ones_like(is_signal[:1])])  # a last row ends every spectrum
-    first_noise_bins = is_noise.argmax(axis=0)  # (n_a,)
-    return float(first_noise_bins.max() / (count * period))
+    precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
+    return float(precedes_noise.sum(axis=0).max() / (count * period))
 
 
 class _LowPass(NamedTuple):

@@ -146,14 +146,11 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
         if len(not_later):
             raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
     start = robot.actuated_coordinates(robot.reference.q[None])[0]
-    turning = [
-        k
-        for k, joint in enumerate(robot.actuator_names)
-        if f"motor_angle_{joint}" in recording.names and not robot.sliding[robot.actuated[k]]
-    ]
+    is_measured = np.array([f"motor_angle_{joint}" in recording.names for joint in robot.actuator_names])
+    turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
-    if turning and _is_in_degrees(angles, start[turning]):
+    if len(turning) and _is_in_degrees(angles, start[turning]):
         raise InvalidInput(
             f"{recording.source}: motor_angle_{joints[0]} is in degrees, to judge by the robot's reference; "
             f"radians are needed, on the motor side of the gear"

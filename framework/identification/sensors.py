@@ -58,7 +58,8 @@ def record_sensors(
     sensors = sensors or Sensors()
     robot = simulation.robot
     random = np.random.default_rng(sensors.seed)
-    count = int(simulation.duration * sensors.rate * (1.0 + 1e-12)) + 1  # the end despite rounding
+    periods = simulation.duration * sensors.rate
+    count = int(periods * (1.0 + 1e-12)) + 1  # with a sample at the end, despite rounding
     if count > MAX_SAMPLES:
         raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
     times = np.arange(count) / sensors.rate
