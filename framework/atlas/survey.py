@@ -93,7 +93,7 @@ FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the fi
 SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
 SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of the first survey
 SURVEY_MARGIN = 2.0  # [cells] beyond the outermost poses reached, as more may be reached between poses
-FINE_LOOKS = 2  # further surveys, each of the window that the previous one has found
+FINE_SURVEYS = 2  # further surveys, each of the window that the previous one has found
 
 
 def survey_window(
@@ -107,7 +107,7 @@ def survey_window(
     """Find the smallest window with all poses of the reference's working mode.
 
     A first survey covers `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at` with coarse
-    poses. Two more cover the window found by the previous one.
+    poses. `FINE_SURVEYS` more cover the window found by the previous one.
 
     Args:
         axes: two of the platform's axes; by default its first translations.
@@ -125,7 +125,7 @@ def survey_window(
     lower, upper = ((point + sign * half_edges)[list(columns)] for sign in (-1, 1))
     bounds = Window(columns, lower, upper, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), point)
     window = bounds
-    for _ in range(1 + FINE_LOOKS):
+    for _ in range(1 + FINE_SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)
     return replace(window, shape=(size, size))
 
@@ -166,9 +166,9 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     reason = np.full((rows, columns), PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
     nearest_first = np.argsort(distance, axis=None, kind="stable")[:FIRST_POSE_TRIES]
+    first_poses = stride * np.transpose(np.unravel_index(nearest_first, distance.shape))  # (tries, 2)
     refusal: NoAnswer | None = None
-    for flat_index in nearest_first:
-        i, j = stride * np.array(np.unravel_index(flat_index, distance.shape))
+    for i, j in first_poses:
         try:
             q[i, j] = assemble(robot, x[i, j]).q
         except NoAnswer as error:

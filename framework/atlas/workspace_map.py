@@ -52,12 +52,8 @@ from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.tolerances import SAME_PLACE
 
-OFFSETS = (
-    0.0,
-    1.0,
-    1.0,
-    1.0,
-)  # [rad, robot lengths] of joints, for starts of searches in other working modes
+# [rad, robot lengths] sizes of random joint offsets, at which searches for other working modes start
+OFFSETS = (0.0, 1.0, 1.0, 1.0)
 BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
 
 
@@ -112,12 +108,11 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def open_edges(self) -> tuple[str, ...]:
         """Edges of the window with reached poses, such as `least x`: more may lie beyond."""
-        names = (self.robot.axis_names[k] for k in self.window.axes)
-        edges = []
-        for name, rows in zip(names, (self.reached, self.reached.T), strict=True):
-            edges += [f"least {name}"] if rows[0].any() else []
-            edges += [f"largest {name}"] if rows[-1].any() else []
-        return tuple(edges)
+        edges = {}
+        for k, rows in zip(self.window.axes, (self.reached, self.reached.T), strict=True):
+            name = self.robot.axis_names[k]
+            edges |= {f"least {name}": rows[0], f"largest {name}": rows[-1]}
+        return tuple(edge for edge, poses in edges.items() if poses.any())
 
     @property
     def keeps_limits(self) -> bool:

@@ -138,10 +138,10 @@ def fit_possible_parameters(
         NotConverged: the solver does not converge.
     """
     best, change = _minimise_misfit(links, information, residual, prior * links.spread)
-    cones = [_inertia_cone(links.values[i], change[i], best[i]) for i in links.link_slices]
+    cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in links.link_slices]
     motors = links.motor_slice
-    unit = prior * links.spread[motors]
-    positive = Affine(change[motors] / unit[:, None], best[motors] / unit)
+    deviations = prior * links.spread[motors]
+    positive = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
     y = semidefinite_least_squares(cones, positive)
     if isinstance(y, Unsolved):
         raise NotConverged(
@@ -150,11 +150,11 @@ def fit_possible_parameters(
         )
     values = best + change @ y
     values[motors] = np.maximum(values[motors], 0.0)
-    for i in links.link_slices:
-        if (values[i] != links.values[i]).any():
+    for part in links.link_slices:
+        if (values[part] != links.values[part]).any():
             link = Element("link")
-            _write_inertial(link, values[i])
-            values[i] = read_inertial_parameters(link)  # exactly as a file would store this link
+            _write_inertial(link, values[part])
+            values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
     return values
 
 
@@ -191,7 +191,7 @@ def _balancing_scale(parameters: Array) -> Array:
     P is the pseudo-inertia of parameters (10,).
     """
     diagonal = np.diag(pseudo_inertia(parameters))
-    largest = diagonal[:3].max() or diagonal[3]
+    largest = diagonal[:3].max() or diagonal[3]  # all moments of a point mass at the origin are zero
     return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
 
 
@@ -200,9 +200,9 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     description = robot.description
     urdf = fromstring(description.urdf_text)
     elements = {link.get("name", ""): link for link in urdf.findall("link")}
-    for name, i in zip(links.links, links.link_slices, strict=True):
-        if (values[i] != links.values[i]).any():
-            _write_inertial(elements[name], values[i])
+    for name, part in zip(links.links, links.link_slices, strict=True):
+        if (values[part] != links.values[part]).any():
+            _write_inertial(elements[name], values[part])
     motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
     actuators = []
     joints = dict(description.joints)
