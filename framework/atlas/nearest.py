@@ -97,7 +97,7 @@ def nearest_singular_pose(
     centre_q, centre = assembled.q[0], assembled.x[0]
     unit_length, unit = distance_unit(robot)
     reach = 0.5 if within is None else positive("within", within) / unit_length
-    directions = _directions(robot.n)
+    directions = _spread_directions(robot.n)
     crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
     nearest = _nearest_foot(robot, crossed, centre, reach)
     leg_end = _type_1_distance(robot, ended, centre)
@@ -136,7 +136,7 @@ class Foot(NamedTuple):
     q: Array  # (nq,)
 
 
-def _directions(n: int) -> Array:
+def _spread_directions(n: int) -> Array:
     """Return evenly spread unit vectors (K, n).
 
     Two coordinates: a circle. Three: a spiral on the sphere that turns by the golden angle from one vector to
@@ -313,11 +313,13 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
 def _linearise_g(robot: ParallelRobot, q: Array, y: Array) -> tuple[float, Array] | None:
     """Compute g and its slopes (n,) in scaled coordinates at q (nq,), y (n,); None at an end.
 
-    The slopes are central differences between poses beside y. At an end of the branch one is not reached.
+    The slopes are central differences between neighbours of y along the axes. Near an end of the branch a
+    neighbour may not be reached.
     """
     unit_steps = np.concatenate([np.zeros((1, robot.n)), np.eye(robot.n), -np.eye(robot.n)])
-    beside = y + unit_steps * DIFFERENCE_STEP * robot.platform_scale  # (2 n + 1, n), y first
-    step = step_poses(robot, np.tile(q, (len(beside), 1)), np.tile(y, (len(beside), 1)), beside)
+    neighbours = y + unit_steps * DIFFERENCE_STEP * robot.platform_scale  # (2 n + 1, n), y itself first
+    copies = (len(neighbours), 1)
+    step = step_poses(robot, np.tile(q, copies), np.tile(y, copies), neighbours)
     if (step.reason != PoseReason.REACHED).any():
         return None
     g = _compute_g(robot, step.q)

@@ -55,7 +55,7 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     robot = locus.robot
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput(f"locus: needs one that was traced in two motors of {robot.name}, see `free`")
-    curve = _curve_of(locus, cusp)
+    curve = _find_curve(locus, cusp)
     free = [robot.actuator_names.index(name) for name in locus.free]
     scale = robot.column_scale[robot.actuated][free]
     opening = _opening_direction(robot, curve, cusp)[free] / scale
@@ -71,7 +71,7 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     return None
 
 
-def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
+def _find_curve(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
     """Return the curve of the locus with this cusp."""
     for curve in locus.curves:
         if any(point is cusp for point in curve.cusps):

@@ -30,7 +30,7 @@ NEWTON_STEPS = 10  # at most to correct a prediction
 MAX_JOINT_STEP = 0.5  # [rad, lengths] largest motion of a joint in a Newton step
 
 STEP_PARTS = 4  # into which a step too long to be trusted is divided, with the last stride
-DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))  # rows and columns from a pose to its neighbours
+DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))  # rows and columns from a neighbour to a pose
 
 
 ReasonArray = NDArray[np.uint8]  # of `PoseReason`
@@ -95,7 +95,7 @@ def _fill_lattice(
         is_target = np.zeros(reason.shape, dtype=bool)
         sources = np.zeros((*reason.shape, 2), dtype=np.intp)  # row and column of the neighbour
         for k, (down, right) in enumerate(DIRECTIONS):
-            chosen = _neighbour_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
+            chosen = _shift_mask(filled, down, right) & wanted & ~filled & untried[k] & ~is_target
             untried[k] &= ~chosen
             is_target |= chosen
             sources[chosen] = np.argwhere(chosen) - (down, right)
@@ -108,8 +108,8 @@ def _fill_lattice(
         reason[is_target] = np.where(reached, PoseReason.REACHED, np.maximum(reason[is_target], step.reason))
 
 
-def _neighbour_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
-    """Return a mask (I, J) shifted `down` and `right` by one pose: poses with this neighbour."""
+def _shift_mask(mask: BoolArray, down: int, right: int) -> BoolArray:
+    """Return a mask (I, J) moved `down` rows and `right` columns, -1, 0 or 1 each; false at the border."""
     rows, columns = mask.shape
     return np.pad(mask, 1)[1 - down :, 1 - right :][:rows, :columns]
 

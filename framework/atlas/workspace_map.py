@@ -278,7 +278,7 @@ def _evaluate_poses(
 def _join_bands(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], grids: dict[str, NDArray]
 ) -> None:
-    """Reach the poses joined to others only across a border between bands, in place.
+    """Reach poses that only steps across a border between bands reach, in place.
 
     First the unfilled poses with a filled neighbour across a border are tried. If any of them is reached, all
     unfilled poses are tried, because it may lead to them.

@@ -119,7 +119,7 @@ def parameter_regressor(
     bodies and damping, but neither rotors nor dry friction.
 
     Args:
-        signs: (T, n_a) filtered signs of the motors' speeds; by default those of the motion.
+        signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
     """
     G, N = motor_speeds(robot, motion.linearised)  # motor speeds (T, n_a, n) and joint rates (T, nv, n)
     N_transposed = N.swapaxes(1, 2)

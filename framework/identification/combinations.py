@@ -89,7 +89,7 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     largest = np.abs(in_sizes).max(axis=0, initial=0.0)
     weights[np.abs(in_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
 
-    # the same in the units of the parameters, with unit columns scaled to those of the regressor
+    # the weights of unit columns become coefficients in the units of the parameters
     unit_lengths = lengths / sizes
     coefficients = np.zeros((rank, len(sizes)))
     coefficients[np.arange(rank), leading] = 1.0

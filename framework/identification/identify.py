@@ -41,8 +41,9 @@ from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording; every fourth is held out
-UNSEEN_SPREAD = 1e-3  # deviation that keeps an undetermined base parameter at the file's value, over its own
-LEAST_SPREAD = 1e-6  # least such deviation over the parameter's size; its inverse square enters a matrix
+# An undetermined base parameter stays near the file's value by a row with a small deviation.
+UNSEEN_SPREAD = 1e-3  # this deviation over the estimated one, and at most over the parameter's size
+LEAST_SPREAD = 1e-6  # at least over the parameter's size; the inverse square enters a matrix
 DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the sizes of each body's parameters
 
 
@@ -87,7 +88,7 @@ class Identification(ReadOnlyArrays):
     @property
     def undetermined(self) -> tuple[str, ...]:
         """Names of base parameters whose standard deviation exceeds their size."""
-        return self._base_names(_exceed_their_size(self.base, self.values, self.deviations))
+        return self._base_names(_find_undetermined(self.base, self.values, self.deviations))
 
     @property
     def keeps_file(self) -> bool:
@@ -171,7 +172,7 @@ def identify(
     data = load_recording(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
-    test = _is_validation(measured.times)
+    test = _mask_held_out(measured.times)
     rows = _whiten(robot, regressor, measured, ~test)
     if len(rows.right) <= base.rank:
         raise InvalidInput(
@@ -228,12 +229,15 @@ def _whiten(
     return Rows(matrix.reshape(-1, matrix.shape[2]), np.matvec(weights, wrench)[instants].ravel())
 
 
-def _exceed_their_size(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
-    """Return a mask (rank,) of base parameters with deviations (rank,) above their size."""
+def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
+    """Return a mask (rank,) of base parameters with deviations (rank,) above their size.
+
+    Values (rank,) are the estimated ones; the size is that of the estimate or of the file's value.
+    """
     return deviations > np.maximum(np.abs(values), np.abs(base.values))
 
 
-def _is_validation(times: Array) -> BoolArray:
+def _mask_held_out(times: Array) -> BoolArray:
     """Return a mask (T,) of the instants held out: every fourth block of time."""
     share = (times - times[0]) / (times[-1] - times[0])
     blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
@@ -278,7 +282,7 @@ def _fit_possible_bodies(
     """
     sizes = base.described.sizes[base.combinations.leading]  # (rank,)
     spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
-    is_unseen = _exceed_their_size(base, estimate.values, estimate.deviations)
+    is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
     prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
     information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows  # (p, p)
     misfit = rows.right - rows.matrix @ base.described.values
@@ -293,10 +297,10 @@ def torque_error(
     instants: BoolArray,
     parameters: Array,
 ) -> Array:
-    """Compute each torque's root mean square error over that of the torque (n_a,), by parameters (p,).
+    """Compute root mean square errors (n_a,) of predicted torques, relative to the torques.
 
-    The errors e solve G' e = W - G' tau, with the wrench W that the parameters predict. Of the `instants` in
-    a mask (T,) only those count at which G is well conditioned; without any the result is NaN.
+    The errors e solve G' e = W - G' tau, with the wrench W that the parameters (p,) predict. Of the
+    `instants` in a mask (T,) only those count at which G is well conditioned; without any the result is NaN.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]

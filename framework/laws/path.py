@@ -428,7 +428,7 @@ def _check_continuous(path: Path, order: int) -> None:
 
 
 def _test_intervals(path: Path) -> tuple[Array, Array]:
-    """Return starts and lengths (DIFFERENCE_INTERVALS,) of intervals in [0, 1] without a knot inside.
+    """Return starts and lengths of test intervals in [0, 1] without knots inside, (intervals,) each.
 
     Starts are multiples of the golden ratio modulo 1, moved down if the interval would contain a knot.
     """
