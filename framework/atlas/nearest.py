@@ -172,21 +172,21 @@ def _follow_rays(
     """
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
-    q = np.repeat(q[None], len(rays), axis=0)  # (rays still followed, nq)
-    sign = _sign_of_g(robot, q[:1])
+    ray_q = np.repeat(q[None], len(rays), axis=0)  # (rays still followed, nq)
+    sign = _sign_of_g(robot, q[None])
     crossed: list[RaySegments] = []
     ended: list[RaySegments] = []
     for k in range(count):
         start, end = (x + rays * (reach * i / count) for i in (k, k + 1))
-        step = step_poses(robot, q, start, end, STEP_PARTS)
+        step = step_poses(robot, ray_q, start, end, STEP_PARTS)
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
         is_crossed[is_reached] = _sign_of_g(robot, step.q[is_reached]) != sign
-        segments = RaySegments(q, start, end)
+        segments = RaySegments(ray_q, start, end)
         crossed.append(select(segments, is_crossed))
         ended.append(select(segments, ~is_reached))
         goes_on = is_reached & ~is_crossed
-        q = step.q[goes_on]
+        ray_q = step.q[goes_on]
         rays = rays[goes_on]
         if not len(rays):
             break

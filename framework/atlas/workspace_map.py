@@ -108,7 +108,7 @@ class WorkspaceMap(ReadOnlyArrays):
     @property
     def open_edges(self) -> tuple[str, ...]:
         """Edges of the window with reached poses, such as `least x`: more may lie beyond."""
-        edges = {}
+        edges: dict[str, BoolArray] = {}
         for k, rows in zip(self.window.axes, (self.reached, self.reached.T), strict=True):
             name = self.robot.axis_names[k]
             edges |= {f"least {name}": rows[0], f"largest {name}": rows[-1]}
