@@ -156,7 +156,7 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     subdivisions = max(1, int(np.ceil(longest_cell_edge(robot, window) / MAX_NEIGHBOUR_DISTANCE)))
     rows, columns = ((count - 1) * subdivisions + 1 for count in window.shape)
     if max(rows, columns) > MAX_EDGE_POSES:
-        width = float((window.upper - window.lower).max()) / robot.length
+        width = (window.upper - window.lower).max() / robot.length
         raise InvalidInput(
             f"window: {width:.3g} robot lengths wide is more than poses can be followed over; "
             f"lengths are in m"

@@ -358,7 +358,7 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
     shares = shares_beyond_limits(robot.limits, workspace.q)  # (I, J, limits) of the ranges
     in_range = workspace.reached & (shares <= 0.0).all(axis=-1)
     beyond = workspace.reached & ~in_range
-    too_weak = in_range & (workspace.values.get("holding", np.zeros(in_range.shape)) > 1.0)
+    too_weak = in_range & (workspace.values.get("holding", np.zeros(1)) > 1.0)
     within = in_range & ~too_weak
     joined = _join_to_reference(workspace, within)
 

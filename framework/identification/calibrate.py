@@ -283,16 +283,17 @@ def _describe_unseen(
 
 
 def _sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
-    """Compute derivatives (T, nv) of all measurable quantities at q (T, nq), by name.
+    """Compute derivatives of all measurable quantities at q (T, nq), by name.
 
-    These are position and rotation of the platform's frame, and joints that an encoder can measure.
+    These are position and rotation of the platform's frame, (T, nv) each, and joints that an encoder can
+    measure, (nv,) at all q.
     """
     jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
-    sensors = {axis: jacobian[:, k] for k, axis in enumerate(axes)}
+    slopes = dict(zip(axes, jacobian.swapaxes(0, 1), strict=True))
     for column, name in encoder_names(model).items():
-        sensors[name] = np.tile(np.eye(model.model.nv)[column], (len(q), 1))
-    return sensors
+        slopes[name] = np.eye(model.model.nv)[column]
+    return slopes
 
 
 def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:

@@ -92,7 +92,7 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     # the weights of unit columns become coefficients in the units of the parameters
     unit_lengths = lengths / sizes
     coefficients = np.zeros((rank, len(sizes)))
-    coefficients[np.arange(rank), leading] = 1.0
+    coefficients[:, leading] = np.eye(rank)
     coefficients[:, dependent] = weights * unit_lengths[dependent] / unit_lengths[leading, None]
     return Combinations(rank, values, leading, coefficients, np.flatnonzero(~is_seen))
 

@@ -176,8 +176,8 @@ def identify(
     rows = _whiten(robot, regressor, measured, ~test)
     if len(rows.right) <= base.rank:
         raise InvalidInput(
-            f"{data.source}: {len(rows.right)} equations at {int((~test).sum())} instants for {base.rank} "
-            f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
+            f"{data.source}: {len(rows.right)} equations at {np.count_nonzero(~test)} instants for "
+            f"{base.rank} base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
     estimate = _estimate_base_parameters(base, rows)
     file = base.described.values

@@ -9,6 +9,7 @@ the same filter, because the torques do.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -170,7 +171,7 @@ def _signal_frequency(joints: Array, period: float) -> float:
     noise = np.median(power[len(power) // 2 :], axis=0)
     is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
     precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
-    return float(precedes_noise.sum(axis=0).max() / (count * period))
+    return precedes_noise.sum(axis=0).max() / (count * period)
 
 
 class _LowPass(NamedTuple):
@@ -184,7 +185,7 @@ class _LowPass(NamedTuple):
         from scipy.signal import butter, sosfiltfilt
 
         sections = butter(ORDER, self.cutoff, fs=1.0 / self.period, output="sos")
-        padding = min(len(values) - 1, int(np.ceil(3.0 / (self.cutoff * self.period))))
+        padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
     def differentiate(self, values: Array) -> list[Array]:
@@ -198,7 +199,7 @@ class _LowPass(NamedTuple):
     def choose_instants(self, data: Recording) -> IntArray:
         """Return indices (T,) of samples half a period of the cutoff apart, without the ends."""
         samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff
-        margin = int(np.ceil(END_PERIODS * samples_per_period))
+        margin = math.ceil(END_PERIODS * samples_per_period)
         instants = np.arange(margin, len(data) - margin, max(round(0.5 * samples_per_period), 1))
         if len(instants) < MIN_INSTANTS:
             raise InvalidInput(
@@ -254,7 +255,7 @@ def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops
     may_vanish = (inner + change[:-1] <= 0.0) | (inner - change[1:] <= 0.0)
     if not may_vanish.any():
         return
-    k = 1 + int(np.argmax(may_vanish))  # the first
+    k = 1 + int(may_vanish.argmax())  # the first
     x = robot.platform.coordinates(linearised.frames)[k]
     raise _type2_error(robot, q[k], x, float(linearised.gap[k]), k / len(q))
 

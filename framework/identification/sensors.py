@@ -66,8 +66,8 @@ def record_sensors(
     times[-1] = min(times[-1], simulation.duration)
     angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))
     torques = np.asarray(torque(times))
-    slides = np.array([unit == "N" for unit in robot.torque_units])
-    steps = np.where(slides, sensors.slide_step, sensors.angle_step)
+    is_slide = np.array(robot.torque_units) == "N"  # without a gear
+    steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
     columns = [

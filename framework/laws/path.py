@@ -177,8 +177,17 @@ class Arc(PointPath):
         along_u, along_w = spokes @ (points[1:] - center).T  # (2,) each
         angle_via, angle_end = (np.arctan2(along_w, along_u) % (2 * np.pi)).tolist()
         angle = angle_end if angle_via < angle_end else angle_end - 2 * np.pi
-        _set_fields(self, start=start, via=via, end=end, points=points)
-        _set_fields(self, center=read_only(center), radius=radius, angle=angle, _spokes=read_only(spokes))
+        _set_fields(
+            self,
+            start=start,
+            via=via,
+            end=end,
+            points=points,
+            center=read_only(center),
+            radius=radius,
+            angle=angle,
+            _spokes=read_only(spokes),
+        )
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute c + r (cos(a s) u + sin(a s) w), or a derivative in s, (T, n)."""
@@ -306,8 +315,14 @@ class Polyline(PointPath):
         arc_lengths = np.concatenate(([0.0], np.cumsum(lengths)))
         blend_ends = (arc_lengths[1:-1, None] + blend * np.array([-1.0, 1.0])) / arc_lengths[-1]
         knots = np.unique(np.round(blend_ends, 14))  # merges the ends of two blends that meet
-        _set_fields(self, points=points, blend=blend, knots=read_only(knots))
-        _set_fields(self, _arc_lengths=read_only(arc_lengths), _directions=read_only(directions))
+        _set_fields(
+            self,
+            points=points,
+            blend=blend,
+            knots=read_only(knots),
+            _arc_lengths=read_only(arc_lengths),
+            _directions=read_only(directions),
+        )
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or a derivative in s, (T, n).
@@ -345,15 +360,22 @@ def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
     order = len(law_values) - 1
     check_order(order, HIGHEST_ORDER)
     x = [path(law_values[0], k) for k in range(order + 1)]  # derivatives in s
-    ds = [value[..., None] for value in law_values]  # time derivatives of s
-    bell = {(m, 0): np.array(float(m == 0)) for m in range(order + 1)}
+    bell = _bell_polynomials([value[..., None] for value in law_values])
     derivatives = [x[0]]
     for m in range(1, order + 1):
+        terms = [x[k] * bell[m, k] for k in range(1, m + 1)]
+        derivatives.append(np.sum(terms, axis=0))
+    return derivatives
+
+
+def _bell_polynomials(ds: list[Array]) -> dict[tuple[int, int], Array]:
+    """Compute the Bell polynomials B_mk, see `time_derivatives`, by (m, k), from s and its derivatives."""
+    bell = {(m, 0): np.array(float(m == 0)) for m in range(len(ds))}
+    for m in range(1, len(ds)):
         for k in range(1, m + 1):
             terms = [comb(m - 1, i - 1) * ds[i] * bell[m - i, k - 1] for i in range(1, m - k + 2)]
             bell[m, k] = np.sum(terms, axis=0)
-        derivatives.append(np.sum([x[k] * bell[m, k] for k in range(1, m + 1)], axis=0))
-    return derivatives
+    return bell
 
 
 # ------------------------------------------------------------------ the check of a user's own path
