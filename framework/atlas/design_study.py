@@ -1,8 +1,8 @@
-"""A study of a robot's dimensions: one small map for each set of named parameters, and a few numbers of it.
+"""A study of a robot's dimensions: one small map, reduced to a few numbers, for each design.
 
-The sets are the grid of all values that the robot file declares, or the rows of a table. They are computed in
-chunks of `DESIGNS_PER_TASK`, in this process or by any `concurrent.futures.Executor`. For a set that makes no
-robot the reason is recorded, and the others go on.
+A design is a set of values of named parameters: a point of the grid that the robot file declares, or a row of
+a table. Designs are computed in chunks of `DESIGNS_PER_TASK`, in this process or by any
+`concurrent.futures.Executor`. If a design makes no robot, the reason is recorded and the study continues.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from framework.atlas.map_files import (
     value_range,
     write_document_and_arrays,
 )
-from framework.atlas.quantities import QUANTITIES, choose_quantities, quantity_unit
+from framework.atlas.quantities import QUANTITIES, choose_quantities, has_loaded, quantity_unit
 from framework.atlas.survey import Window, map_axes, survey_window
 from framework.atlas.workspace_map import WorkspaceMap, workspace_map
 from framework.dynamics.loading import LoadReason
@@ -41,53 +41,49 @@ from framework.numerics.input import read_text
 from framework.numerics.kept import WHY, ArrayField, KeptChunks, complete_chunks, compute_rows
 from framework.numerics.output import package_versions
 
-DESIGNS_PER_TASK = 4  # designs of a task
-MAX_DESIGNS = 1_000_000  # designs
+DESIGNS_PER_TASK = 4
+MAX_DESIGNS = 1_000_000
 DOCUMENT = "study.json"
-Chunk = Mapping[str, NDArray[Any]]
 
 
 class Designs(NamedTuple):
-    """Sets of P parameters: their names and values (D, P)."""
+    """D designs: the names of P parameters and their values (D, P)."""
 
     names: tuple[str, ...]
     values: Array
 
 
 class StudyTask(NamedTuple):
-    """The settings of the maps of a study, and the robot file.
-
-    window: least and largest of the first axis, then of the second; None: its reach.
-    """
+    """The robot file and the settings of the maps of a study."""
 
     file: str
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the parameters
     flexibility: str
     axes: tuple[str, str]
-    window: tuple[float, ...] | None
-    size: int
-    keys: tuple[str, ...]
+    window: tuple[float, ...] | None  # least and largest value of each axis; None: the reach of each robot
+    size: int  # poses along an edge
+    keys: tuple[str, ...]  # of `QUANTITIES`
 
 
 @dataclass(frozen=True, eq=False)
 class DesignStudy(ReadOnlyArrays):
-    """The results of D designs; numbers are NaN for one that makes no robot."""
+    """The results of D designs; numbers are NaN for a design without a map."""
 
     task: StudyTask
     designs: Designs
     columns: Mapping[str, Array]  # (D,) see `units`
     units: Mapping[str, str]
-    why: tuple[str, ...]  # (D,) empty, or why there is no map
+    why: tuple[str, ...]  # (D,) the reason why there is no map; empty if there is one
 
 
 def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
     """Return the grid of all declared parameter values, or the rows of a table.
 
     Args:
-        table: CSV file with names of parameters in the first line and values in each further one.
+        table: CSV file with parameter names in the first line and the values of a design in each other line.
 
     Raises:
-        InvalidInput: the file declares no parameters; the table has other names, or cells that are no
+        InvalidInput: the file declares no parameters; the table has undeclared names, or cells that are not
             numbers.
     """
     text = read_text(file, f"{file}: cannot read it")
@@ -113,10 +109,7 @@ def design_study(
     keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
-    """Map all designs, and reduce each map to areas and ranges.
-
-    Options as for `workspace_map`.
-    """
+    """Map all designs and reduce each map to areas and ranges; options as of `workspace_map`."""
     chunks = {}
     for first in range(0, len(designs.values), DESIGNS_PER_TASK):
         values = designs.values[first : first + DESIGNS_PER_TASK]
@@ -135,74 +128,62 @@ def design_study(
 
 
 def _chunk_arrays(task: StudyTask, values: Array) -> dict[str, ArrayField]:
-    """Return types and shapes of the columns of a chunk of designs (D, P)."""
+    """Return the types and shapes of the columns of a chunk of designs (D, P)."""
     numbers = dict.fromkeys(column_names(task), ArrayField("f", (len(values),)))
     return numbers | {WHY: ArrayField("U", (len(values),))}
 
 
 def map_designs(task: StudyTask, values: Array) -> dict[str, NDArray[Any]]:
-    """Map designs (D, P); return columns (D,) of statistics, and `why` without a map."""
+    """Map designs (D, P); return columns (D,) of statistics, and of the reason `why` not."""
     compute = partial(_map_design, task)
     return compute_rows(compute, column_names(task), (FrameworkError,), values.tolist())
 
 
 def column_names(task: StudyTask) -> tuple[str, ...]:
     """Return the names of the columns of a study."""
-    loaded = ["carried_area"] if any(QUANTITIES[key].loaded for key in task.keys) else []
+    loaded = ["carried_area"] if has_loaded([QUANTITIES[key] for key in task.keys]) else []
     return ("area", "free_area", *loaded, *(f"{key}_{part}" for key in task.keys for part in STATISTICS))
 
 
 def column_units(robot: ParallelRobot, task: StudyTask) -> dict[str, str]:
     """Return the units of the columns, by name."""
     edge_units = {"m" if robot.translations[k] else "rad" for k in map_axes(robot, task.axes)}
-    area_unit = "m rad"
-    if len(edge_units) == 1:
-        area_unit = f"{edge_units.pop()}^2"
-    units = {
-        f"{quantity.key}_{part}": quantity_unit(robot, quantity)
-        for quantity in choose_quantities(robot, task.keys)
-        for part in STATISTICS
-    }
-    return {key: area_unit for key in column_names(task) if key.endswith("area")} | units
+    area_unit = f"{edge_units.pop()}^2" if len(edge_units) == 1 else "m rad"
+    units = {key: area_unit for key in column_names(task) if key.endswith("area")}
+    for quantity in choose_quantities(robot, task.keys):
+        unit = quantity_unit(robot, quantity)
+        units |= {f"{quantity.key}_{part}": unit for part in STATISTICS}
+    return units
 
 
 def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
-    """Map the robot of one design (P,); return its statistics by column.
-
-    The map is over the task's window, or over the robot's own reach.
-    """
+    """Map the robot of one design (P,); return the statistics of the map by column."""
     parameters = dict(zip(task.names, design, strict=True))
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility, parameters=parameters)
     if task.window is None:
         window = survey_window(robot, axes=task.axes, size=task.size)
     else:
-        ends, shape = np.array(task.window), (task.size, task.size)
-        window = Window(
-            axes=map_axes(robot, task.axes),
-            lower=ends[::2],
-            upper=ends[1::2],
-            shape=shape,
-            constants=robot.reference.x,
-        )
+        lower, upper = np.reshape(task.window, (2, 2)).T
+        shape = (task.size, task.size)
+        window = Window(map_axes(robot, task.axes), lower, upper, shape, robot.reference.x)
     return _statistics(workspace_map(robot, window, task.keys))
 
 
 def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
-    """Return areas and ranges of quantities of a map, by column.
+    """Return the areas of a map and the ranges of its quantities, by column.
 
-    Areas are those of all reached poses, of poses in the reference's assembly mode (free_area), and of poses
-    that carry the load. That mode is the mode of the pose nearest to the reference.
+    `area` is that of all reached poses, `free_area` of poses in the reference's assembly mode, `carried_area`
+    of poses that carry the load. The reference's mode is taken from the reached pose nearest to it.
     """
     reached = workspace.reached
     distance = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
-    reference_mode = workspace.assembly.flat[np.argmin(np.where(reached, distance, np.inf))]
-    cell_area = float(np.prod(workspace.window.cell))
-    columns = {
-        "area": cell_area * int(reached.sum()),
-        "free_area": cell_area * int((reached & (workspace.assembly == reference_mode)).sum()),
-    }
+    nearest = np.argmin(np.where(reached, distance, np.inf))
+    is_free = workspace.assembly == workspace.assembly.flat[nearest]
+    masks = {"area": reached, "free_area": reached & is_free}
     if workspace.load is not None:
-        columns["carried_area"] = cell_area * int((reached & (workspace.load == LoadReason.CARRIED)).sum())
+        masks["carried_area"] = reached & (workspace.load == LoadReason.CARRIED)
+    cell_area = np.prod(workspace.window.cell)
+    columns = {key: float(cell_area * mask.sum()) for key, mask in masks.items()}
     for quantity in workspace.quantities:
         values = value_range(workspace.values[quantity.key])
         columns |= {f"{quantity.key}_{part}": value for part, value in values.items() if value is not None}
@@ -213,7 +194,7 @@ def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
 
 
 def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
-    """Return all settings of a study, a document of JSON."""
+    """Return the settings of a study, as a document of JSON."""
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
     return {
         "robot": robot.name,
@@ -227,23 +208,20 @@ def study_setup(task: StudyTask, designs: Designs) -> dict[str, Any]:
 
 def write_study(study: DesignStudy, folder: Path) -> list[Path]:
     """Write study.json, study.npz and study.csv; the same study gives the same bytes."""
-    document = {**study_setup(study.task, study.designs), "units": dict(study.units)}
+    document = study_setup(study.task, study.designs) | {"units": dict(study.units)}
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
-    arrays = {f"parameter_{name}": values for name, values in parameters.items()} | dict(study.columns)
-    columns = [(name, table_cells(values)) for name, values in (*parameters.items(), *study.columns.items())]
-    return write_document_and_arrays(
-        folder / DOCUMENT,
-        document,
-        document,
-        {WHY: np.array(study.why, dtype=np.str_), **arrays},
-        [*columns, (WHY, study.why)],
-    )
+    arrays: dict[str, NDArray[Any]] = {WHY: np.array(study.why, dtype=np.str_)}
+    arrays |= {f"parameter_{name}": values for name, values in parameters.items()}
+    arrays |= study.columns
+    columns = [*parameters.items(), *study.columns.items()]
+    table = [*((name, table_cells(values)) for name, values in columns), (WHY, study.why)]
+    return write_document_and_arrays(folder / DOCUMENT, document, document, arrays, table)
 
 
 def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
     """Read designs from a CSV table; raises as `read_designs`."""
-    rows = list(csv.reader(io.StringIO(read_text(table, f"{table}: cannot read the table"))))
-    rows = [row for row in rows if row]
+    text = read_text(table, f"{table}: cannot read the table")
+    rows = [row for row in csv.reader(io.StringIO(text)) if row]
     if len(rows) < 2:
         raise InvalidInput(f"{table}: needs a line of parameters and a line of values for each design")
     names = tuple(name.strip() for name in rows[0])
@@ -254,6 +232,5 @@ def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs
         raise InvalidInput(f"{table}: needs each parameter once, got {', '.join(names)}")
     if len(rows) > MAX_DESIGNS:
         raise InvalidInput(f"{table}: {len(rows) - 1} designs; at most {MAX_DESIGNS} are studied")
-    return Designs(
-        names, np.array([finite_numbers(f"{table}: a design", row, len(names)) for row in rows[1:]])
-    )
+    values = [finite_numbers(f"{table}: a design", row, len(names)) for row in rows[1:]]
+    return Designs(names, np.array(values))

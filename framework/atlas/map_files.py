@@ -1,6 +1,6 @@
 """A map as files: arrays in map.npz, a table in map.csv, settings and a summary in map.json.
 
-They contain no dates and durations: the same map gives the same files, byte for byte.
+The files contain no dates or durations, so the same map gives the same files, byte for byte.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from framework.atlas.quantities import Quantity, quantity_unit
+from framework.atlas.quantities import Quantity, find_wrench, quantity_unit
 from framework.atlas.survey import Window
 from framework.atlas.workspace_map import WorkspaceMap
 from framework.dynamics.loading import LOAD_WORDS, LoadReason
@@ -28,53 +28,48 @@ STATISTICS = ("least", "median", "largest")
 
 def robot_hash(robot: ParallelRobot) -> str:
     """Return the SHA-256 hash of the robot file together with its URDF."""
-    digest = hashlib.sha256()
     file = robot.description.file
-    if file.is_file():
-        digest.update(file.read_bytes())
-    digest.update(robot.description.urdf_text.encode())
-    return digest.hexdigest()
+    robot_file = file.read_bytes() if file.is_file() else b""
+    return hashlib.sha256(robot_file + robot.description.urdf_text.encode()).hexdigest()
 
 
 def map_setup(workspace: WorkspaceMap) -> dict[str, Any]:
-    """Return all settings of a map, a document of JSON."""
+    """Return the settings of a finished map, as a document of JSON."""
     setup = setup_document(workspace.robot, workspace.window, workspace.quantities)
-    return {**setup, "keep_limits": workspace.keeps_limits}
+    return setup | {"keep_limits": workspace.keeps_limits}
 
 
 def setup_document(robot: ParallelRobot, window: Window, quantities: Sequence[Quantity]) -> dict[str, Any]:
-    """Return the settings of a map of a robot over a window."""
+    """Return the settings of a map over a window, as a document of JSON."""
     names = robot.axis_names
+    constants = window.constants.tolist()
     return {
         "robot": robot.name,
         "robot_hash": robot_hash(robot),
         "platform": robot.description.platform.frame,
         "motors": list(robot.actuator_names),
-        "reference": robot.reference.q.tolist(),  # which working mode is mapped
+        "reference": robot.reference.q.tolist(),  # determines the working mode
         "flexibility": robot.flexibility,
         "axes": [names[k] for k in window.axes],
         "lower": window.lower.tolist(),
         "upper": window.upper.tolist(),
         "shape": list(window.shape),
-        "held": {
-            name: float(value)
-            for k, (name, value) in enumerate(zip(names, window.constants, strict=True))
-            if k not in window.axes
-        },
+        "held": {names[k]: constants[k] for k in range(robot.n) if k not in window.axes},
         "quantities": [quantity.key for quantity in quantities],
-        "wrench": next((quantity.wrench for quantity in quantities if quantity.takes_wrench), None),
+        "wrench": find_wrench(quantities),
         "parameters": dict(robot.description.parameters),
         "versions": package_versions(),
     }
 
 
 def map_document(workspace: WorkspaceMap) -> dict[str, Any]:
-    """Return a summary of a map in numbers, a document of JSON."""
-    document = map_setup(workspace)
-    document["working_mode"] = workspace.working_mode
-    document["characteristic_length"] = workspace.robot.length
-    document["poses"] = workspace.counts
-    document["open_edges"] = list(workspace.open_edges)
+    """Return the settings and results of a map in numbers, as a document of JSON."""
+    document = map_setup(workspace) | {
+        "working_mode": workspace.working_mode,
+        "characteristic_length": workspace.robot.length,
+        "poses": workspace.counts,
+        "open_edges": list(workspace.open_edges),
+    }
     if workspace.load is not None:
         document["load"] = workspace.load_counts
     document["locus"] = {
@@ -99,6 +94,8 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     """Write map.json, map.npz and map.csv into a folder."""
     first, second = workspace.window.spans
     curves = workspace.locus.curves
+    no_x = np.zeros((0, 2))  # keep the shapes of a locus without curves
+    no_q = np.zeros((0, workspace.q.shape[2]))
     arrays = {
         "first": first,
         "second": second,
@@ -106,8 +103,8 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
         "reason": workspace.reason,
         "reason_words": np.array(workspace.reason_words),
         "assembly": workspace.assembly,
-        "locus": np.concatenate([np.zeros((0, 2)), *(curve.x for curve in curves)]),
-        "locus_q": np.concatenate([np.zeros((0, workspace.q.shape[2])), *(curve.q for curve in curves)]),
+        "locus": np.concatenate([no_x, *(curve.x for curve in curves)]),
+        "locus_q": np.concatenate([no_q, *(curve.q for curve in curves)]),
         "locus_curve": np.repeat(np.arange(len(curves)), [len(curve.x) for curve in curves]),
         **({} if workspace.load is None else {"load": workspace.load}),
         **workspace.values,
@@ -124,8 +121,9 @@ def write_document_and_arrays(
     arrays: Mapping[str, np.ndarray],
     table: Sequence[tuple[str, Sequence[Any]]],
 ) -> list[Path]:
-    """Write a document, and beside the file its arrays (.npz) and a table (.csv)."""
-    array_file, table_file = file.with_suffix(".npz"), file.with_suffix(".csv")
+    """Write a document, and with the same stem its arrays (.npz) and a table of columns (.csv)."""
+    array_file = file.with_suffix(".npz")
+    table_file = file.with_suffix(".csv")
     file.write_text(json_text(document), encoding="utf-8")
     setup_text = np.array(json.dumps(setup, sort_keys=True))
     np.savez_compressed(array_file, allow_pickle=False, setup=setup_text, **arrays)
@@ -138,13 +136,13 @@ def write_document_and_arrays(
 
 
 def table_cells(values: np.ndarray) -> list[Any]:
-    """Return the numbers of a column as table cells, NaN as empty ones."""
+    """Return numbers (...) as a list of table cells, empty for NaN."""
     return ["" if math.isnan(value) else value for value in values.ravel().tolist()]
 
 
 def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
-    """Return the columns of a map's table by name, one entry a pose."""
-    points = workspace.window.points()
+    """Return the columns of a map's table by name, with one entry per pose."""
+    points = workspace.window.points()  # (I, J, n)
     columns: dict[str, list[Any]] = {
         workspace.robot.axis_names[k]: points[..., k].ravel().tolist() for k in workspace.window.axes
     }
@@ -159,7 +157,7 @@ def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
 
 
 def value_range(values: np.ndarray) -> dict[str, float | None]:
-    """Return least, median and largest of the finite values."""
+    """Return the `STATISTICS` of the finite values, None without any."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return dict.fromkeys(STATISTICS)

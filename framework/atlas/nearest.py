@@ -1,15 +1,15 @@
 """The nearest singular pose to a pose: the margin from Type 2.
 
-Rays leave the pose in many directions. They are followed by continuation, all together, until the branch ends
-at Type 1 or g changes its sign; the place is found by halving steps. Where the shortest rays meet the locus g
-= 0, Newton's method starts for the foot point, the point of the locus nearest to the pose x. From y it steps
-to the nearest point to x on the plane of g linearised at y,
+Rays leave the pose in many directions. Continuation follows all of them at once until the branch ends at
+Type 1 or g changes its sign; bisection then locates the end. Newton's method looks for the foot point, the
+point of the locus g = 0 nearest to the pose x, starting from the points where the shortest rays meet the
+locus. From y it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
 
     y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
 
 The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
 radius of the ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
-bounds differ where that ball ends at Type 1, or the proof at its largest number of cells.
+bounds differ if a Type 1 pose ends that ball, or if the proof reaches its largest number of cells.
 """
 
 from __future__ import annotations
@@ -34,33 +34,33 @@ from framework.singularity.type2 import has_signed_measure, uncontrolled_motion
 from framework.tolerances import NEWTON_STEP, RANK_LOST, TYPE_1_END
 
 RAY_STEP = 0.02  # [robot lengths, rad] along a ray
-RAYS = {1: 2, 2: 96, 3: 300}  # directions, by the number of platform coordinates
-RAYS_IN_MORE = 600  # of a platform with more coordinates
-MAX_STARTS = 8  # of Newton's method, from where the shortest rays meet the locus
-FAR_RATIO = 1.25  # start of a ray's segment over the nearest end of all, from which on it is left out
+RAYS = {1: 2, 2: 96, 3: 300}  # number of rays by the number of platform coordinates
+RAYS_IN_MORE = 600  # number of rays for platforms with more coordinates
+MAX_STARTS = 8  # of Newton's method, on the shortest rays that meet the locus
+FAR_RATIO = 1.25  # segments that start farther away than the nearest end times this ratio are left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
-# of a step along the nearest ray, to rounding; of steps along all rays, to find the nearest
+# halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
-DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for the slope of g
+DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for central differences of g
 
 
 @dataclass(frozen=True, eq=False)
 class NearestSingularPose(ReadOnlyArrays):
-    """The nearest Type 2 pose found by a local search, and the ball proved regular."""
+    """The nearest Type 2 pose of a local search, and the radius of the ball proved regular."""
 
-    at_least: float  # [unit] nearer than that no pose is singular, Type 1 or Type 2: proved
+    at_least: float  # [unit] within this distance no pose is singular, Type 1 or Type 2: proved
     unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
-    within: float  # [unit] how far rays were followed
+    within: float  # [unit] distance up to which rays were followed
     rays: int
-    leg_end: float  # [unit] if the ray that ends first does so at Type 1; else inf
-    distance: float = np.inf  # [unit] of the nearest pose; inf: none found
-    x: Array | None = None  # (n,) of the platform
+    leg_end: float  # [unit] distance of the nearest Type 1 end of a ray; inf without one
+    distance: float = np.inf  # [unit] of the nearest Type 2 pose; inf if none was found
+    x: Array | None = None  # (n,) platform coordinates of this pose
     q: Array | None = None  # (nq,)
     twist: Array | None = None  # (n,) t_s, see `twist_norm`
 
     @property
     def status(self) -> str:
-        """The distances to Type 2, proved and found, in a sentence."""
+        """The proved and the found distance to Type 2, in a sentence."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -76,17 +76,15 @@ class NearestSingularPose(ReadOnlyArrays):
 def nearest_singular_pose(
     robot: ParallelRobot, q: ArrayLike, *, within: float | None = None, max_cells: int = MAX_CELLS
 ) -> NearestSingularPose:
-    """Find the nearest Type 2 pose to an assembled configuration q (nq,).
-
-    On its working mode.
+    """Find the Type 2 pose nearest to a configuration q (nq,), in the working mode of q.
 
     Args:
         within: largest distance of the search [m if all coordinates are translations, rad if all are turns,
-            else robot lengths and rad], by default half a robot length or 0.5 rad.
+            else robot lengths and rad]; by default half a robot length or 0.5 rad.
         max_cells: largest number of cells of the proof, see `prove_regular_ball`.
 
     Raises:
-        InvalidInput: q leaves the loops open; redundant motors, whose g has no sign; no passive joints.
+        InvalidInput: the loops are open at q; redundant motors, whose g has no sign; no passive joints.
     """
     expect_robot(robot)
     require_square(robot)
@@ -99,7 +97,7 @@ def nearest_singular_pose(
     centre_q, centre = assembled.q[0], assembled.x[0]
     unit_length, unit = distance_unit(robot)
     reach = 0.5 if within is None else positive("within", within) / unit_length
-    directions = _directions(robot.n)
+    directions = _spread_directions(robot.n)
     crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
     nearest = _nearest_foot(robot, crossed, centre, reach)
     leg_end = _type_1_distance(robot, ended, centre)
@@ -120,9 +118,9 @@ def nearest_singular_pose(
 
 
 class RaySegments(NamedTuple):
-    """Segments of K rays at whose ends g changes its sign, or the branch ends.
+    """The last segments of K rays, in which g changes its sign or the branch ends.
 
-    Each leads from a reached pose to a point with another sign of g, or not reached.
+    Each leads from a reached pose to a point where g has the other sign, or that is not reached.
     """
 
     q: Array  # (K, nq) at the start
@@ -131,19 +129,19 @@ class RaySegments(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """A foot of the perpendicular from a point to the locus, or a candidate."""
+    """A foot point of the locus, or another pose at the end of a ray."""
 
     distance: float  # from the point [robot lengths, rad]
     x: Array  # (n,)
     q: Array  # (nq,)
 
 
-def _directions(n: int) -> Array:
+def _spread_directions(n: int) -> Array:
     """Return evenly spread unit vectors (K, n).
 
-    In the plane they are on a circle, in space on a spiral: heights z are equidistant, so that bands of equal
-    height have equal areas, and the golden angle is between neighbours. In one and more than three dimensions
-    they are both directions of each axis and random ones of a fixed seed.
+    Two coordinates: a circle. Three: a spiral on the sphere that turns by the golden angle from one vector to
+    the next, at equidistant heights z, because bands of equal height have equal areas. Otherwise: both
+    directions of each axis, and random ones from a fixed seed.
     """
     count = RAYS.get(n, RAYS_IN_MORE)
     k = np.arange(count)
@@ -151,7 +149,8 @@ def _directions(n: int) -> Array:
         angle = 2 * np.pi * k / count
         return np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if n == 3:
-        z, angle = 1 - (2 * k + 1) / count, np.pi * (1 + np.sqrt(5)) * k
+        z = 1 - (2 * k + 1) / count
+        angle = np.pi * (1 + np.sqrt(5)) * k
         radius = np.sqrt(1 - z**2)
         return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
     random = np.random.default_rng(0).standard_normal((count - 2 * n, n))
@@ -167,37 +166,37 @@ def _sign_of_g(robot: ParallelRobot, q: Array) -> Array:
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
 ) -> tuple[RaySegments, RaySegments]:
-    """Follow rays (K, n) step by step to sign changes of g or ends of branches.
+    """Follow rays (K, n) from x (n,); return the segments with a sign change of g, then with an end.
 
-    Return the segments of both kinds. A ray is followed no farther than its first such segment.
+    A ray ends with its first such segment.
     """
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
-    live = np.arange(len(rays))  # rays that go on
-    all_q = np.repeat(q[None], len(rays), axis=0)
-    sign = _sign_of_g(robot, q[None])[0]
+    ray_q = np.repeat(q[None], len(rays), axis=0)  # (rays still followed, nq)
+    sign = _sign_of_g(robot, q[None])
     crossed: list[RaySegments] = []
     ended: list[RaySegments] = []
     for k in range(count):
-        start, end = (x + rays[live] * (reach * i / count) for i in (k, k + 1))
-        step = step_poses(robot, all_q[live], start, end, STEP_PARTS)
+        start, end = (x + rays * (reach * i / count) for i in (k, k + 1))
+        step = step_poses(robot, ray_q, start, end, STEP_PARTS)
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
         is_crossed[is_reached] = _sign_of_g(robot, step.q[is_reached]) != sign
-        segments = RaySegments(all_q[live], start, end)
+        segments = RaySegments(ray_q, start, end)
         crossed.append(select(segments, is_crossed))
         ended.append(select(segments, ~is_reached))
-        all_q[live] = step.q
-        live = live[is_reached & ~is_crossed]
-        if not len(live):
+        goes_on = is_reached & ~is_crossed
+        ray_q = step.q[goes_on]
+        rays = rays[goes_on]
+        if not len(rays):
             break
     return _join_nearest(crossed, robot, x), _join_nearest(ended, robot, x)
 
 
 def _nearest_foot(robot: ParallelRobot, crossed: RaySegments, x: Array, reach: float) -> Foot | None:
-    """Find the nearest singular pose to x (n,) within reach, from sign changes of g.
+    """Find the singular pose nearest to x (n,) within reach, starting from sign changes of g.
 
-    Candidates are foot points, and the nearest sign change itself if g is zero there to rounding.
+    Candidates are foot points, and the nearest sign change at which g is zero to rounding.
     """
     hits = _locate_ends(robot, crossed, x)
     feet = [_find_foot(robot, hit, x) for hit in hits[:MAX_STARTS]]
@@ -207,16 +206,17 @@ def _nearest_foot(robot: ParallelRobot, crossed: RaySegments, x: Array, reach: f
 
 
 def _type_1_distance(robot: ParallelRobot, ended: RaySegments, x: Array) -> float:
-    """Compute the distance of x (n,) from the nearest Type 1 end; infinite without."""
+    """Compute the distance of x (n,) from the nearest Type 1 end; infinite without one."""
     ends = _locate_ends(robot, ended, x)
     return min((end.distance for end in ends if _is_type_1(robot, end)), default=np.inf)
 
 
 def _join_nearest(segments: list[RaySegments], robot: ParallelRobot, x: Array) -> RaySegments:
-    """Join segments that start no farther than FAR_RATIO times the nearest end."""
+    """Join the segments that start no farther from x (n,) than FAR_RATIO times the nearest end."""
     joined = join(segments)
-    start, end = _platform_distances(robot, joined.start, x), _platform_distances(robot, joined.end, x)
-    return select(joined, start <= FAR_RATIO * end.min(initial=np.inf))
+    start_distances = _platform_distances(robot, joined.start, x)
+    end_distances = _platform_distances(robot, joined.end, x)
+    return select(joined, start_distances <= FAR_RATIO * end_distances.min(initial=np.inf))
 
 
 def _platform_distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
@@ -225,81 +225,103 @@ def _platform_distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
 
 
 def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array) -> list[Foot]:
-    """Find the last poses before sign changes or ends of branches, nearest first.
+    """Locate the last poses before sign changes or ends of branches, nearest to x (n,) first.
 
-    All are found coarsely by few halvings, then the nearest to rounding.
+    The nearest is located to rounding; for the others few halvings are enough.
     """
     coarse = _bisect_segments(robot, segments, COARSE_HALVINGS)
     order = np.argsort(_platform_distances(robot, coarse.start, x), kind="stable")
     nearest = select(coarse, order[:1])
     fine = _bisect_segments(robot, nearest, MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
-    distances = map(float, _platform_distances(robot, ends.start, x))
+    distances = _platform_distances(robot, ends.start, x).tolist()
     return [Foot(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
 
 
 def _bisect_segments(robot: ParallelRobot, segments: RaySegments, halvings: int) -> RaySegments:
-    """Advance the starts of segments towards the sign change or end, by bisection.
+    """Advance the starts of segments (K,) towards the sign change or end, by bisection.
 
-    `fraction` of a segment is done. A step of `size` is repeated while it is accepted, and halved when it is
-    refused: near an end a long step is not trusted where a shorter one is.
+    A step is repeated while it is accepted, and halved when it is refused. A simple bisection would not do:
+    near an end of a branch a long step may not be trusted although a shorter one is.
     """
-    q, start, end = (part.copy() for part in segments)
-    sign, fraction, size = _sign_of_g(robot, q), np.zeros(len(q)), np.full(len(q), 0.5)
+    q, start, end = segments
+    q = q.copy()
+    sign = _sign_of_g(robot, q)
+    fraction = np.zeros(len(q))  # of each segment behind q
+    size = np.full(len(q), 0.5)  # of the next step, as a fraction
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
         next_fraction = (fraction + size)[live]
-        direction = (end - start)[live]
-        origin = start[live] + direction * fraction[live][:, None]
-        target = start[live] + direction * next_fraction[:, None]
-        step = step_poses(robot, q[live], origin, target)
+        segment = select(RaySegments(q, start, end), live)
+        direction = segment.end - segment.start
+        origin = segment.start + direction * fraction[live, None]
+        step = step_poses(robot, segment.q, origin, segment.start + direction * next_fraction[:, None])
         accepted = (step.reason == PoseReason.REACHED) & (next_fraction < 1.0)
         accepted[accepted] = _sign_of_g(robot, step.q[accepted]) == sign[live[accepted]]
-        q[live[accepted]], fraction[live[accepted]] = step.q[accepted], next_fraction[accepted]
+        q[live[accepted]] = step.q[accepted]
+        fraction[live[accepted]] = next_fraction[accepted]
         size[live[~accepted]] *= 0.5
     return RaySegments(q, start + (end - start) * fraction[:, None], end)
 
 
 def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
-    """Return whether the measure g of a pose is zero to rounding."""
+    """Return whether g is zero to rounding at a pose."""
     return bool(abs(_compute_g(robot, hit.q[None])[0]) < RANK_LOST)
 
 
 def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
-    """Return whether the inverse kinematics of a pose is singular, within TYPE_1_END."""
+    """Return whether a pose is singular of Type 1, within TYPE_1_END."""
     matrix = type1_matrix(robot, linearised_at(robot, end.q[None], None))
     least_singular_value = np.linalg.svd(matrix, compute_uv=False)[0, -1]
     return bool(least_singular_value < TYPE_1_END)
 
 
 def _compute_g(robot: ParallelRobot, q: Array) -> Array:
-    """Compute g (T,) at q (T, nq), all with the border vectors of the first pose."""
+    """Compute g (T,) at q (T, nq), with the border vectors of the first pose for all."""
     return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
 
 
 def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
     """Find the foot point of x (n,) by Newton's method; None without convergence.
 
-    Each step goes from y to the point of the linearised locus nearest to x, or RAY_STEP towards it. With the
-    slopes a of g (central differences) in scaled coordinates, that is x + a (a . (y - x) - g) / |a|^2.
+    Each step goes from y to the point of the linearised locus nearest to x, or RAY_STEP towards it. In scaled
+    coordinates, with the slopes a of g, this point is x + a (a . (y - x) - g) / |a|^2.
     """
-    scale, n = robot.platform_scale, robot.n
+    scale = robot.platform_scale
     _, y, q = hit
-    offsets = np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)]) * DIFFERENCE_STEP * scale
     for _ in range(MAX_FOOT_STEPS):
-        stencil = step_poses(robot, np.tile(q, (2 * n + 1, 1)), np.tile(y, (2 * n + 1, 1)), y + offsets)
-        if (stencil.reason != PoseReason.REACHED).any():
+        linearised = _linearise_g(robot, q, y)
+        if linearised is None:
             return None
-        g = _compute_g(robot, stencil.q)
-        a = (g[1 : n + 1] - g[n + 1 :]) / (2 * DIFFERENCE_STEP)  # (n,)
-        if not float(a @ a) > 0:
+        g, a = linearised
+        square = a @ a
+        if not square > 0:
             return None
-        target = x + scale * a * (a @ ((y - x) / scale) - g[0]) / float(a @ a)
+        target = x + scale * a * (a @ ((y - x) / scale) - g) / square
         distance = float(_platform_distances(robot, target, y))
         if distance < NEWTON_STEP:
-            return Foot(float(_platform_distances(robot, y, x)), y, q) if abs(g[0]) < RANK_LOST else None
+            return Foot(float(_platform_distances(robot, y, x)), y, q) if abs(g) < RANK_LOST else None
+
         next_y = y + min(1.0, RAY_STEP / distance) * (target - y)
         step = step_poses(robot, q[None], y[None], next_y[None], STEP_PARTS)
         if step.reason[0] != PoseReason.REACHED:
             return None
-        q, y = step.q[0], next_y
+        q = step.q[0]
+        y = next_y
     return None
+
+
+def _linearise_g(robot: ParallelRobot, q: Array, y: Array) -> tuple[float, Array] | None:
+    """Compute g and its slopes (n,) in scaled coordinates at q (nq,), y (n,); None at an end.
+
+    The slopes are central differences between neighbours of y along the axes. Near an end of the branch a
+    neighbour may not be reached.
+    """
+    unit_steps = np.concatenate([np.zeros((1, robot.n)), np.eye(robot.n), -np.eye(robot.n)])
+    neighbours = y + unit_steps * DIFFERENCE_STEP * robot.platform_scale  # (2 n + 1, n), y itself first
+    copies = (len(neighbours), 1)
+    step = step_poses(robot, np.tile(q, copies), np.tile(y, copies), neighbours)
+    if (step.reason != PoseReason.REACHED).any():
+        return None
+    g = _compute_g(robot, step.q)
+    g_forward, g_backward = np.split(g[1:], 2)
+    return g[0], (g_forward - g_backward) / (2 * DIFFERENCE_STEP)

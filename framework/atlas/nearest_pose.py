@@ -1,8 +1,7 @@
-"""The nearest pose found to a platform that may be out of reach, among poses joined to the reference.
+"""The nearest pose to a platform that may be out of reach, among poses joined to the reference.
 
-One search ends where no neighbour is nearer (`PoseSearch`), and there may be several such places. So poses
-are sampled once for a robot, on walks from the reference that turn at Type 1 and at the ends of ranges, and
-searches start from the nearest of these.
+A search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are
+sampled once per robot, on random walks from the reference, and searches start from the nearest samples.
 """
 
 from __future__ import annotations
@@ -18,18 +17,18 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.tree_model import shares_beyond_limits
 from framework.numerics.arrays import Array, ArrayLike
 
-WALKS, WALK_STEPS = 64, 60
+WALKS, WALK_STEPS = 64, 60  # random walks; steps of each
 MAX_WALK_STEP = 0.1  # [robot lengths, rad]
-STARTS = 3  # of searches
-START_DISTANCE = 0.2  # [robot lengths, rad] between starts
+STARTS = 3  # searches at most
+START_DISTANCE = 0.2  # [robot lengths, rad] least distance between starts
 
 
 def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
-    """Find a pose nearest to platform coordinates x (n,) within the joints' ranges.
+    """Find the pose nearest to platform coordinates x (n,) within the joints' ranges.
 
-    It is joined to the reference by steps within the ranges, on each of which every leg keeps its working
-    mode. Type 2 singularities may lie between. It is the nearest of a few local searches, without a proof
-    that none is nearer. The first call for a robot takes about a second, to sample the poses.
+    The pose is joined to the reference by steps within the ranges on which every leg keeps its working mode.
+    Type 2 singularities may lie between. The pose is the best result of a few local searches, without a proof
+    that no other is nearer. The first call for a robot samples its poses, which takes about a second.
 
     Raises:
         InvalidInput: not n finite numbers; the platform does not determine the joints.
@@ -48,36 +47,46 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
 
 
 def _choose_starts(offsets: Array) -> list[int]:
-    """Return indices of the starts nearest to the target, some distance apart.
+    """Return indices of samples near the target, START_DISTANCE apart, nearest first.
 
     Args:
-        offsets: (S, n) of the starts from the target.
+        offsets: (S, n) of the samples from the target [robot lengths, rad].
     """
     starts: list[int] = []
     distances = np.linalg.norm(offsets, axis=1)
     while len(starts) < STARTS and np.isfinite(distances).any():
-        starts.append(int(np.argmin(distances)))
-        apart = np.linalg.norm(offsets - offsets[starts[-1]], axis=1)
-        distances[apart < START_DISTANCE] = np.inf
+        start = int(np.argmin(distances))
+        starts.append(start)
+        is_close = np.linalg.norm(offsets - offsets[start], axis=1) < START_DISTANCE
+        distances[is_close] = np.inf
     return starts
 
 
 @lru_cache(maxsize=8)
 def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
-    """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges."""
+    """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
+
+    Walks from the reference go straight on until a step is refused, at Type 1 or the end of a range; then
+    they take a new random direction.
+    """
     random = np.random.default_rng(0)
-    q, x = (np.repeat(part[None], WALKS, axis=0) for part in (robot.reference.q, robot.reference.x))
-    walked, direction, is_stopped = [(q[:1], x[:1])], np.zeros_like(x), np.ones((WALKS, 1), dtype=bool)
+    q = np.repeat(robot.reference.q[None], WALKS, axis=0)
+    x = np.repeat(robot.reference.x[None], WALKS, axis=0)
+    samples_q = [robot.reference.q[None]]
+    samples_x = [robot.reference.x[None]]
+    direction = np.zeros_like(x)
+    accepted = np.zeros(WALKS, dtype=bool)  # the last step of each walk
     for _ in range(WALK_STEPS):
-        turned = random.standard_normal(x.shape)
-        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-        direction = np.where(is_stopped, turned, direction)
+        new_direction = random.standard_normal(x.shape)
+        new_direction /= np.linalg.norm(new_direction, axis=1, keepdims=True)
+        direction[~accepted] = new_direction[~accepted]
         length = MAX_WALK_STEP * random.random((WALKS, 1))
         target = x + direction * length * robot.platform_scale
         step = step_poses(robot, q, x, target)
         beyond = np.any(shares_beyond_limits(robot.limits, step.q) > 0.0, axis=1)
-        is_stopped = ((step.reason != PoseReason.REACHED) | beyond)[:, None]
-        q, x = np.where(is_stopped, q, step.q), np.where(is_stopped, x, target)
-        walked.append((q[~is_stopped[:, 0]], x[~is_stopped[:, 0]]))
-    sampled_q, sampled_x = (np.concatenate(part) for part in zip(*walked, strict=True))
-    return sampled_q, sampled_x
+        accepted = (step.reason == PoseReason.REACHED) & ~beyond
+        q[accepted] = step.q[accepted]
+        x[accepted] = target[accepted]
+        samples_q.append(q[accepted])
+        samples_x.append(x[accepted])
+    return np.concatenate(samples_q), np.concatenate(samples_x)

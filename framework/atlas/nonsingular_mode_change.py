@@ -1,9 +1,9 @@
-"""A change of assembly mode without a singularity: the motors led once around a cusp of the locus.
+"""A change of assembly mode without a singularity: one loop of the motors around a cusp of the locus.
 
-Next to a cusp, between the two arms of the locus in the space of the motors, three assembly modes belong to
-the same motors; two of them lie on the same side of the locus and are joined around the cusp (McAree and
-Daniel 1999; Zein, Wenger and Chablat 2008). The motors begin between the arms and go once round on a circle
-in the plane of the two free motors; forward kinematics follows the pose and stops at any Type 2 singularity.
+In the space of the motors, between the two arms of the locus that meet at a cusp, three assembly modes share
+the same motors. Two of them lie on the same side of the locus and are connected around the cusp (McAree and
+Daniel 1999; Zein, Wenger and Chablat 2008). The motors start between the arms and run once around a circle in
+the plane of the two free motors. Forward kinematics follows the pose and stops at any Type 2 singularity.
 """
 
 from __future__ import annotations
@@ -23,47 +23,47 @@ from framework.singularity.traced_locus import LocusCurve, LocusPoint, TracedLoc
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-CIRCLE_STEPS = 24  # on the circle
-# [rad, lengths] of circles that are tried, the largest first
+CIRCLE_STEPS = 24
+# [rad, lengths] of the circles tried, largest first
 CIRCLE_RADII = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
 
 @dataclass(frozen=True, eq=False)
 class AssemblyModeChange(ReadOnlyArrays):
-    """A closed course of the motors that ends in another pose of the platform."""
+    """A loop of the motors that ends in another pose of the platform."""
 
     cusp: LocusPoint
-    motors: Array  # (T, n_a) joint side; the last are the first
+    motors: Array  # (T, n_a) joint side; the last row equals the first
     q: Array  # (T, nq)
     x: Array  # (T, n)
     g: Array  # (T,) never zero
 
     @property
     def clearance(self) -> float:
-        """Least |g| on the course."""
+        """Least |g| along the loop."""
         return float(np.abs(self.g).min())
 
 
 def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange | None:
     """Find the change of assembly mode around a cusp of a locus in two motors.
 
-    None where no circle leads from one assembly mode to another, because it meets another part of the locus.
+    None if no circle leads from one assembly mode to another, because each meets other parts of the locus.
 
     Raises:
-        InvalidInput: the locus was traced in coordinates of the platform, or has no such cusp.
+        InvalidInput: the locus was traced in platform coordinates, or the cusp is not one of its cusps.
     """
     robot = locus.robot
     if locus.free[0] not in robot.actuator_names:
         raise InvalidInput(f"locus: needs one that was traced in two motors of {robot.name}, see `free`")
-    curve = _curve_of(locus, cusp)
+    curve = _find_curve(locus, cusp)
     free = [robot.actuator_names.index(name) for name in locus.free]
     scale = robot.column_scale[robot.actuated][free]
-    inside = _opening_direction(robot, curve, cusp)[free] / scale
-    start = float(np.arctan2(inside[1], inside[0]))
-    angle = start + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
+    opening = _opening_direction(robot, curve, cusp)[free] / scale
+    angle = np.arctan2(opening[1], opening[0]) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
+    unit_circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (T, 2)
     for radius in CIRCLE_RADII:
         motors = np.repeat(cusp.motors[None], len(angle), axis=0)
-        motors[:, free] += radius * scale * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        motors[:, free] += radius * scale * unit_circle
         motors[-1] = motors[0]
         change = _follow_circle(robot, cusp, motors)
         if change is not None:
@@ -71,8 +71,8 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     return None
 
 
-def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
-    """Return the curve of the locus that has this cusp."""
+def _find_curve(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
+    """Return the curve of the locus with this cusp."""
     for curve in locus.curves:
         if any(point is cusp for point in curve.cusps):
             return curve
@@ -80,30 +80,37 @@ def _curve_of(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
 
 
 def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
-    """Compute the direction (n_a,) of the motors into which a cusp opens."""
+    """Compute the direction (n_a,) of the motors into which a cusp opens.
+
+    It leads from the cusp to the midpoint between the curve's points on both arms next to the cusp.
+    """
     scale = robot.column_scale if robot.model.nq == robot.model.nv else 1.0
     distance = np.linalg.norm((curve.q - cusp.q) / scale, axis=1)
-    k = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))
+    k = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # the curve's point nearest to the cusp
     offset = curve.motors[k] - cusp.motors
-    turns = np.where(np.abs(offset) > 3, whole_turns(offset), 0.0)
-    return 0.5 * (curve.motors[k - 1] + curve.motors[k + 1]) - (cusp.motors + turns)
+    turns = np.where(np.abs(offset) > 3, whole_turns(offset), 0.0)  # angles may differ by whole turns
+    midpoint = 0.5 * (curve.motors[k - 1] + curve.motors[k + 1])
+    return midpoint - (cusp.motors + turns)
 
 
 def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:
-    """Follow motors (T, n_a) from the modes beside the cusp; return the first change."""
-    scale = robot.platform_scale
+    """Follow motors (T, n_a) from the three modes next to the cusp; return the first change."""
+
+    def distance(x: Array, y: Array) -> float:
+        return float(np.linalg.norm((x - y) / robot.platform_scale))
+
     modes = assembly_modes(robot, motors[0]).modes
-    nearest = sorted(modes, key=lambda mode: float(np.linalg.norm((mode.x - cusp.x) / scale)))[:3]
-    for first in nearest:
-        q, x = [first.q], [first.x]
+    for mode in sorted(modes, key=lambda mode: distance(mode.x, cusp.x))[:3]:
+        q = [mode.q]
+        x = [mode.x]
         try:
             for target in motors[1:]:
                 pose = forward_kinematics(robot, target, near=q[-1])
                 q.append(pose.q)
                 x.append(pose.x)
-        except NotAssembled:
+        except NotAssembled:  # the circle meets the locus
             continue
-        if np.linalg.norm((x[-1] - x[0]) / scale) > DISTINCT_SOLUTIONS:
+        if distance(x[-1], x[0]) > DISTINCT_SOLUTIONS:
             poses = np.array(q)
             g = singularity_measure(robot, linearised_at(robot, poses, None)).g
             return AssemblyModeChange(cusp, motors, poses, np.array(x), g)

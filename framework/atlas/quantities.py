@@ -1,10 +1,11 @@
-"""The quantities of a map: each with its name, its unit and the function that computes it at many poses."""
+"""The quantities of a map: their names, their units, and the functions that compute them at many poses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from framework.singularity.distances import Distances, singularity_distances
 
 @dataclass(frozen=True, eq=False)
 class Poses(ReadOnlyArrays):
-    """T assembled configurations, with values that several quantities need."""
+    """T assembled configurations, with the results that several quantities share."""
 
     robot: ParallelRobot
     q: Array  # (T, nq)
@@ -36,21 +37,21 @@ class Poses(ReadOnlyArrays):
 
     @cached_property
     def distances(self) -> Distances:
-        """Distances from singularities."""
+        """Distances of the poses from singularities."""
         return singularity_distances(self.robot, self.linearised)
 
     @cached_property
     def compliance(self) -> CompliantMotions:
-        """Motions that springs allow with locked motors."""
+        """Motions that the springs allow while motors are locked."""
         return compliant_motions(self.robot, self.linearised, self.q)
 
     @cached_property
     def loaded(self) -> LoadedStack:
-        """The poses deflected by weight and wrench."""
+        """The poses after deflection by weight and wrench."""
         return loaded_stack(self.robot, self.q, wrench=self.wrench)
 
     def mask_loaded(self, values: Array) -> Array:
-        """Return values (T,), NaN where the load is not carried."""
+        """Return values (T,), NaN at poses that do not carry the load."""
         return np.where(self.loaded.reason == LoadReason.CARRIED, values, np.nan)
 
 
@@ -64,10 +65,10 @@ class Quantity:
     large_is_good: bool = True
     decades: bool = False  # drawn on a logarithmic scale
     signed: bool = False
-    springs: bool = False  # needs springs
+    springs: bool = False  # needs a robot with springs
     loaded: bool = False  # computed at poses deflected by weight and `wrench`
-    holding: bool = False  # torque against weight and `wrench`; needs torque limits
-    wrench: tuple[float, ...] | None = None  # of the world ON the platform
+    holding: bool = False  # torque that balances weight and `wrench`; needs torque limits
+    wrench: tuple[float, ...] | None = None  # (n,) of the world ON the platform [N, N m]
 
     @property
     def takes_wrench(self) -> bool:
@@ -81,7 +82,8 @@ def holding_torque_ratio(poses: Poses) -> Array:
     Motors without a limit do not count. The torques balance weight, springs and wrench at the deflections of
     q, without dry friction. They grow without bound towards Type 2.
     """
-    robot, forces = poses.robot, static_forces(poses.robot, poses.q)
+    robot = poses.robot
+    forces = static_forces(robot, poses.q)  # (T, nv) generalised
     if poses.wrench is not None:
         forces = forces - np.einsum("tnv,n->tv", poses.linearised.platform, poses.wrench)
     torques = balanced_forces(robot, poses.linearised, forces).joint_torque / robot.gear_ratio
@@ -159,21 +161,23 @@ _VALUES: Mapping[str, Callable[[Poses], Array]] = {  # (T,) by the quantity's ke
 def choose_quantities(
     robot: ParallelRobot, names: Sequence[str] | None, wrench: ArrayLike | None = None
 ) -> tuple[Quantity, ...]:
-    """Return the named quantities, and g, from which the locus is drawn.
+    """Return the named quantities, led by g, from which the locus is drawn.
 
-    By default conditioning, torque of a platform that translates, and stiffness and frequency of a robot with
-    springs.
+    The default is conditioning, torque if the platform translates, and stiffness and frequency if the robot
+    has springs.
 
     Args:
-        wrench: (n,) of the world ON the platform beside the weight, for quantities under load.
+        wrench: (n,) of the world ON the platform in addition to the weight [N, N m], for quantities that
+            depend on it.
 
     Raises:
         InvalidInput: an unknown name; a quantity that needs springs, torque limits or translations that the
             robot does not have; a wrench without a potential, or without a quantity that depends on it.
     """
-    has_springs = bool(robot.n_e or robot.joint_stiffness.any())
+    has_springs = robot.n_e or robot.joint_stiffness.any()
     if names is None:
-        names = ["conditioning", *(["torque"] if robot.translations.any() else [])]
+        names = ["conditioning"]
+        names += ["torque"] if robot.translations.any() else []
         names += ["stiffness", "frequency"] if has_springs else []
     names = ["g", *names]
     for name in names:
@@ -198,28 +202,29 @@ def choose_quantities(
         with_wrench = [quantity.key for quantity in QUANTITIES.values() if quantity.takes_wrench]
         raise InvalidInput(f"wrench: counts for {', '.join(with_wrench)} alone; ask for one of them")
     load = tuple(finite_numbers("wrench", wrench, robot.n).tolist())
-    if any(quantity.loaded for quantity in quantities):
-        check_wrench(robot, load)  # deflections minimise an energy: the wrench needs a potential
+    if has_loaded(quantities):
+        check_wrench(robot, load)  # deflections minimise an energy, so the wrench needs a potential
     return tuple(
         replace(quantity, wrench=load) if quantity.takes_wrench else quantity for quantity in quantities
     )
 
 
+def has_loaded(quantities: Sequence[Quantity]) -> bool:
+    """Return whether any quantity is computed at loaded poses."""
+    return any(quantity.loaded for quantity in quantities)
+
+
 def has_torque_limits(robot: ParallelRobot) -> bool:
-    """Return whether any motor has a limit of torque."""
+    """Return whether any motor has a torque limit."""
     return bool(np.isfinite(motor_limits(robot, "torque_limit", None)).any())
 
 
 def quantity_unit(robot: ParallelRobot, quantity: Quantity) -> str:
-    """Return the unit of a quantity for this robot.
-
-    Motors may slide, and a platform may only turn.
-    """
+    """Return the unit of a quantity, which depends on the robot's motors and platform."""
     if quantity.key.endswith("torque"):
+        units = set(robot.torque_units)  # of motors; behind its gear a slide has a force
         if quantity.key == "joint_torque":
             units = {"N" if slides else "N m" for slides in robot.sliding[robot.actuated]}
-        else:
-            units = set(robot.torque_units)
         return f"{units.pop()}/N" if len(units) == 1 else "N m/N, N/N"
     if quantity.key in ("stiffness", "loaded_stiffness") and not robot.translations.any():
         return "N m/rad"
@@ -231,15 +236,17 @@ def quantity_values(
 ) -> dict[str, Array]:
     """Compute the values (T,) of quantities at configurations q (T, nq), by key.
 
-    If a quantity is under load, the key "load" has the `LoadReason` of each configuration.
+    If any quantity is loaded, the key "load" has the `LoadReason` of each configuration.
     """
-    load = next((quantity.wrench for quantity in quantities if quantity.takes_wrench), None)
-    wrench = None if load is None else np.array(load)
-    poses = Poses(robot, q, linearised, wrench)
-    with np.errstate(all="ignore"):  # infinite at Type 2
-        values = {
-            quantity.key: np.asarray(_VALUES[quantity.key](poses), dtype=float) for quantity in quantities
-        }
-    if any(quantity.loaded for quantity in quantities):
+    wrench = find_wrench(quantities)
+    poses = Poses(robot, q, linearised, None if wrench is None else np.array(wrench))
+    with np.errstate(all="ignore"):  # some are infinite at Type 2
+        values: dict[str, Any] = {quantity.key: _VALUES[quantity.key](poses) for quantity in quantities}
+    if has_loaded(quantities):
         values["load"] = poses.loaded.reason
     return values
+
+
+def find_wrench(quantities: Sequence[Quantity]) -> tuple[float, ...] | None:
+    """Return the wrench (n,) of the quantities that depend on one; None without such a wrench."""
+    return next((quantity.wrench for quantity in quantities if quantity.takes_wrench), None)

@@ -1,13 +1,13 @@
 """A map of a robot over its workspace: quantities at the poses of one working mode.
 
-Coarse poses are reached from the reference, one from the other, in this process. Then bands of rows, each
-with its coarse poses, are filled independently of one another, in this process or by any
-`concurrent.futures.Executor`. Bands depend only on the window, so a map is the same to the last bit whatever
-computes it, and finished bands can be stored for a map that is interrupted. Finally those poses are reached
-that only steps across the border of two bands join to the reference.
+Coarse poses are reached first, from the reference and from one another, in this process. Then bands of rows
+are filled from their coarse poses. Bands are independent of one another, and this process or any
+`concurrent.futures.Executor` may fill them. They depend only on the window, so a map is the same to the last
+bit whatever computes it, and finished bands of an interrupted map can be stored. A last step reaches the
+poses that are joined to the reference only across the border between two bands.
 
-`restrict_to_ranges` leaves out poses beyond the limits of joints and motors: they have no values, and that
-limit as their reason.
+`restrict_to_ranges` removes poses beyond the limits of joints and motors: they lose their values, and the
+limit becomes their reason.
 """
 
 from __future__ import annotations
@@ -24,7 +24,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.ndimage import distance_transform_edt
 
-from framework.atlas.quantities import Quantity, choose_quantities, has_torque_limits, quantity_values
+from framework.atlas.quantities import (
+    Quantity,
+    choose_quantities,
+    has_loaded,
+    has_torque_limits,
+    quantity_values,
+)
 from framework.atlas.survey import (
     MAX_NEIGHBOUR_DISTANCE,
     Window,
@@ -46,14 +52,14 @@ from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.tolerances import SAME_PLACE
 
-ASIDE = (0.0, 1.0, 1.0, 1.0)  # [rad, robot lengths] of joints: starts of searches in other working modes
-BAND_ROWS = 8  # of a band; poses between coarse ones at most
-Chunk = Mapping[str, NDArray]
+# [rad, robot lengths] sizes of random joint offsets, at which searches for other working modes start
+OFFSETS = (0.0, 1.0, 1.0, 1.0)
+BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
 
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap(ReadOnlyArrays):
-    """Quantities over a window on the reference's working mode; NaN where not reached."""
+    """Quantities over a window in the reference's working mode; NaN where not reached."""
 
     robot: ParallelRobot
     window: Window
@@ -61,11 +67,11 @@ class WorkspaceMap(ReadOnlyArrays):
     values: Mapping[str, Array]  # (I, J) by the quantity's key
     q: Array  # (I, J, nq)
     reason: NDArray[np.uint8 | np.uint16]  # (I, J) why a pose is not reached: index into `reason_words`
-    working_mode: int  # its sign at the reference
+    working_mode: int  # sign of the mode at the reference
     assembly: NDArray[np.int8]  # (I, J) sign of the assembly mode, 0 where not reached
-    load: ReasonArray | None  # (I, J) `LoadReason` of poses that are reached, with quantities under load
+    load: ReasonArray | None  # (I, J) `LoadReason` of reached poses; None without loaded quantities
     seconds: float
-    reason_words: tuple[str, ...] = tuple(REASON_WORDS.values())  # first those of `sweep.PoseReason`
+    reason_words: tuple[str, ...] = tuple(REASON_WORDS.values())  # those of `sweep.PoseReason` first
 
     @property
     def reached(self) -> BoolArray:
@@ -74,7 +80,7 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @cached_property
     def locus(self) -> MapLocus:
-        """Singular locus over the window in this working mode, traced at the first use."""
+        """Singular locus over the window in this working mode, traced on first use."""
         window = self.window
         poses = MapPoses(
             axes=window.axes,
@@ -90,7 +96,7 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _step_configurations(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Step q (T, nq) from start to end (T, n); return the ends, accepted (T,)."""
+        """Step q (T, nq) from start to end (T, n); return the ends and a mask (T,) of success."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
@@ -101,28 +107,21 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def open_edges(self) -> tuple[str, ...]:
-        """Edges of the window with reached poses, such as `least x`.
-
-        More may be reached beyond.
-        """
-        reached = self.reached
-        first, second = (self.robot.axis_names[k] for k in self.window.axes)
-        edges = {
-            f"least {first}": reached[0],
-            f"largest {first}": reached[-1],
-            f"least {second}": reached[:, 0],
-            f"largest {second}": reached[:, -1],
-        }
+        """Edges of the window with reached poses, such as `least x`: more may lie beyond."""
+        edges: dict[str, BoolArray] = {}
+        for k, rows in zip(self.window.axes, (self.reached, self.reached.T), strict=True):
+            name = self.robot.axis_names[k]
+            edges |= {f"least {name}": rows[0], f"largest {name}": rows[-1]}
         return tuple(edge for edge, poses in edges.items() if poses.any())
 
     @property
     def keeps_limits(self) -> bool:
-        """Whether only poses within the limits count as reached (`ranges.restrict_to_ranges`)."""
+        """Whether only poses within the limits count as reached, see `restrict_to_ranges`."""
         return len(self.reason_words) > len(PoseReason)
 
     @property
     def beyond_ranges(self) -> BoolArray:
-        """Mask (I, J) of poses reached but left out because of limits (`ranges.restrict_to_ranges`)."""
+        """Mask (I, J) of poses removed because of limits, see `restrict_to_ranges`."""
         return self.reason >= len(PoseReason)
 
     @property
@@ -137,17 +136,17 @@ class WorkspaceMap(ReadOnlyArrays):
 class RowBand(NamedTuple):
     """Rows of the window from `first` to `stop` - 1, with their coarse poses.
 
-    Coarse poses of the next row are there too, but for the last band.
+    All bands but the last also contain the first row of the next band, as a source of steps.
     """
 
     first: int
     stop: int
-    q: Array  # (rows + 1 or rows, J, nq) NaN except at coarse poses
-    reason: ReasonArray  # (rows + 1 or rows, J)
+    q: Array  # (rows + 1, J, nq), of the last band (rows, J, nq); NaN except at coarse poses
+    reason: ReasonArray  # (rows + 1, J), of the last band (rows, J)
 
     @property
     def name(self) -> str:
-        """Name of the band's stored chunk."""
+        """Name under which the band is stored."""
         return f"{self.first:05d}-{self.stop:05d}"
 
 
@@ -164,15 +163,16 @@ def workspace_map(
     """Compute quantities over a window, at the poses reached from the reference.
 
     Args:
-        window: by default all that is reached over the first two translations, see `survey_window`.
-        quantities: keys of `QUANTITIES`; by default see `choose_quantities`; g always.
-        wrench: (n,) of the world ON the platform [N, N m], beside the weight, for quantities under load.
-        executor: computes bands; this process if None. It must be able to pickle the robot.
-        keeper: stores finished bands; bands that it has already are not computed again.
-        progress: called with the number of poses that are done.
+        window: by default the region reached over the first two translations, see `survey_window`.
+        quantities: keys of `QUANTITIES`, by default as in `choose_quantities`; g is always computed.
+        wrench: (n,) of the world ON the platform [N, N m], in addition to the weight, for quantities that
+            depend on it.
+        executor: computes bands, and must be able to pickle the robot; None computes in this process.
+        keeper: stores finished bands; bands stored before are not computed again.
+        progress: called with the number of finished poses.
 
     Raises:
-        InvalidInput: the platform does not determine the robot's joints, or see `choose_quantities`.
+        InvalidInput: the platform does not determine the robot's joints, or as `choose_quantities`.
         OutOfReach: no pose near the reference is reached.
     """
     expect_robot(robot)
@@ -207,14 +207,17 @@ def workspace_map(
     )
 
 
-def fill_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand) -> Chunk:
+def fill_band(
+    robot: ParallelRobot, window: Window, quantities: tuple[Quantity, ...], band: RowBand
+) -> dict[str, NDArray]:
     """Compute the poses and quantities of one band."""
     x = window.points()[band.first : band.first + len(band.q)]
-    q, reason = band.q.copy(), band.reason.copy()
+    q = band.q.copy()
+    reason = band.reason.copy()
     coarse_stride = _coarse_stride(robot, window)
-    strides = np.array([stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)])
+    strides = [stride for stride in (4, 2, 1) if stride < max(coarse_stride, 2)]
     fill_grid(robot, x, q, reason, strides)
-    rows = band.stop - band.first  # without the next band's row
+    rows = band.stop - band.first  # without the first row of the next band
     return _evaluate_poses(robot, quantities, q[:rows], reason[:rows])
 
 
@@ -222,11 +225,11 @@ def fill_band(robot: ParallelRobot, window: Window, quantities: tuple[Quantity, 
 
 
 def _coarse_stride(robot: ParallelRobot, window: Window) -> int:
-    """Return the stride of coarse poses, a power of 2.
+    """Return the stride of coarse poses: a power of 2, at most BAND_ROWS.
 
-    At most MAX_NEIGHBOUR_DISTANCE and BAND_ROWS.
+    Coarse poses are at most MAX_NEIGHBOUR_DISTANCE apart, unless the window's own poses are farther apart.
     """
-    largest = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)
+    largest = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)  # in cells
     return int(2 ** np.clip(np.floor(np.log2(largest)), 0, np.log2(BAND_ROWS)))
 
 
@@ -237,35 +240,32 @@ def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
     bands = []
     for first in range(0, len(q), BAND_ROWS):
         stop = min(first + BAND_ROWS, len(q))
-        rows = slice(first, min(stop + 1, len(q)))
+        rows = slice(first, stop + 1)  # with the first row of the next band, if any
         band_reason = reason[rows].copy()
-        next_row = band_reason[stop - first :]
-        next_row[next_row == PoseReason.NO_NEIGHBOUR] = PoseReason.OPEN  # left to the next band
+        next_row = band_reason[BAND_ROWS:]
+        next_row[next_row == PoseReason.NO_NEIGHBOUR] = PoseReason.OPEN  # not tried: the next band does so
         bands.append(RowBand(first, stop, q[rows], band_reason))
     return bands
 
 
 def _band_arrays(band: RowBand, quantities: tuple[Quantity, ...]) -> dict[str, ArrayField]:
-    """Return types and shapes of the arrays of a filled band, by name."""
+    """Return the types and shapes of a filled band's arrays, by name."""
     shape = (band.stop - band.first, band.q.shape[1])
-    arrays = {
-        "q": ArrayField("f", (*shape, band.q.shape[2])),
-        "reason": ArrayField("u", shape),
-        "assembly": ArrayField("i", shape),
-    }
-    if any(quantity.loaded for quantity in quantities):
-        arrays["load"] = ArrayField("u", shape)
-    return arrays | {quantity.key: ArrayField("f", shape) for quantity in quantities}
+    kinds = {"reason": "u", "assembly": "i"} | {quantity.key: "f" for quantity in quantities}
+    if has_loaded(quantities):
+        kinds["load"] = "u"
+    fields = {key: ArrayField(kind, shape) for key, kind in kinds.items()}
+    return fields | {"q": ArrayField("f", (*shape, band.q.shape[2]))}
 
 
 def _evaluate_poses(
     robot: ParallelRobot, quantities: tuple[Quantity, ...], q: Array, reason: ReasonArray
 ) -> dict[str, NDArray]:
-    """Compute quantities and assembly modes at poses q (I, J, nq), with q and reason."""
+    """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name."""
     reached = reason == PoseReason.REACHED
     chunk: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": np.zeros(reason.shape, dtype=np.int8)}
     chunk |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
-    if any(quantity.loaded for quantity in quantities):
+    if has_loaded(quantities):
         chunk["load"] = np.zeros(reason.shape, dtype=np.uint8)
     if reached.any():
         linearised = linearised_at(robot, q[reached], None)
@@ -278,51 +278,57 @@ def _evaluate_poses(
 def _join_bands(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], grids: dict[str, NDArray]
 ) -> None:
-    """Reach the poses that only steps across a border of bands reach, in place.
+    """Reach poses that only steps across a border between bands reach, in place.
 
-    First unfilled poses with a filled neighbour across a border are tried. If one is reached, all unfilled
-    poses are tried, as it may lead to them.
+    First the unfilled poses with a filled neighbour across a border are tried. If any of them is reached, all
+    unfilled poses are tried, because it may lead to them.
     """
-    reason, was_filled = grids["reason"], grids["reason"] == PoseReason.REACHED
+    reason = grids["reason"]
+    was_filled = reason == PoseReason.REACHED
     border = np.zeros_like(was_filled)
     for first in range(BAND_ROWS, len(x), BAND_ROWS):
         border[first - 1] = ~was_filled[first - 1] & was_filled[first]
         border[first] = ~was_filled[first] & was_filled[first - 1]
-    for unfilled in (border, ~was_filled):
-        reason[unfilled & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
-        fill_grid(robot, x, grids["q"], reason, np.array([1]))
+    for wanted in (border, ~was_filled):
+        reason[wanted & (reason != PoseReason.REACHED)] = PoseReason.NO_NEIGHBOUR
+        fill_grid(robot, x, grids["q"], reason, [1])
         if not (reason[border] == PoseReason.REACHED).any():
             return
-    i, j = np.nonzero((reason == PoseReason.REACHED) & ~was_filled)
-    chunk = _evaluate_poses(robot, quantities, grids["q"][i, j][None], reason[i, j][None])
+
+    is_new = (reason == PoseReason.REACHED) & ~was_filled
+    chunk = _evaluate_poses(robot, quantities, grids["q"][is_new][None], reason[is_new][None])
     for key, values in chunk.items():
-        grids[key][i, j] = values[0]
+        grids[key][is_new] = values[0]
 
 
 def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, stride: int) -> None:
-    """Set the reason (I, J) of poses that do not close or are in other modes, in place.
+    """Set the reason (I, J) of poses in other working modes or out of reach, in place.
 
-    Poses are q (I, J, nq) at x (I, J, n). Newton's method looks for a pose of any working mode at every
-    `stride`-th of them, from the nearest pose reached and from others beside it; those that it finds are
-    continued to their neighbours.
+    At every `stride`-th unreached pose Newton's method looks for a configuration of any working mode. It
+    starts from the nearest reached q (I, J, nq) and from random configurations about it. Configurations found
+    are continued to their neighbours x (I, J, n). The remaining poses are out of reach.
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     coarse = np.zeros_like(unjoined)
     coarse[::stride, ::stride] = unjoined[::stride, ::stride]
-    nearest: IntArray = distance_transform_edt(  # (2, I, J), row and column of the nearest pose reached
+    row, column = distance_transform_edt(  # (I, J) each, of the nearest reached pose
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
-    others, random = np.full_like(q, np.nan), np.random.default_rng(0)
-    for spread in ASIDE:
-        i, j = np.nonzero(coarse & np.isnan(others[..., 0]))
-        offset = spread * random.standard_normal((len(i), robot.model.nv)) * robot.column_scale
-        closing = close_each(robot, x[i, j], integrate(robot, q[tuple(nearest[:, i, j])], offset))
-        others[i, j] = np.where(closing.closed[:, None], closing.q, np.nan)
+    other_q = np.full_like(q, np.nan)
+    random = np.random.default_rng(0)
+    for size in OFFSETS:
+        missing = coarse & np.isnan(other_q[..., 0])
+        start = q[row[missing], column[missing]]
+        offset = size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
+        closing = close_each(robot, x[missing], integrate(robot, start, offset))
+        other_q[missing] = np.where(closing.closed[:, None], closing.q, np.nan)
+
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
-    other_reason[np.isfinite(others[..., 0])] = PoseReason.REACHED
-    fill_grid(robot, x, others, other_reason, np.array([1]))
-    reason[(reason == PoseReason.OPEN) & (other_reason == PoseReason.REACHED)] = PoseReason.OTHER_MODE
-    reason[unjoined & (other_reason != PoseReason.REACHED)] = PoseReason.OPEN
+    other_reason[np.isfinite(other_q[..., 0])] = PoseReason.REACHED
+    fill_grid(robot, x, other_q, other_reason, [1])
+    is_other = other_reason == PoseReason.REACHED
+    reason[(reason == PoseReason.OPEN) & is_other] = PoseReason.OTHER_MODE
+    reason[unjoined & ~is_other] = PoseReason.OPEN
 
 
 NOT_JOINED = "within all limits, not joined to the reference within them"
@@ -330,16 +336,16 @@ TOO_WEAK = "beyond the torque limits at rest"
 
 
 def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
-    """Keep values at poses that steps within all limits join to the reference.
+    """Remove the values of poses that no steps within all limits join to the reference.
 
-    Limits are the ranges of joints and, if motors have torque limits, these at rest, by the quantity
-    `holding`. The reason of a pose beyond several ranges is the joint farthest beyond its range, as a share
-    of the range. Codes of `reason` are indices into `reason_words`: first those of `PoseReason`, then not
-    joined, too weak, and one for each joint.
+    The limits are the ranges of joints and, if motors have torque limits, these limits at rest, compared with
+    the quantity `holding`. For a pose beyond several ranges the reason is the joint farthest beyond its
+    range, relative to the range. Codes of `reason` are indices into `reason_words`: those of `PoseReason`,
+    then NOT_JOINED, TOO_WEAK, and one for each joint with a range.
 
     Raises:
-        InvalidInput: motors have limits of torque and the map lacks `holding`; or see `check_window`.
-        LimitsExceeded: the reference itself is beyond a range, or no pose beside it is within all limits.
+        InvalidInput: motors have torque limits and the map lacks `holding`; or as `check_window`.
+        LimitsExceeded: the reference itself is beyond a range, or no pose next to it is within all limits.
     """
     robot = workspace.robot
     check_reference(robot)
@@ -349,29 +355,25 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
             f"quantities: {robot.name} has limits of torque, with which the quantity holding is compared; "
             f"add it"
         )
-    shares = shares_beyond_limits(robot.limits, workspace.q)
+    shares = shares_beyond_limits(robot.limits, workspace.q)  # (I, J, limits) of the ranges
     in_range = workspace.reached & (shares <= 0.0).all(axis=-1)
     beyond = workspace.reached & ~in_range
-    too_weak = in_range & (workspace.values.get("holding", np.zeros(in_range.shape)) > 1.0)
+    too_weak = in_range & (workspace.values.get("holding", np.zeros(1)) > 1.0)
     within = in_range & ~too_weak
     joined = _join_to_reference(workspace, within)
+
+    words = (*REASON_WORDS.values(), NOT_JOINED, TOO_WEAK)
     reason = workspace.reason.astype(np.uint16)
-    reason[within & ~joined] = len(PoseReason)
-    reason[too_weak] = len(PoseReason) + 1
+    reason[within & ~joined] = words.index(NOT_JOINED)
+    reason[too_weak] = words.index(TOO_WEAK)
     if beyond.any():
-        reason[beyond] = len(PoseReason) + 2 + np.argmax(shares[beyond], axis=-1)
-    words = (
-        *REASON_WORDS.values(),
-        NOT_JOINED,
-        TOO_WEAK,
-        *(f"beyond the range of {limit.joint}" for limit in robot.limits),
-    )
+        reason[beyond] = len(words) + np.argmax(shares[beyond], axis=-1)
     return replace(
         workspace,
         values={key: np.where(joined, values, np.nan) for key, values in workspace.values.items()},
         reason=reason,
         assembly=np.where(joined, workspace.assembly, 0).astype(np.int8),
-        reason_words=words,
+        reason_words=(*words, *(f"beyond the range of {limit.joint}" for limit in robot.limits)),
     )
 
 
@@ -393,16 +395,16 @@ def check_window(robot: ParallelRobot, window: Window) -> None:
 
 
 def _reference_distances(robot: ParallelRobot, window: Window) -> Array:
-    """Compute distances (I, J) of poses from the reference, in longest cell edges."""
+    """Compute distances (I, J) of poses from the reference, over the longest cell edge."""
     offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
     return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
 
 
 def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
-    """Mark poses (I, J) joined to the reference by neighbours within limits.
+    """Return a mask (I, J) of the poses that neighbours `within` limits join to the reference.
 
     Raises:
-        LimitsExceeded: the nearest pose is more than one step away from the reference.
+        LimitsExceeded: the nearest of these poses is more than one step away from the reference.
     """
     distance = np.where(within, _reference_distances(workspace.robot, workspace.window), np.inf)
     nearest = np.argmin(distance)

@@ -1,12 +1,12 @@
-"""The twin: which parameters of a robot its data determine, and their values.
+"""Identification: which parameters of a robot its data determine, and their values.
 
-    found = identify(robot, "sensors.csv")        # torques: masses, inertias, rotors, friction
-    found.write("my_robot_identified")
-    calibrate(robot, "poses.csv").write("my_robot_calibrated")          # poses: where joints are
+    result = identify(robot, "sensors.csv")       # torques determine masses, inertias, rotors, friction
+    result.write("my_robot_identified")
+    calibrate(robot, "poses.csv").write("my_robot_calibrated")          # poses determine joint origins
 
-Open `base_parameters` first: which combinations of masses, inertias and motor parameters torques depend on.
-`identify` finds them in a recorded motion, `calibrate` the geometry in measured poses. `read_recording` reads
-data, `record_sensors` makes them of a simulation.
+Open `base_parameters` first: it computes the combinations of masses, inertias and motor parameters on which
+torques depend. `identify` estimates these from a recorded motion, `calibrate` estimates the geometry from
+measured poses. `read_recording` reads data; `record_sensors` simulates them.
 
     combinations           the combinations of parameters that a regressor determines
     measured_motion        the motion of all joints from recorded samples

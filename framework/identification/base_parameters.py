@@ -1,16 +1,16 @@
 """Base parameters: the combinations of inertial and motor parameters that motor torques determine.
 
-The forces of a motion are a linear function of these parameters. By virtual work along the platform's twists,
-with N = dq/dv the joint rates for unit twists (closed loops),
+The forces of a motion are linear in the parameters theta. The virtual work along the platform's twists gives
 
     N' Y theta = N' S tau,
 
-Y the joint torque regressor of the open tree and S the motors' joints: W = G' tau of `platform_wrench`, which
-is regular at Type 2 singularities too and holds with redundant motors.
+where N = dq/dv are the joint rates of the closed loops for unit twists, Y is the joint torque regressor of
+the open tree, and S selects the motors' joints. This is W = G' tau of `platform_wrench`. It is regular at
+Type 2 singularities too, and holds with redundant motors.
 
-Parameters of each moving body are the ten (m, m c, I about the origin of its joint) on the axes of its link;
-those of each motor the rotor inertia on the motor side, viscous and dry friction on the joint side of the
-gear.
+Each moving body has ten parameters (m, m c, I about the origin of its joint), on the axes of its link. Each
+motor has three: the rotor inertia on the motor side of the gear, and viscous and dry friction on the joint
+side.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
 
-LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of the parameters of a body
+LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in the units of a body's parameters
 OF_MOTORS = ("rotor_inertia", "damping", "friction")
 
 
 class TorqueParameters(NamedTuple):
-    """The p parameters of a robot's bodies, ten each, then of its motors, three each."""
+    """The p parameters of a robot: ten for each body, then three for each motor."""
 
-    bodies: IntArray  # (b,) joints of pinocchio that carry the bodies
+    bodies: IntArray  # (b,) indices of the bodies' joints in pinocchio
     links: tuple[str, ...]  # (b,) names of the bodies
     names: tuple[str, ...]  # (p,)
-    values: Array  # (p,) of the file, SI units
-    sizes: Array  # (p,) typical sizes for a body [kg, kg m, kg m^2] and a motor of this robot
+    values: Array  # (p,) in the robot file, SI units
+    sizes: Array  # (p,) typical sizes for a body or a motor of this robot, SI units
 
 
 def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> TorqueParameters:
-    """Collect the parameters of a robot's torques, with the values of its file.
+    """Collect the parameters that torques may depend on, with the values of the robot file.
 
     Args:
-        massless: whether bodies without mass in the file are parameters too.
+        massless: whether to include bodies that have no mass in the file.
 
     Raises:
         InvalidInput: the robot has springs that are virtual joints.
@@ -67,22 +67,19 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
             f"flexibility='rigid'"
         )
     model = robot.model
-    columns = robot.actuated
+    motors = robot.actuated
     bodies = [j for j in range(1, model.njoints) if massless or model.inertias[j].mass > 0]
     links = tuple(link_of(model, j) for j in bodies)
-    names = (
-        *(f"{link}.{name}" for link in links for name in INERTIAL),
-        *(f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS),
-    )
-    by_motor = np.stack(
-        [robot.rotor_inertia, robot.joint_damping[columns], robot.joint_friction[columns]], axis=1
-    )
+    names = [f"{link}.{name}" for link in links for name in INERTIAL]
+    names += [f"{joint}.{name}" for joint in robot.actuator_names for name in OF_MOTORS]
+    body_values = [link_parameters(model, j) for j in bodies]
+    motor_values = [robot.rotor_inertia, robot.joint_damping[motors], robot.joint_friction[motors]]
     body_sizes = np.tile((robot.mass or 1.0) * robot.length**LENGTH_POWERS, len(bodies))
     return TorqueParameters(
         bodies=np.array(bodies, dtype=np.intp),
         links=links,
-        names=names,
-        values=np.concatenate([*(link_parameters(model, j) for j in bodies), by_motor.ravel()]),
+        names=tuple(names),
+        values=np.concatenate([*body_values, np.stack(motor_values, axis=1).ravel()]),
         sizes=np.concatenate([body_sizes, _motor_sizes(robot).ravel()]),
     )
 
@@ -90,8 +87,8 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
 def _motor_sizes(robot: ParallelRobot) -> Array:
     """Compute typical sizes (n_a, 3) of rotor inertia, viscous and dry friction.
 
-    A hinge has the inertia I = mass length^2, a slide the mass. With w = sqrt(g / length) viscous friction
-    has the size I w, dry friction I w^2.
+    On the joint side the inertia I is mass length^2 for a hinge and the mass for a slide. With the rate
+    w = sqrt(g / length) viscous friction has the size I w, dry friction I w^2.
     """
     scale = robot.column_scale[robot.actuated]  # 1 for a hinge, the robot's length for a slide
     inertia = (robot.mass or 1.0) * (robot.length / scale) ** 2
@@ -100,19 +97,16 @@ def _motor_sizes(robot: ParallelRobot) -> Array:
 
 
 def gravity_scale(robot: ParallelRobot) -> float:
-    """Return the size of gravity [m/s^2]; 1 without gravity.
-
-    With the robot's length this is a scale of time.
-    """
+    """Return the size of gravity [m/s^2], which sets the scale of time; 1 without gravity."""
     return float(np.linalg.norm(robot.model.gravity.linear)) or 1.0
 
 
 class ParameterRegressor(NamedTuple):
     """Y of N' Y theta + constant = N' S tau at T instants, on platform axes."""
 
-    matrix: Array  # (T, n, p)
-    constant: Array  # (T, n) springs, armature and damping of joints without a motor
-    motors: Array  # (T, n, n_a) N' S on the motor side: G' of `platform_wrench`
+    matrix: Array  # (T, n, p) N' Y
+    constant: Array  # (T, n) springs, and armature and damping of joints without a motor
+    motors: Array  # (T, n, n_a) N' S for torques on the motor side: G' of `platform_wrench`
 
 
 def parameter_regressor(
@@ -120,34 +114,34 @@ def parameter_regressor(
 ) -> ParameterRegressor:
     """Compute the regressor of the closed robot at T instants of a motion.
 
-    On its joint a motor has the torque n^2 I a + damping v + friction sign(v), with the gear ratio n. The
-    known part is N' r of `tree_forces` less what the regressor explains: r contains bodies and damping, but
-    neither rotors nor dry friction.
+    A motor loads its joint with the torque n^2 I a + damping v + friction sign(v), with the gear ratio n. The
+    constant part is N' r, r of `tree_forces`, minus the part of N' r that the regressor explains: r contains
+    bodies and damping, but neither rotors nor dry friction.
 
     Args:
-        signs: (T, n_a) of the motors' speeds, as filtered; by default those of the motion.
+        signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
     """
-    G, N = motor_speeds(robot, motion.linearised)  # speeds of motors (T, n_a, n) and joints (T, nv, n)
-    columns = robot.actuated
-    of_bodies = N.swapaxes(1, 2) @ tree_regressor(robot, motion, parameters.bodies)  # (T, n, 10 b)
-    v = motion.v[:, columns]
-    a = motion.a[:, columns]
+    G, N = motor_speeds(robot, motion.linearised)  # motor speeds (T, n_a, n) and joint rates (T, nv, n)
+    N_transposed = N.swapaxes(1, 2)
+    motors = robot.actuated
+    body_part = N_transposed @ tree_regressor(robot, motion, parameters.bodies)  # (T, n, 10 b)
+    v = motion.v[:, motors]
     signs = np.sign(v) if signs is None else signs
-    joint_torques = np.stack([robot.gear_ratio**2 * a, v, signs], axis=2)  # (T, n_a, 3) of unit parameters
-    of_motors = N[:, columns].transpose(0, 2, 1)[..., None] * joint_torques[:, None]  # (T, n, n_a, 3)
-    matrix = np.concatenate([of_bodies, of_motors.reshape(*of_motors.shape[:2], -1)], axis=2)
+    unit_torques = [robot.gear_ratio**2 * motion.a[:, motors], v, signs]  # (T, n_a) each, as `OF_MOTORS`
+    motor_part = N_transposed[:, :, motors, None] * np.stack(unit_torques, axis=2)[:, None]  # (T, n, n_a, 3)
+    matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
 
-    in_tree_forces = parameters.values.copy()  # without rotors and dry friction
-    motor_values = in_tree_forces[of_bodies.shape[2] :].reshape(-1, len(OF_MOTORS))  # a view
-    motor_values[:, [OF_MOTORS.index("rotor_inertia"), OF_MOTORS.index("friction")]] = 0.0
-    constant = np.matvec(N.swapaxes(1, 2), tree_forces(robot, motion)) - matrix @ in_tree_forces
-    return ParameterRegressor(matrix, constant, G.transpose(0, 2, 1))
+    values_in_tree = parameters.values.copy()
+    for name in ("rotor_inertia", "friction"):
+        values_in_tree[body_part.shape[2] + OF_MOTORS.index(name) :: len(OF_MOTORS)] = 0.0
+    constant = np.matvec(N_transposed, tree_forces(robot, motion)) - matrix @ values_in_tree
+    return ParameterRegressor(matrix, constant, G.swapaxes(1, 2))
 
 
-RANDOM_SETS = 3  # of instants, whose ranks must agree
-ROWS_PER_PARAMETER = 1.5  # of a set
-STEP = 0.5  # [rad, robot lengths] largest move of the platform in a step of a random walk
-# steps of each random walk; of walks that have not moved by then, each further step half as long
+RANDOM_SETS = 3  # sets of random instants; their ranks must agree
+ROWS_PER_PARAMETER = 1.5  # in each set
+STEP = 0.5  # [rad, robot lengths] largest step of the platform in a random walk
+# steps of all random walks; at most for a walk that has not moved by then, each half as long as the last
 STEPS, MAX_STEPS = 16, 36
 
 
@@ -157,9 +151,9 @@ class BaseParameters(ReadOnlyArrays):
 
     Attributes:
         rank: number of base parameters.
-        gap: least ratio, over all random sets of instants, of the last singular value within the rank to the
-            first beyond it.
-        names: of the base parameters, each a combination of `parameters`.
+        gap: ratio of the last singular value within the rank to the first beyond it; the least over all
+            random sets of instants.
+        names: the base parameters, each as a combination of `parameters`.
         without_effect: parameters on which no torque depends.
         left_out: links without mass in the file, whose parameters are not identified.
     """
@@ -171,7 +165,7 @@ class BaseParameters(ReadOnlyArrays):
     parameters: tuple[str, ...]
     without_effect: tuple[str, ...]
     left_out: tuple[str, ...]
-    values: Array  # (rank,) of the robot's file, SI units
+    values: Array  # (rank,) by the robot file, SI units
     described: TorqueParameters
     combinations: Combinations
 
@@ -184,12 +178,12 @@ class BaseParameters(ReadOnlyArrays):
 def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BaseParameters:
     """Compute the parameter combinations that motor torques determine.
 
-    These are the combinations that all motions near the reference determine together; a single line
-    determines fewer. Their number is the rank of the closed robot's regressor (`parameter_regressor`) at
-    random instants. Several sets of instants must have the same rank.
+    These are the combinations that all motions near the reference determine together; the motion along a
+    single line determines fewer. Their number is the rank of the closed robot's regressor at random instants
+    (`parameter_regressor`). Several sets of instants must have the same rank.
 
     Args:
-        massless: whether bodies without mass in the file have parameters, too.
+        massless: whether to include bodies that have no mass in the file.
 
     Raises:
         InvalidInput: a robot with springs, or whose platform does not determine its joints.
@@ -202,8 +196,8 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
     sets = []
     for _ in range(RANDOM_SETS):
         matrix = parameter_regressor(robot, random_motion(robot, count, random), described).matrix
-        # equal weights of instants, as forces are large near a singularity of the inverse kinematics
-        matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2))[:, None, None]
+        # give all instants the same weight: forces are large near singularities of the inverse kinematics
+        matrix /= np.linalg.norm(matrix * described.sizes, axis=(1, 2), keepdims=True)
         sets.append(find_combinations(matrix.reshape(-1, matrix.shape[2]), described.sizes))
     ranks = [combinations.rank for combinations in sets]
     least = min(sets, key=lambda combinations: combinations.gap)
@@ -229,9 +223,10 @@ def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BasePara
 
 
 def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator) -> Motion:
-    """Draw poses, rates and accelerations near the reference at `count` instants.
+    """Draw poses near the reference, rates and accelerations at `count` instants.
 
-    Rates are of the size sqrt(g / length), accelerations g: inertial forces are as large as the weight.
+    Rates have the size sqrt(g / length), accelerations the size g, so inertial forces are as large as the
+    weight.
 
     Raises:
         InvalidInput: the platform does not determine the joints.
@@ -250,21 +245,19 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
 
     Each is the end of a random walk from the reference. A step is rejected if the loops do not close at its
     end, or if the end is near a singularity. After STEPS steps only walks without an accepted step continue,
-    with shorter ones.
+    with shorter and shorter steps.
     """
     q = np.repeat(robot.reference.q[None], count, axis=0)
     x = np.repeat(robot.reference.x[None], count, axis=0)
-    is_done = np.zeros(count, dtype=bool)
-    has_moved = is_done.copy()
+    has_moved = np.zeros(count, dtype=bool)
     for k in range(MAX_STEPS):
-        if k >= STEPS:
-            is_done = has_moved.copy()
-            if is_done.all():
-                break
+        only_unmoved = k >= STEPS
+        if only_unmoved and has_moved.all():
+            break
         step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
         target = x + step * 0.5 ** max(k - STEPS, 0)
         closed = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
-        accepted = closed.closed & ~is_done  # (count,)
+        accepted = closed.closed & ~(only_unmoved & has_moved)  # (count,)
         accepted[accepted] = clearance(robot, linearised_at(robot, closed.q[accepted], None)) > BRANCHES_MEET
         q[accepted] = closed.q[accepted]
         x[accepted] = target[accepted]

@@ -2,8 +2,8 @@
 
 At each instant the joints q close the loops, F(q, p) = 0, and measurements differ from h(q, p) by noise. The
 linearised loops F_q dq + F_p dp = -F have the solutions dq = step + follow dp + free z. Least squares on the
-measurements determine z, and the remaining equations contain only the parameters p. They are regular at Type
-2 singularities, and noise of motors counts like noise of the platform.
+measurements determines z, and the remaining equations contain only the parameters p. They are regular at Type
+2 singularities, and treat the noise of motors like that of the platform.
 """
 
 from __future__ import annotations
@@ -26,30 +26,31 @@ from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
 @dataclass(frozen=True, eq=False)
 class Measurements(ReadOnlyArrays):
-    """Measurements at T instants, m numbers each: motors' joints first, on the joint side."""
+    """m measurements at each of T instants, on the joint side of gears.
+
+    In this order: joints of motors, other joints with encoders, coordinates of the platform, and positions of
+    the platform's frame that are no coordinates.
+    """
 
     names: tuple[str, ...]  # (m,) columns of the recording
     values: Array  # (T, m)
     noise: Array  # (m,) standard deviations
     driven: int  # number of motors
-    columns: IntArray  # (measured joints,) entries of the velocity vector
-    axes: IntArray  # of the platform's coordinates
-    positions: IntArray  # of 0..2: base axes of the frame's measured positions that are no coordinates
+    columns: IntArray  # indices of the measured joints in the velocity vector
+    axes: IntArray  # indices of the measured platform coordinates
+    positions: IntArray  # base axes (0, 1, 2) of the measured positions
 
     def select_instants(self, instants: BoolArray) -> Measurements:
-        """Return the measurements at the instants of a mask (T,)."""
+        """Return the measurements at the instants in a mask (T,)."""
         return replace(self, values=self.values[instants])
 
 
 def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, float]) -> Measurements:
-    """Select the motors, other joints and platform coordinates of a recording.
-
-    In this order: angles of motors, of other joints with encoders, coordinates of the platform, and
-    positions of its frame that are no coordinates.
+    """Select the measurements of a recording that calibration uses.
 
     Args:
         noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
-            [m]; those of platform turns are over the robot's length.
+            [m]; for turns of the platform the latter is divided by the robot's length.
 
     Raises:
         InvalidInput: motor angles are missing, or the recording has nothing else.
@@ -60,60 +61,57 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     encoders = {column: name for column, name in encoder_names(model).items() if name in data.names}
     axes = [axis for axis in robot.axis_names if data.has("platform", [axis])]
     positions = [axis for axis in LINEAR_AXES if data.has("platform", [axis]) and axis not in axes]
-    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # beside the motors
+    names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # without motors
     if not names:
         raise InvalidInput(
             f"{data.source}: motor angles alone show nothing of the geometry; platform_"
             f"{robot.axis_names[0]} or angles of other joints are needed"
         )
     coordinates = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
-    motor_noise = noise["motor_angle"] / np.abs(robot.gear_ratio)
-    platform_noise = noise["platform"] * robot.platform_scale[coordinates] / robot.length
+    deviations = [
+        *(noise["motor_angle"] / np.abs(robot.gear_ratio)),
+        *[noise["joint"]] * len(encoders),
+        *(noise["platform"] * robot.platform_scale[coordinates] / robot.length),
+        *[noise["platform"]] * len(positions),
+    ]
     return Measurements(
         names=(*(f"motor_angle_{joint}" for joint in robot.actuator_names), *names),
         values=np.column_stack([motors, *map(data.column, names)]),
-        noise=np.concatenate(
-            [
-                motor_noise,
-                np.full(len(encoders), noise["joint"]),
-                platform_noise,
-                np.full(len(positions), noise["platform"]),  # which are lengths
-            ]
-        ),
+        noise=np.array(deviations),
         driven=robot.n_a,
         columns=np.array([*model.actuated, *encoders], dtype=np.intp),
         axes=coordinates,
-        positions=np.array(list(map(LINEAR_AXES.index, positions)), dtype=np.intp),
+        positions=np.array([LINEAR_AXES.index(axis) for axis in positions], dtype=np.intp),
     )
 
 
 def encoder_names(model: ParallelRobot) -> dict[int, str]:
-    """Return column names of passive hinges and slides, by velocity column.
+    """Return recording columns of passive joints with one freedom, by velocity column.
 
-    These are the joints that an encoder may measure.
+    These are the joints that an encoder can measure.
     """
     single = single_columns(model.model)
     return {k: f"joint_{model.coordinates.name_of(k)}" for k in model.passive.tolist() if k in single}
 
 
 class MeasuredOffsets(NamedTuple):
-    """Model values less measured ones, with derivatives along all joints."""
+    """Values of the model minus measured values, and derivatives along all joints."""
 
     offset: Array  # (T, m)
     slope: Array  # (T, m, nv)
 
 
 def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
-    """Compute model less measured values, and slopes along all joints.
+    """Compute offsets of the model from measurements, and slopes along all joints.
 
-    Rows are in the order of `Measurements`. Platform coordinates that are not measured are the model's own.
+    Rows are in the order of `Measurements`.
     """
     joints = measured.columns
     axes = measured.axes
     positions = measured.positions
     ends = np.cumsum([len(joints), len(axes)])
     joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
-    x = model.platform.coordinates(frames)  # (T, n)
+    x = model.platform.coordinates(frames)  # (T, n); coordinates without a measurement keep these values
     x[:, axes] = x_values
     offset = [
         model.coordinates.positions(frames.q)[:, joints] - joint_values,
@@ -129,21 +127,21 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
 
 
 class ParameterEquations(NamedTuple):
-    """Linear equations right + matrix dp = noise at T instants, for parameters p."""
+    """Linear equations right + matrix dp = noise for steps dp of the parameters, at T instants."""
 
-    right: Array  # (T, m) offsets over their noise, without the part that a change of the pose removes
+    right: Array  # (T, m) offsets over their noise, without the part that a step of the pose removes
     matrix: Array  # (T, m, p) derivatives of `right` along the parameters
     open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
     loop_slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
-    step: Array  # (T, k) of the joints at constant parameters
+    step: Array  # (T, k) step of the joints at constant parameters
     follow: Array  # (T, k, p) steps of the joints for unit steps of the parameters
 
 
 def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
-    """Compute the equations of the parameters at q (T, nq), poses eliminated.
+    """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
-    Offsets over their noise are r + A dp + B z, with z the free motions of the loops. Least squares give
-    z = -B^+ (r + A dp), so the equations (1 - B B^+) (r + A dp) remain (variable projection, Golub and
+    Offsets over their noise are r + A dp + B z, with z along the free motions of the loops. Least squares
+    gives z = -B^+ (r + A dp), and the equations (1 - B B^+) (r + A dp) remain (variable projection, Golub and
     Pereyra 1973).
     """
     frames = frames_at(model, q)
@@ -156,36 +154,33 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
     A = slopes[:, :, model.elastic] + by_joints @ loops.follow  # (T, m, p)
     B = by_joints @ loops.free  # (T, m, f)
     B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
-    z = np.matvec(B_inverse, r)  # (T, f) -z at constant parameters
-    z_slope = B_inverse @ A  # (T, f, p) minus its derivatives along them
+    minus_z = np.matvec(B_inverse, r)  # (T, f) at constant parameters
+    minus_z_slope = B_inverse @ A  # (T, f, p) along the parameters
     return ParameterEquations(
-        right=r - np.matvec(B, z),
-        matrix=A - B @ z_slope,
+        right=r - np.matvec(B, minus_z),
+        matrix=A - B @ minus_z_slope,
         open_loops=loops.open_loops,
         loop_slopes=loops.slopes,
-        step=scale * (loops.step - np.matvec(loops.free, z)),
-        follow=scale[:, None] * (loops.follow - loops.free @ z_slope),
+        step=scale * (loops.step - np.matvec(loops.free, minus_z)),
+        follow=scale[:, None] * (loops.follow - loops.free @ minus_z_slope),
     )
 
 
 class _LinearLoops(NamedTuple):
-    """Solutions dq = step + follow dp + free z of the linearised loops.
-
-    Steps are in radians and lengths of the robot.
-    """
+    """Solutions dq = step + follow dp + free z of the linearised loops [rad, robot lengths]."""
 
     step: Array  # (T, k) of least norm that closes the loops
-    follow: Array  # (T, k, p) for unit steps of the parameters
-    free: Array  # (T, k, f) motions that the loops allow
+    follow: Array  # (T, k, p) steps for unit steps of the parameters
+    free: Array  # (T, k, f) orthonormal motions that keep the loops closed
     open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
     slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
 
 
 def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
-    """Solve the linearised loops for the joints by singular value decomposition.
+    """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
 
-    F_q = U S V'. The first columns of U and V, as many as the rank, give the step; the other columns of V are
-    the free motions, the other columns of U the equations that no joint can close.
+    The first columns of U and V, as many as the rank, give the step. The other columns of V are the free
+    motions; those of U are the combinations of loop equations that no joint can close.
     """
     loops = loop_equations(model.rows, frames)
     weights = 1.0 / model.row_lengths

@@ -1,8 +1,9 @@
-"""The linear combinations of parameters that a regressor determines, each led by one parameter.
+"""The linear combinations of parameters that a regressor determines: the base parameters.
 
-Columns of the regressor are examined in the order of the parameters. A column that is independent of the
-columns before it leads a base parameter. A dependent column is a linear combination of leading ones, and its
-parameter is added to their base parameters with these coefficients (regrouping by Khalil and Gautier):
+Columns of the regressor are examined in the order of the parameters. If a column is independent of the
+columns before it, its parameter leads a base parameter. Otherwise the column is a linear combination of
+leading columns, and its parameter is added to their base parameters with the same coefficients (regrouping by
+Khalil and Gautier):
 
     base = parameters[leading] + coefficients @ parameters[dependent].
 
@@ -21,9 +22,9 @@ from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING
 
-# of a coefficient over the largest of its combination, both times the sizes of their parameters
+# a coefficient below this is zero; relative to the largest of its column, in sizes of the parameters
 COEFFICIENT_ROUNDING = 1e-7
-MAX_TERMS = 8  # of a combination in a text
+MAX_TERMS = 8  # of a combination in text
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +33,10 @@ class Combinations(ReadOnlyArrays):
 
     rank: number of base parameters.
     singular_values: of the regressor with columns of unit length, without zero columns.
-    leading: (rank,) the parameters that lead the base parameters, ascending.
-    coefficients: (rank, p) base parameters = coefficients @ parameters, in the units of the parameters; the
-        column of a leading parameter is a unit vector.
-    without_effect: the parameters whose column is zero.
+    leading: (rank,) indices of the leading parameters, ascending.
+    coefficients: (rank, p) of base parameters = coefficients @ parameters, in the units of the parameters;
+        the column of a leading parameter is a unit vector.
+    without_effect: indices of the parameters whose column is zero.
     """
 
     rank: int
@@ -46,23 +47,21 @@ class Combinations(ReadOnlyArrays):
 
     @property
     def gap(self) -> float:
-        """Last singular value within the rank over the next one; infinite at full rank."""
+        """Last singular value within the rank over the next one; infinite at full rank or rank 0."""
         if self.rank == len(self.singular_values) or not self.rank:
             return np.inf
-        least = max(float(self.singular_values[self.rank]), float(np.finfo(float).tiny))
-        return float(self.singular_values[self.rank - 1]) / least
+        least = max(self.singular_values[self.rank], np.finfo(float).tiny)
+        return float(self.singular_values[self.rank - 1] / least)
 
     @property
     def unseen(self) -> Array:
         """Directions (p - rank, p) of the parameters that change no base parameter.
 
-        In each of them one parameter that leads no base parameter changes by 1, and the leading ones
-        compensate.
+        In each direction one parameter that does not lead changes by 1, and the leading ones compensate.
         """
-        others = np.setdiff1d(np.arange(self.coefficients.shape[1]), self.leading)
-        directions = np.zeros((len(others), self.coefficients.shape[1]))
-        directions[np.arange(len(others)), others] = 1.0
-        directions[:, self.leading] = -self.coefficients[:, others].T
+        identity = np.eye(self.coefficients.shape[1])
+        directions = np.delete(identity, self.leading, axis=0)
+        directions[:, self.leading] = -np.delete(self.coefficients, self.leading, axis=1).T
         return directions
 
 
@@ -74,41 +73,42 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     """
     columns = regressor * sizes
     lengths = np.linalg.norm(columns, axis=0)
-    seen = np.flatnonzero(lengths > RANK_ROUNDING * lengths.max(initial=0.0))
-    R = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))  # of columns of unit length
+    is_seen = lengths > RANK_ROUNDING * lengths.max(initial=0.0)
+    seen = np.flatnonzero(is_seen)
+    # unit columns, reduced to a triangle with the same linear dependences and singular values
+    R = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))
     values = singular_values(R)
     rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
-    of_rank = _independent_columns(R, rank)  # among the seen
-    others = np.setdiff1d(np.arange(len(seen)), of_rank)
-    leading = seen[of_rank]
-    dependent = seen[others]
+    independent = _independent_columns(R, rank)
+    leading = seen[independent]
+    dependent = np.delete(seen, independent)
 
-    # each dependent column is a sum of leading ones: R_dependent = R_leading shares
-    weights = np.linalg.lstsq(R[:, of_rank], R[:, others], rcond=None)[0]  # (rank, dependent)
-    in_sizes = weights * lengths[dependent] / lengths[leading, None]  # of columns in sizes of the parameters
+    # each dependent column is a combination of leading ones, with weights (rank, dependent)
+    weights = np.linalg.lstsq(R[:, independent], np.delete(R, independent, axis=1), rcond=None)[0]
+    in_sizes = weights * lengths[dependent] / lengths[leading, None]  # with columns scaled by `sizes`
     largest = np.abs(in_sizes).max(axis=0, initial=0.0)
     weights[np.abs(in_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
 
-    # in the units of the parameters: a column of unit length is the column of the regressor over its length
+    # the weights of unit columns become coefficients in the units of the parameters
     unit_lengths = lengths / sizes
     coefficients = np.zeros((rank, len(sizes)))
-    coefficients[np.arange(rank), leading] = 1.0
+    coefficients[:, leading] = np.eye(rank)
     coefficients[:, dependent] = weights * unit_lengths[dependent] / unit_lengths[leading, None]
-    return Combinations(rank, values, leading, coefficients, np.setdiff1d(np.arange(len(sizes)), seen))
+    return Combinations(rank, values, leading, coefficients, np.flatnonzero(~is_seen))
 
 
 def _independent_columns(matrix: Array, rank: int) -> IntArray:
-    """Return the first independent columns (rank,) of a matrix, by index.
+    """Return indices (rank,) of the first independent columns of a matrix, ascending.
 
-    Columns have unit length. Gram and Schmidt: a column is independent if it is not in the span of the
-    independent columns before it. Where rounding makes their number differ from the rank, a QR decomposition
-    with column pivoting chooses them.
+    Columns have unit length. By Gram-Schmidt orthogonalisation a column is independent if it is not in the
+    span of the independent columns before it. If rounding makes their number differ from the rank, a QR
+    decomposition with column pivoting chooses them.
     """
     basis = np.empty((len(matrix), 0))
     independent = []
     for k, column in enumerate(matrix.T):
         remainder = column - basis @ (basis.T @ column)
-        remainder -= basis @ (basis.T @ remainder)  # once more, against rounding
+        remainder -= basis @ (basis.T @ remainder)  # a second time, against rounding
         length = np.linalg.norm(remainder)
         if length > RANK_ROUNDING:
             basis = np.column_stack([basis, remainder / length])

@@ -1,9 +1,9 @@
-"""The geometric parameters of a robot: errors of the origins of the joints in its URDF.
+"""The geometric parameters of a robot: errors of the joint origins in its URDF.
 
 Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six
-parameters: displacements along the axes of its origin, then turns about them. Each parameter is a virtual
-joint, like a spring. So the robot's equations give loop equations, frames and derivatives along the
-parameters, too.
+parameters: translations along the axes of its origin, then rotations about them. Each parameter is a virtual
+joint, like that of a spring. So the robot's own equations give the loop equations, frames and derivatives
+along the parameters.
 """
 
 from __future__ import annotations
@@ -17,36 +17,30 @@ import numpy as np
 from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.documents import read_origin
+from framework.model.documents import child_element, read_origin
 from framework.model.placement import placement, rotation_about
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ReadOnlyArrays
 
-ERRORS = "errors"  # end of the name of a virtual joint
-PLACED = "placed"  # end of the name of the fixed joint that takes the origin of a moving joint
+ERRORS = "errors"  # suffix of the names of virtual joints
+PLACED = "placed"  # suffix of the fixed joint that takes over the origin of a moving joint
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry(ReadOnlyArrays):
-    """A robot with errors of its joint origins as parameters.
-
-    In `model` each parameter is an elastic virtual joint.
-
-    joints: those whose origins are parameters; names: (p,) JOINT.x .. JOINT.rz.
-    turning: (p,) true for an angle [rad], false for a length [m].
-    """
+    """A robot with p errors of its joint origins as parameters."""
 
     robot: ParallelRobot
-    model: ParallelRobot
-    joints: tuple[str, ...]
-    names: tuple[str, ...]
-    turning: np.ndarray
+    model: ParallelRobot  # the robot with an elastic virtual joint for each parameter
+    joints: tuple[str, ...]  # whose origins have errors
+    names: tuple[str, ...]  # (p,) JOINT.x .. JOINT.rz
+    turning: np.ndarray  # (p,) true for an angle [rad], false for a length [m]
 
     def description(self, values: Array) -> RobotDescription:
-        """Return the robot's description, joint origins moved by parameters (p,)."""
+        """Return the robot's description with joint origins moved by parameters (p,)."""
         description = self.robot.description
         urdf = fromstring(description.urdf_text)
-        elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
+        elements = _joint_elements(urdf)
         for joint, move in zip(self.joints, values.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)
@@ -54,13 +48,13 @@ class Geometry(ReadOnlyArrays):
 
 
 def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
-    """Add six geometric parameters to each joint's origin.
+    """Add six geometric parameters to the origin of each joint.
 
-    Each joint gets a spring of six virtual joints behind its origin: behind the joint itself if it is fixed,
-    else behind a fixed joint that takes over its origin.
+    Each joint gets a spring of six virtual joints behind its origin. They follow the joint itself if it is
+    fixed; otherwise a new fixed joint takes over the origin, and they follow that one.
 
     Args:
-        joints: those whose origins are parameters; by default all between the base and the frames of the
+        joints: whose origins get parameters; by default all joints between the base and the frames of the
             platform and of closures.
 
     Raises:
@@ -68,7 +62,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
-    elements = {joint.get("name", ""): joint for joint in urdf.findall("joint")}
+    elements = _joint_elements(urdf)
     candidates = _joints_to_frames(description, elements)
     for name in joints or ():
         check_choice("joint", name, candidates)
@@ -78,8 +72,8 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
         is_fixed = elements[name].get("type") == "fixed"
         origin_joint = name if is_fixed else _insert_origin_joint(urdf, elements[name])
         springs.append(Spring(f"{name}_{ERRORS}", "joint", origin_joint, AXES, (1.0,) * len(AXES)))
-    text = tostring(urdf, encoding="unicode")
-    with_errors = replace(description, urdf_text=text, springs=tuple(springs))
+    urdf_text = tostring(urdf, encoding="unicode")
+    with_errors = replace(description, urdf_text=urdf_text, springs=tuple(springs))
     return Geometry(
         robot=robot,
         model=ParallelRobot.from_description(with_errors, flexibility="flexible_joints"),
@@ -89,39 +83,46 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     )
 
 
-def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
-    """Return the joints between the base and all platform and closure frames.
+def _joint_elements(urdf: Element) -> dict[str, Element]:
+    """Return the elements of all joints, by name."""
+    return {joint.get("name", ""): joint for joint in urdf.findall("joint")}
 
-    In the URDF's order. A frame is the name of a link, or of a joint for its child link.
+
+def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
+    """Return the joints between the base and the frames of platform and closures, in the URDF's order.
+
+    A frame has the name of a link, or of a joint whose child link is meant.
     """
-    joint_of_link = {_link_name(joint, "child"): joint for joint in elements.values()}
-    frames = {description.platform.frame, *(name for c in description.closures for name in c.frames)}
+    parent_joints = {_link_name(element, "child"): name for name, element in elements.items()}  # by link
+    frames = [description.platform.frame]
+    for closure in description.closures:
+        frames += closure.frames
     joints = set()
     for frame in frames:
-        is_joint = frame not in joint_of_link and frame in elements
+        is_joint = frame not in parent_joints and frame in elements
         link = _link_name(elements[frame], "child") if is_joint else frame
-        while link in joint_of_link:
-            joints.add(joint_of_link[link].get("name", ""))
-            link = _link_name(joint_of_link[link], "parent")
+        while link in parent_joints:
+            joint = parent_joints[link]
+            joints.add(joint)
+            link = _link_name(elements[joint], "parent")
     return [name for name in elements if name in joints]
 
 
 def _link_name(joint: Element, end: str) -> str:
-    """Return the name of the joint's link "parent" or "child"; empty without one."""
+    """Return the name of a joint's "parent" or "child" link; empty without one."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
 
 
 def _insert_origin_joint(urdf: Element, joint: Element) -> str:
-    """Insert a fixed joint before a moving one, with its origin; return its name."""
+    """Insert a fixed joint that takes over the origin of a moving one; return its name."""
     name = f"{joint.get('name')}_{PLACED}"
     link = f"{name}_link"
     SubElement(urdf, "link", name=link)
-    parent = joint.find("parent")
+    parent = child_element(joint, f"joint {joint.get('name')!r}", "parent")
     origin = joint.find("origin")
-    fixed = joint_element(NewJoint(name, "fixed"), _link_name(joint, "parent"), link)
-    if parent is not None:
-        parent.set("link", link)
+    fixed = joint_element(NewJoint(name, "fixed"), parent.get("link", ""), link)
+    parent.set("link", link)
     if origin is not None:
         joint.remove(origin)
         fixed.append(origin)
@@ -130,9 +131,9 @@ def _insert_origin_joint(urdf: Element, joint: Element) -> str:
 
 
 def _move_origin(joint: Element, move: Array) -> None:
-    """Move a joint's origin by translations, then turns about x, y, z, move (6,).
+    """Move a joint's origin by translations [m], then rotations [rad] about x, y, z, move (6,).
 
-    [m, rad] As the virtual joint of `parametrise_geometry` does: three slides, then three hinges.
+    The virtual joints of `parametrise_geometry` move it in the same way: three slides, then three hinges.
     """
     old = joint.find("origin")
     pose = read_origin(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])

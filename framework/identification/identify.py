@@ -1,8 +1,9 @@
 """Identification of inertial and motor parameters from motor angles, torques and time.
 
-Base parameters are found by weighted least squares from rows N' Y theta = N' S tau (`torque_parameters`). The
-noise of a row is that of the torques, G' e of `platform_wrench`. At a Type 2 singularity G' e has no
-component along t_s, and errors of the motion dominate; a least noise bounds the weight of such rows.
+Base parameters are estimated by weighted least squares from the rows N' Y theta = N' S tau
+(`base_parameters`). Noise e of the torques gives a row the noise G' e, with G of `platform_wrench`. At a Type
+2 singularity G' e has no component along t_s, and errors of the motion dominate there. So the noise of a row
+has a lower bound, which limits the row's weight.
 """
 
 from __future__ import annotations
@@ -39,14 +40,15 @@ from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
-HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording, every fourth held out
-UNSEEN_SPREAD = 1e-3  # of its deviation: how far a base parameter that is not seen may be off the file's
-LEAST_SPREAD = 1e-6  # the same over its size: its square is added to a matrix of rows
-DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the size of each body's parameters
+HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording; every fourth is held out
+# An undetermined base parameter stays near the file's value by a row with a small deviation.
+UNSEEN_SPREAD = 1e-3  # this deviation over the estimated one, and at most over the parameter's size
+LEAST_SPREAD = 1e-6  # at least over the parameter's size; the inverse square enters a matrix
+DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the sizes of each body's parameters
 
 
 class Rows(NamedTuple):
-    """Rows A theta = b, of unit noise up to a common scale."""
+    """Equations A theta = b with independent noise of one common size."""
 
     matrix: Array  # (rows, p)
     right: Array  # (rows,)
@@ -54,17 +56,17 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Identification(ReadOnlyArrays):
-    """Identified parameters, validated by torques that were not used.
+    """Identified parameters, validated by torques that were held out.
 
     Attributes:
         base: the base parameters of the robot.
-        values, deviations: (rank,) identified, with their standard deviations, infinite where these data do
-            not determine one.
-        parameters: (p,) of `base.parameters`: possible bodies, nearest to the file's.
-        links, link_values: the same of single links. Along base parameters that these data do not show the
-            values are the file's, and all are where the file predicts the torques held out better.
-        error_before, error_after: (n_a,) of motor torques held out, by the file and by `parameters`, root
-            mean square over that of the measured torques; NaN if all of them are at Type 2.
+        values, deviations: (rank,) estimated base parameters and their standard deviations; a deviation is
+            infinite if these data do not determine the parameter.
+        parameters: (p,) values of `base.parameters` that belong to possible bodies, nearest to the file's.
+        links, link_values: the same for single links. Base parameters that these data do not determine keep
+            the file's values. All parameters do if the file predicts the held-out torques better.
+        error_before, error_after: (n_a,) errors of the held-out motor torques predicted by the file and by
+            `parameters`, root mean square over that of the measured torques; NaN if all are at Type 2.
     """
 
     robot: ParallelRobot
@@ -76,26 +78,26 @@ class Identification(ReadOnlyArrays):
     link_values: Array
     error_before: Array
     error_after: Array
-    noise: float  # of rows over that of the torques alone: 1 without other errors
+    noise: float  # of the rows over that of the torques alone; 1 if there are no other errors
     cutoff: float  # [Hz]
-    poses: str  # their source: motors or platform
-    motor_misfit: float  # of these poses to the motors' angles, see `MeasuredMotion`
+    poses: str  # source of the poses: motors or platform
+    motor_misfit: float  # of the poses to the motors' angles, see `MeasuredMotion`
     instants: int
     seconds: float
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Base parameters whose standard deviation is above their size."""
-        return self._base_names(_exceed_their_size(self.base, self.values, self.deviations))
+        """Names of base parameters whose standard deviation exceeds their size."""
+        return self._base_names(_find_undetermined(self.base, self.values, self.deviations))
 
     @property
     def keeps_file(self) -> bool:
-        """Whether the file's parameters predict the validation torques better, and stay."""
+        """Whether the file's parameters stay: the file predicts held-out torques better."""
         return bool((self.link_values == self.links.values).all())
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Base parameters that differ significantly from the file's values."""
+        """Names of base parameters that differ significantly from the file's values."""
         change = np.abs(self.values - self.base.values)
         return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
 
@@ -123,23 +125,19 @@ class Identification(ReadOnlyArrays):
     def to_dict(self) -> Document:
         """Return all numbers, for JSON."""
         motors = self.robot.actuator_names
-        base = zip(self.base.names, self.values, self.deviations, self.base.values, strict=True)
-        document: Document = plain(
-            {
-                "robot": self.robot.name,
-                **select_fields(self.base, "rank", "gap", "certain"),
-                "base_parameters": [
-                    {"name": name, "value": value, "standard_deviation": deviation, "file": own}
-                    for name, value, deviation, own in base
-                ],
-                **select_fields(self, "changed", "undetermined"),
-                "parameters": dict(zip(self.base.parameters, self.parameters, strict=True)),
-                "torque_error_before": dict(zip(motors, self.error_before, strict=True)),
-                "torque_error_after": dict(zip(motors, self.error_after, strict=True)),
-                **select_fields(self, "noise", "cutoff", "poses", "motor_misfit", "instants", "seconds"),
-            }
-        )
-        return document
+        keys = ("name", "value", "standard_deviation", "file")
+        columns = (self.base.names, self.values, self.deviations, self.base.values)
+        document: Document = {
+            "robot": self.robot.name,
+            **select_fields(self.base, "rank", "gap", "certain"),
+            "base_parameters": [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)],
+            **select_fields(self, "changed", "undetermined"),
+            "parameters": dict(zip(self.base.parameters, self.parameters, strict=True)),
+            "torque_error_before": dict(zip(motors, self.error_before, strict=True)),
+            "torque_error_after": dict(zip(motors, self.error_after, strict=True)),
+            **select_fields(self, "noise", "cutoff", "poses", "motor_misfit", "instants", "seconds"),
+        }
+        return plain(document)
 
 
 def identify(
@@ -155,11 +153,11 @@ def identify(
     """Identify inertial parameters, rotor inertias and friction from a recorded motion.
 
     Args:
-        data: with time, motor angles and torques (and the platform, where the motion passes Type 2), or the
-            file of it, see `read_recording`.
-        cutoff: of the filter [Hz], and poses: "motors" or "platform", see `measured_motion`.
-        prior: standard deviation of the file's values, a share of each body's size.
-        massless: whether bodies without mass in the file have parameters, too.
+        data: a recording with time, motor angles and torques, and the platform if the motion passes Type 2;
+            or the name of its file, see `read_recording`.
+        cutoff, poses: cutoff of the filter [Hz]; "motors" or "platform"; see `measured_motion`.
+        prior: standard deviation of the file's values, over the sizes of each body's parameters.
+        massless: whether to include bodies that have no mass in the file.
         progress: called with the number of poses computed from the motors.
 
     Raises:
@@ -174,21 +172,21 @@ def identify(
     data = load_recording(robot, data)
     measured = measured_motion(robot, data, cutoff=cutoff, poses=poses, progress=progress)
     regressor = parameter_regressor(robot, measured.motion, base.described, signs=measured.signs)
-    test = _is_validation(measured.times)
+    test = _mask_held_out(measured.times)
     rows = _whiten(robot, regressor, measured, ~test)
     if len(rows.right) <= base.rank:
         raise InvalidInput(
-            f"{data.source}: {len(rows.right)} equations at {int((~test).sum())} instants for {base.rank} "
-            f"base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
+            f"{data.source}: {len(rows.right)} equations at {np.count_nonzero(~test)} instants for "
+            f"{base.rank} base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
     estimate = _estimate_base_parameters(base, rows)
     file = base.described.values
     links = collect_link_parameters(robot, base.described)
-    link_values = _fit_possible_bodies(robot, base, links, rows, estimate, prior)
+    link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
     error_before = torque_error(robot, regressor, measured, test, file)
     error_after = torque_error(robot, regressor, measured, test, parameters)
-    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # the file is better, and stays
+    if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # keep the file
         link_values = links.values
         parameters = file
         error_after = error_before
@@ -214,52 +212,52 @@ def identify(
 def _whiten(
     robot: ParallelRobot, regressor: ParameterRegressor, measured: MeasuredMotion, instants: BoolArray
 ) -> Rows:
-    """Return the rows of the instants in a mask (T,), whitened by the noise G' e of the torques.
+    """Return the equations of the instants in a mask (T,), whitened by the noise of the torques.
 
-    The covariance of a wrench is C = G' E E' G = V diag(variance) V', with E the noise of the torques. Rows
-    times diag(variance)^(-1/2) V' are independent and have unit noise.
+    Torques with the deviations E give the wrench W = G' tau the covariance G' E E G = V diag(variance) V'.
+    Rows multiplied by diag(variance)^(-1/2) V' are independent and have unit noise.
     """
-    scale = robot.platform_scale  # moments over it are compared with forces
+    scale = robot.platform_scale  # divides moments, to compare them with forces
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
     wrench_noise = regressor.motors * noise / scale[:, None]  # (T, n, n_a) G' E
     variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))  # ascending
     least_variance = MIN_NOISE_RATIO**2 * variance[:, -1:]
     deviation = np.sqrt(np.maximum(variance, least_variance))  # (T, n)
-    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # diag(variance)^(-1/2) V' (T, n, n)
+    weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n) diag(variance)^(-1/2) V'
     wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
-    matrix = (weights @ regressor.matrix)[instants]
+    matrix = (weights @ regressor.matrix)[instants]  # (instants, n, p)
     return Rows(matrix.reshape(-1, matrix.shape[2]), np.matvec(weights, wrench)[instants].ravel())
 
 
-def _exceed_their_size(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
-    """Return which base parameters have deviations above their size, (rank,).
+def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
+    """Return a mask (rank,) of base parameters with deviations (rank,) above their size.
 
-    Arguments are values and standard deviations (rank,).
+    Values (rank,) are the estimated ones; the size is that of the estimate or of the file's value.
     """
     return deviations > np.maximum(np.abs(values), np.abs(base.values))
 
 
-def _is_validation(times: Array) -> BoolArray:
-    """Return which instants (T,) validate: every fourth block of time."""
+def _mask_held_out(times: Array) -> BoolArray:
+    """Return a mask (T,) of the instants held out: every fourth block of time."""
     share = (times - times[0]) / (times[-1] - times[0])
     blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
 
 class BaseEstimate(NamedTuple):
-    """Base parameters by least squares."""
+    """Least squares estimates of the base parameters."""
 
     values: Array  # (rank,) SI units
-    deviations: Array  # (rank,) standard deviations, infinite where the rows do not determine one
-    noise: float  # of the rows over the assumed 1
+    deviations: Array  # (rank,) standard deviations; infinite if the rows do not determine the parameter
+    noise: float  # of the rows, assumed as 1
 
 
 def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
-    """Estimate the base parameters by least squares, A beta = b (Gautier 1997).
+    """Estimate the base parameters by least squares (Gautier 1997).
 
-    Over their sizes. With A = U S V' the solution is V S^-1 U' b, its covariance noise^2 V S^-2 V'. The noise
-    is the root mean square of the residual per degree of freedom. Parameters with a part along directions of
-    zero singular value have infinite deviations.
+    In units of their sizes they solve A beta = b. With A = U S V' the solution is V S^-1 U' b, its covariance
+    noise^2 V S^-2 V'. The noise is the root mean square of the residual per degree of freedom. Parameters
+    with a component along directions of zero singular value have infinite deviations.
     """
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]
@@ -270,31 +268,26 @@ def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
     beta = inverse @ (U.T @ rows.right)[is_seen]
     residual = rows.right - A @ beta
     noise = float(np.sqrt(residual @ residual / (len(residual) - np.count_nonzero(is_seen))))
-    deviations = noise * np.linalg.norm(inverse, axis=1)
-    is_undetermined = np.sum(V_rows[~is_seen] ** 2, axis=0) > RANK_ROUNDING
-    return BaseEstimate(sizes * beta, np.where(is_undetermined, np.inf, sizes * deviations), noise)
+    deviations = sizes * (noise * np.linalg.norm(inverse, axis=1))
+    deviations[np.sum(V_rows[~is_seen] ** 2, axis=0) > RANK_ROUNDING] = np.inf
+    return BaseEstimate(sizes * beta, deviations, noise)
 
 
 def _fit_possible_bodies(
-    robot: ParallelRobot,
-    base: BaseParameters,
-    links: LinkParameters,
-    rows: Rows,
-    estimate: BaseEstimate,
-    prior: float,
+    base: BaseParameters, links: LinkParameters, rows: Rows, estimate: BaseEstimate, prior: float
 ) -> Array:
     """Fit parameters (u,) of possible links and motors to the rows.
 
-    A base parameter that is not seen is kept near the file's value by a further row of small deviation.
+    For each undetermined base parameter an additional row of small deviation keeps it near the file's value.
     """
-    sizes = base.described.sizes[base.combinations.leading]
+    sizes = base.described.sizes[base.combinations.leading]  # (rank,)
     spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
-    is_unseen = _exceed_their_size(base, estimate.values, estimate.deviations)
-    file_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
-    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + file_rows.T @ file_rows  # (p, p)
+    is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
+    prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
+    information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows  # (p, p)
     misfit = rows.right - rows.matrix @ base.described.values
     residual = rows.matrix.T @ misfit / estimate.noise**2  # (p,)
-    return fit_possible_parameters(robot, links, information, residual, prior)
+    return fit_possible_parameters(base.robot, links, information, residual, prior)
 
 
 def torque_error(
@@ -304,20 +297,21 @@ def torque_error(
     instants: BoolArray,
     parameters: Array,
 ) -> Array:
-    """Compute the root mean square error of each torque (n_a,) over that of the torque, by parameters (p,).
+    """Compute root mean square errors (n_a,) of predicted torques, relative to the torques.
 
-    The error e solves G' e = W - G' tau with the predicted wrench W. Of the `instants`, a mask (T,), those
-    count at which G is well conditioned; NaN without any.
+    The errors e solve G' e = W - G' tau, with the wrench W that the parameters (p,) predict. Of the
+    `instants` in a mask (T,) only those count at which G is well conditioned; without any the result is NaN.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
     least = singular_values(scaled_G / robot.gear_ratio)[:, -1]
-    used = np.flatnonzero(instants & (least > MIN_NOISE_RATIO * least.max()))
-    if not len(used):
+    used = instants & (least > MIN_NOISE_RATIO * least.max())
+    if not used.any():
         return np.full(robot.n_a, np.nan)
+    G_transposed = G_transposed[used]
     torque = measured.torque[used]
     wrench = regressor.matrix[used] @ parameters + regressor.constant[used]
-    missing_wrench = wrench - np.matvec(G_transposed[used], torque)
-    error = np.matvec(np.linalg.pinv(G_transposed[used]), missing_wrench)  # (used, n_a)
+    missing_wrench = wrench - np.matvec(G_transposed, torque)
+    error = np.matvec(np.linalg.pinv(G_transposed), missing_wrench)  # (used, n_a)
     error_size, torque_size = (np.sqrt(np.mean(values**2, axis=0)) for values in (error, torque))
     return error_size / np.maximum(torque_size, np.finfo(float).tiny)

@@ -1,20 +1,22 @@
 """The motion of all joints from recorded samples: filter, differentiate, close the loops.
 
-Angles, platform and torques pass the same filter without delay, a Butterworth filter of order 4 forwards and
-backwards (scipy). Derivatives are those of splines of degree 5 through the filtered samples (scipy). The
-instants used are half a period of the cutoff apart, so that their noise is nearly independent, and not near
-the ends of the recording. The signs of the motors' speeds, on which dry friction depends, pass the same
-filter.
+Angles, platform and torques pass the same filter without delay: a Butterworth filter of order 4, applied
+forwards and backwards (scipy). Derivatives are those of splines of degree 5 through the filtered samples
+(scipy). The instants used are half a period of the cutoff apart, so that their noise is nearly independent,
+and away from the ends of the recording. The signs of the motors' speeds, on which dry friction depends, pass
+the same filter, because the torques do.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, NotAssembled, Type2Singularity
 from framework.identification.recording import Recording, uniform_period
 from framework.kinematics.continuation.pose_stack import follow_motors
@@ -22,7 +24,7 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.inverse_kinematics import close_loops, require_square
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import clearance
-from framework.kinematics.motion_rates import Motion, freeze_deflections, joint_rates, motion_at
+from framework.kinematics.motion_rates import Motion, freeze_deflections, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import whole_turns
@@ -31,11 +33,11 @@ from framework.tolerances import MAX_MOTOR_MISFIT
 ORDER, SPLINE_DEGREE = 4, 5  # of the filter; of the splines
 MIN_INSTANTS = 8
 MIN_SAMPLES = 64
-SIGNAL_TO_NOISE = 10.0  # of a spectrum, below which a frequency counts as noise
-SMOOTHING_BINS = 9  # of a spectrum, over which its mean is taken
+SIGNAL_TO_NOISE = 10.0  # of a power spectrum; below this ratio a frequency counts as noise
+SMOOTHING_BINS = 9  # frequencies over which a power spectrum is averaged
 MAX_CUTOFF = 0.4  # over the sampling rate; 0.5 is the Nyquist frequency
-MIN_PERIODS = 8  # of the cutoff in a recording
-END_PERIODS = 1.0  # of the cutoff, left out at either end
+MIN_PERIODS = 8  # periods of the cutoff in a recording
+END_PERIODS = 1.0  # periods of the cutoff left out at either end
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +48,10 @@ class MeasuredMotion:
     cutoff: float  # [Hz] of the filter
     times: Array  # (T,)
     motion: Motion
-    signs: Array  # (T, n_a) signs of the motors' speeds, filtered
+    signs: Array  # (T, n_a) filtered signs of the motors' speeds
     torque: Array  # (T, n_a) filtered, motor side
-    torque_noise: Array  # (n_a,) standard deviation of the noise after filtering
-    motor_misfit: float  # [rad, robot lengths] of poses by the platform to the motors' joints; 0 by motors
+    torque_noise: Array  # (n_a,) standard deviations of the noise left after filtering
+    motor_misfit: float  # [rad, robot lengths] of poses from the platform to the motors' joints; else 0
 
 
 def measured_motion(
@@ -62,28 +64,26 @@ def measured_motion(
 ) -> MeasuredMotion:
     """Compute the recorded motion of all joints, with filtered torques.
 
-    The noise of torques is what the filter removes, times sqrt(2 cutoff period): the filter passes this share
-    of the band of white noise, which ends at half the sampling rate.
+    The noise of the filtered torques is estimated from the part that the filter removes. White noise fills
+    the band up to half the sampling rate, and the filter passes the share 2 cutoff period of this band.
 
     Args:
         cutoff: of the filter [Hz]; by default the frequency above which the angles' spectra are noise.
-        poses: "motors" computes poses from the motor angles, "platform" from measured coordinates of the
-            platform, which works at Type 2 singularities, too. By default "motors", or "platform" if that
-            fails.
+        poses: "motors" computes poses from the motor angles; "platform" from measured platform coordinates,
+            which works at Type 2 singularities too. The default is "motors", and "platform" if that fails.
         progress: called with the number of poses computed from the motors.
 
     Raises:
         InvalidInput: missing columns, too few samples, unequal time steps, a cutoff out of range, torques
-            that are zero throughout, a platform that contradicts the motors.
-        NotAssembled: the loops do not close at some pose; Type2Singularity of motors.
+            that are always zero, a platform that contradicts the motors.
+        NotAssembled: the loops do not close at some pose; Type2Singularity if the motors pass one.
     """
     require_square(robot)
     period = uniform_period(data)
     if len(data) < MIN_SAMPLES:
         raise InvalidInput(f"{data.source}: {len(data)} samples; at least {MIN_SAMPLES} are needed")
-    joints = _subtract_whole_turns(
-        robot, data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
-    )
+    motor_joints = data.columns("motor_angle", robot.actuator_names) / robot.gear_ratio
+    joints = _subtract_whole_turns(robot, motor_joints)
     torque = _read_torques(robot, data)
     low_pass = _LowPass(period, _choose_cutoff(data, joints, period, cutoff))
     angles = low_pass.differentiate(joints)
@@ -97,7 +97,7 @@ def measured_motion(
     if source == "motors":
         try:
             motion = _motion_of_motors(robot, [rows[instants] for rows in angles], progress)
-        except NotAssembled:  # by default try the platform, if it was measured
+        except NotAssembled:  # by default fall back on the platform, if it was measured
             if poses == "motors" or not data.has("platform", robot.axis_names):
                 raise
             source = "platform"
@@ -129,19 +129,19 @@ def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
 
 
 def _subtract_whole_turns(robot: ParallelRobot, joints: Array) -> Array:
-    """Subtract whole turns from motors' joints (T, n_a), as at the reference.
+    """Subtract whole turns from the motors' joints (T, n_a).
 
-    They then start within half a turn of the reference.
+    Afterwards they start within half a turn of the reference.
     """
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
-    """Choose the cutoff [Hz], above which all angles' spectra are noise.
+    """Return the given cutoff [Hz], or the frequency above which all angles' spectra are noise.
 
     Raises:
-        InvalidInput: the cutoff is not in the range that the recording allows, or there is no such range.
+        InvalidInput: the cutoff is outside the range that the recording allows, or this range is empty.
     """
     lowest = MIN_PERIODS / (len(data) * period)
     highest = MAX_CUTOFF / period
@@ -155,26 +155,27 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
 
 
 def _signal_frequency(joints: Array, period: float) -> float:
-    """Return the frequency [Hz] above which all spectra of joints (T, n_a) are noise.
+    """Return the frequency [Hz] above which the spectra of all joints (T, n_a) are noise.
 
-    Noise is the median of the upper half of a smoothed power spectrum. The chord of each signal is subtracted
-    and a window applied, so that the ends of the recording add no high frequencies.
+    The noise level is the median of the upper half of a smoothed power spectrum. The straight line between
+    the ends is subtracted from each signal and a window is applied, so that the ends of the recording add no
+    high frequencies.
     """
     from scipy.ndimage import uniform_filter1d
 
     count = len(joints)
-    chord = joints[0] + np.linspace(0.0, 1.0, count)[:, None] * (joints[-1] - joints[0])
+    chord = np.linspace(joints[0], joints[-1], count)  # (T, n_a)
     window = np.hanning(count)[:, None]
     power = np.abs(np.fft.rfft((joints - chord) * window, axis=0)) ** 2
     power = uniform_filter1d(power, SMOOTHING_BINS, axis=0, mode="nearest")
     noise = np.median(power[len(power) // 2 :], axis=0)
     is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
-    first_noise_bin = [len(column) if column.all() else np.argmin(column) for column in is_signal.T]
-    return max(first_noise_bin) / (count * period)
+    precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
+    return precedes_noise.sum(axis=0).max() / (count * period)
 
 
 class _LowPass(NamedTuple):
-    """A low-pass filter without delay."""
+    """A low-pass filter without delay for uniform samples."""
 
     period: float  # [s] of the samples
     cutoff: float  # [Hz]
@@ -184,11 +185,11 @@ class _LowPass(NamedTuple):
         from scipy.signal import butter, sosfiltfilt
 
         sections = butter(ORDER, self.cutoff, fs=1.0 / self.period, output="sos")
-        padding = min(len(values) - 1, int(np.ceil(3.0 / (self.cutoff * self.period))))
+        padding = min(len(values) - 1, math.ceil(3.0 / (self.cutoff * self.period)))
         return sosfiltfilt(sections, values, axis=0, padlen=padding)
 
     def differentiate(self, values: Array) -> list[Array]:
-        """Filter values (samples, k); return the first two derivatives too."""
+        """Return filtered values (samples, k) and their first two time derivatives."""
         from scipy.interpolate import make_interp_spline
 
         times = self.period * np.arange(len(values))
@@ -196,12 +197,9 @@ class _LowPass(NamedTuple):
         return [spline(times, order) for order in range(3)]
 
     def choose_instants(self, data: Recording) -> IntArray:
-        """Choose samples half a period of the cutoff apart, by index (T,).
-
-        The ends of the recording are left out.
-        """
+        """Return indices (T,) of samples half a period of the cutoff apart, without the ends."""
         samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff
-        margin = int(np.ceil(END_PERIODS * samples_per_period))
+        margin = math.ceil(END_PERIODS * samples_per_period)
         instants = np.arange(margin, len(data) - margin, max(round(0.5 * samples_per_period), 1))
         if len(instants) < MIN_INSTANTS:
             raise InvalidInput(
@@ -212,17 +210,16 @@ class _LowPass(NamedTuple):
 
 
 def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
-    """Compute the motion of all joints by motor angles, rates and accelerations (T, n_a).
+    """Compute the motion of all joints from motor angles, rates and accelerations (T, n_a).
 
-    With joint rates N for unit twists, whose rows of motors are N_a: v = N N_a^+ dq_a, and
-    a = drift + N N_a^+ (ddq_a - drift_a), with the drift at zero accelerations of the platform.
+    N are the joint rates for unit twists, N_a their rows of motors. Then v = N N_a^+ dq_a and
+    a = drift + N N_a^+ (ddq_a - drift_a), where the drift belongs to zero acceleration of the platform.
     """
     q_a, dq_a, ddq_a = angles
     q = _poses_of_motors(robot, q_a, progress)
     linearised = linearised_at(robot, q, None)
     _check_clearance(robot, q, linearised)
-    unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, len(q), robot.n))
-    N = joint_rates(robot, linearised, unit_twists, np.zeros((len(q), 0))).transpose(1, 2, 0)  # (T, nv, n)
+    _, N = motor_speeds(robot, linearised)  # (T, nv, n)
     joints_per_motor = N @ np.linalg.pinv(N[:, robot.actuated])  # (T, nv, n_a)
     v = np.matvec(joints_per_motor, dq_a)
     drift = freeze_deflections(robot, q, v, np.zeros_like(v)).a
@@ -234,7 +231,7 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
     """Follow the motors' joints (T, n_a); return the poses (T, nq).
 
     Raises:
-        Type2Singularity: the assembly mode ends at a singularity before the last instant.
+        Type2Singularity: the motors reach a singularity before the last instant.
     """
     q: list[Array] = []
     try:
@@ -249,26 +246,22 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
 def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
     """Refuse motors that may pass a Type 2 singularity between two instants.
 
-    Motor angles do not tell whether the robot continues in the same mode there. A singularity is possible
-    where the least singular value of P, extrapolated linearly from either side, reaches zero before the next
-    instant.
+    Motor angles do not determine in which mode the robot continues there. A singularity is possible if the
+    clearance, extrapolated linearly from either side of an instant, reaches zero at the next instant.
     """
     value = clearance(robot, linearised)
     change = np.diff(value)
-    may_vanish = np.zeros(len(value), dtype=bool)
-    may_vanish[1:-1] = (value[1:-1] + change[:-1] <= 0.0) | (value[1:-1] - change[1:] <= 0.0)
+    inner = value[1:-1]
+    may_vanish = (inner + change[:-1] <= 0.0) | (inner - change[1:] <= 0.0)
     if not may_vanish.any():
         return
-    k = int(np.flatnonzero(may_vanish)[0])
+    k = 1 + int(may_vanish.argmax())  # the first
     x = robot.platform.coordinates(linearised.frames)[k]
     raise _type2_error(robot, q[k], x, float(linearised.gap[k]), k / len(q))
 
 
 def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, share: float) -> Type2Singularity:
-    """Return the error for motors that pass Type 2 near q (nq,).
-
-    `share` is that of the recording's time.
-    """
+    """Return the error for motors that pass Type 2 near q (nq,), after a share of the recording."""
     return Type2Singularity(
         f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
         f"{robot.place(x)}, where they do not say how the robot goes on; the poses "
@@ -281,22 +274,22 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
 
 
 def _motion_of_platform(robot: ParallelRobot, platform: list[Array]) -> Motion:
-    """Compute the motion of all joints by platform x, dx, ddx (T, n)."""
+    """Compute the motion of all joints from platform x, dx, ddx (T, n)."""
     x, dx, ddx = platform
-    poses = [assemble(robot, x[0]).q]
-    for coordinates in x:  # each from the pose before
-        poses.append(close_loops(robot, coordinates[None], poses[-1][None]).q[0])
-    q = np.array(poses[1:])
+    poses = [assemble(robot, x[0]).q[None]]  # (1, nq) each
+    for row in x[:, None]:
+        poses.append(close_loops(robot, row, poses[-1]).q)  # from the previous pose
+    q = np.concatenate(poses[1:])
     return motion_at(robot, ClosedStack(q, x, linearised_at(robot, q, x)), dx, ddx)
 
 
 def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array, samples: IntArray) -> float:
     """Compute the largest offset of poses from the motors' joints q_a (T, n_a).
 
-    In radians, without whole turns, or robot lengths.
+    It is in radians, up to whole turns, or in robot lengths.
 
     Raises:
-        InvalidInput: the difference is too large for small errors of the file.
+        InvalidInput: the offset is too large to be a small error of the file.
     """
     offset = robot.actuated_coordinates(motion.q) - q_a
     distance = np.abs(np.where(robot.sliding[robot.actuated], offset, offset - whole_turns(offset)))
@@ -305,7 +298,7 @@ def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array,
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:
         raise InvalidInput(
-            f"{source}: at sample {int(samples[k]) + 1} motor_angle_{robot.actuator_names[motor]} "
+            f"{source}: at sample {samples[k] + 1} motor_angle_{robot.actuator_names[motor]} "
             f"contradicts the measured platform: its joint is {largest:.3g} rad (slides: robot lengths) off "
             f"where the platform has it, the limit is {MAX_MOTOR_MISFIT:g}; look at zero, sign and gear "
             f"ratio, or at the assembly mode of the robot file"

@@ -1,10 +1,10 @@
-"""Physically possible parameters of bodies and motors that fit the data and are near the file's values.
+"""Physically possible parameters of bodies and motors that fit the data, near the file's values.
 
-The misfit to the data is a quadratic form of all parameters. A prior keeps parameters that the data do not
-determine at the file's values. Every body's pseudo-inertia must be positive semidefinite (Wensing, Kim and
-Slotine, IEEE Robotics and Automation Letters 3(1), 2018); rotor inertia, damping and friction must not be
-negative. This is a semidefinite program. Links fixed to one another are one body, whose parameters the prior
-divides among the links.
+The misfit to the data is a quadratic form in all parameters. A prior keeps parameters that the data do not
+determine at the file's values. The pseudo-inertia of every body must be positive semidefinite (Wensing, Kim
+and Slotine, IEEE Robotics and Automation Letters 3(1), 2018), and rotor inertia, damping and friction must
+not be negative. This is a semidefinite program. Links fixed to one another form one body; the prior divides
+its parameters among the links.
 """
 
 from __future__ import annotations
@@ -16,10 +16,7 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 import numpy as np
 import pinocchio as pin
 
-from framework.dynamics.body_parameters import (
-    parameter_transform,
-    pseudo_inertia,
-)
+from framework.dynamics.body_parameters import parameter_transform, pseudo_inertia
 from framework.errors import NotConverged
 from framework.identification.base_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -31,17 +28,27 @@ from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
-NO_ROTOR = 1e-9  # over the size of a motor's inertia: prior deviation of a rotor that is zero in the file
-ROUNDED_BODY = 1e-9  # over mass and second moments: negative eigenvalues that count as rounding
+NO_ROTOR = 1e-9  # prior deviation of a rotor that is zero in the file, over the size of a motor's inertia
+ROUNDED_BODY = 1e-9  # negative eigenvalues of a pseudo-inertia that count as rounding, relative to the body
 
 
 class LinkParameters(NamedTuple):
-    """The u parameters of all links, (10,) each on the link's axes, and of motors."""
+    """The u parameters of links and motors: ten of each link on its axes, then three of each motor."""
 
-    links: tuple[str, ...]  # with mass in the file
-    values: Array  # (u,) of the file: ten of each link, then three of each motor
-    spread: Array  # (u,) sizes of the parameters, units of their prior deviation
-    to_parameters: Array  # (p, u) matrix from these to parameters of bodies and motors, `TorqueParameters`
+    links: tuple[str, ...]  # those with mass in the file
+    values: Array  # (u,) in the robot file
+    spread: Array  # (u,) sizes of the parameters, in which the prior deviation is measured
+    to_parameters: Array  # (p, u) matrix to the parameters of bodies and motors, `TorqueParameters`
+
+    @property
+    def link_slices(self) -> list[slice]:
+        """The entries of each link among the u parameters."""
+        return [slice(10 * i, 10 * i + 10) for i in range(len(self.links))]
+
+    @property
+    def motor_slice(self) -> slice:
+        """The entries of all motors among the u parameters."""
+        return slice(10 * len(self.links), None)
 
 
 def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
@@ -51,53 +58,58 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     """
     urdf = fromstring(robot.description.urdf_text)
     in_file = {link.get("name", ""): read_inertial_parameters(link) for link in urdf.findall("link")}
-    links: list[str] = []
-    columns: list[Array] = []  # a link's columns of `to_parameters`, (p, 10)
-    for i, j in enumerate(map(int, parameters.bodies)):
+    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}
+    frames: list[pin.Frame] = []
+    columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
+    for i, j in enumerate(parameters.bodies.tolist()):
         for frame in robot.model.frames:
-            is_link = frame.parentJoint == j and frame.type == pin.FrameType.BODY
-            if is_link and in_file.get(frame.name, np.zeros(1))[0] > 0.0:
-                of_link = np.zeros((len(parameters.names), 10))
-                pose_on_body = link_axes(robot.model, j).inverse() * frame.placement
-                of_link[10 * i : 10 * i + 10] = parameter_transform(pose_on_body)
-                links.append(str(frame.name))
-                columns.append(of_link)
+            if frame.parentJoint == j and frame.type == pin.FrameType.BODY and frame.name in heavy:
+                frames.append(frame)
+                columns.append(_link_columns(robot, parameters, i, frame))
     motors = slice(10 * len(parameters.bodies), None)
-    of_motors = np.eye(len(parameters.names))[:, motors]
-    link_values = [in_file[link] for link in links]
+    motor_columns = np.eye(len(parameters.names))[:, motors]
+    link_values = [heavy[frame.name] for frame in frames]
     return LinkParameters(
-        links=tuple(links),
+        links=tuple(frame.name for frame in frames),
         values=np.concatenate([*link_values, parameters.values[motors]]),
-        spread=np.concatenate([*map(_body_sizes, link_values), _motor_spread(parameters, motors)]),
-        to_parameters=np.concatenate([*columns, of_motors], axis=1),
+        spread=np.concatenate([*map(_link_sizes, link_values), _motor_sizes(parameters, motors)]),
+        to_parameters=np.concatenate([*columns, motor_columns], axis=1),
     )
 
 
-def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
-    """Return prior sizes (3 n_a,) of motors' parameters.
+def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, link: pin.Frame) -> Array:
+    """Return the columns (p, 10) of `to_parameters` for a link of body i."""
+    columns = np.zeros((len(parameters.names), 10))
+    pose_on_body = link_axes(robot.model, link.parentJoint).inverse() * link.placement
+    columns[10 * i : 10 * i + 10] = parameter_transform(pose_on_body)
+    return columns
 
-    Of a rotor the size is the file's inertia, or next to nothing.
+
+def _motor_sizes(parameters: TorqueParameters, motors: slice) -> Array:
+    """Return prior sizes (3 n_a,) of the motors' parameters.
+
+    The size of a rotor is the file's inertia; a rotor that is zero in the file has almost no freedom.
     """
-    spread = parameters.sizes[motors].copy()
-    rotors = slice(None, None, len(OF_MOTORS))  # the first of each motor's parameters
-    rotor_values = parameters.values[motors][rotors]
-    spread[rotors] = np.maximum(rotor_values, NO_ROTOR * spread[rotors])
-    return spread
+    sizes = parameters.sizes[motors].copy()
+    rotors = slice(OF_MOTORS.index("rotor_inertia"), None, len(OF_MOTORS))
+    sizes[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * sizes[rotors])
+    return sizes
 
 
-def _body_sizes(body: Array) -> Array:
-    """Compute sizes (10,) of a body's parameters: mass times powers of its radius.
+def _link_sizes(link: Array) -> Array:
+    """Compute sizes (10,) of a link's parameters (10,): mass times powers of its radius.
 
-    Powers 0, 1, 2 of the radius of gyration. A point mass at the origin has the radius 0: its moments remain
-    zero.
+    The radius is the radius of gyration about the origin, with the powers of `LENGTH_POWERS`. It is 0 for a
+    point mass at the origin, whose moments therefore remain zero.
     """
-    trace = np.trace(pseudo_inertia(body)[:3, :3])
-    radius = np.sqrt(max(trace, 0.0) / body[0])
-    return body[0] * radius**LENGTH_POWERS
+    mass = link[0]
+    trace = np.trace(pseudo_inertia(link)[:3, :3])
+    radius = np.sqrt(max(trace, 0.0) / mass)
+    return mass * radius**LENGTH_POWERS
 
 
 def read_inertial_parameters(link: Element) -> Array:
-    """Read the ten parameters (10,) of a link about its origin; zeros without."""
+    """Read the ten parameters (10,) of a link about its origin; zeros without <inertial>."""
     inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(10)
@@ -112,26 +124,25 @@ def read_inertial_parameters(link: Element) -> Array:
 def fit_possible_parameters(
     robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
 ) -> Array:
-    """Compute the most probable possible parameters (u,) of links and motors.
+    """Compute the most probable physically possible parameters (u,) of links and motors.
 
-    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with T of
-    `to_parameters`. With theta = best + change y, where best is the unconstrained minimum and `change` makes
-    the quadratic form |y|^2, this is the shortest y for which all parameters are possible.
+    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with T =
+    `to_parameters`. Let theta = best + change y, where best is the unconstrained minimum and `change` turns
+    the quadratic form into |y|^2. Then the shortest y with possible parameters is the solution.
 
     Args:
-        information: A' A (p, p) of rows of unit noise; residual: A' r (p,).
-        prior: standard deviation of the file's values, as a share of the size of each link's parameters.
+        information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
+        prior: standard deviation of the file's values, over the sizes of each link's parameters.
 
     Raises:
         NotConverged: the solver does not converge.
     """
     best, change = _minimise_misfit(links, information, residual, prior * links.spread)
-    bodies = [slice(10 * i, 10 * i + 10) for i in range(len(links.links))]
-    matrices = [_inertia_cone(links.values[body], change[body], best[body]) for body in bodies]
-    motors = slice(10 * len(links.links), None)
-    unit = prior * links.spread[motors]
-    positive = Affine(change[motors] / unit[:, None], best[motors] / unit)
-    y = semidefinite_least_squares(matrices, positive)
+    cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in links.link_slices]
+    motors = links.motor_slice
+    deviations = prior * links.spread[motors]
+    positive = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
+    y = semidefinite_least_squares(cones, positive)
     if isinstance(y, Unsolved):
         raise NotConverged(
             f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
@@ -139,11 +150,11 @@ def fit_possible_parameters(
         )
     values = best + change @ y
     values[motors] = np.maximum(values[motors], 0.0)
-    for body in bodies:
-        if (values[body] != links.values[body]).any():
+    for part in links.link_slices:
+        if (values[part] != links.values[part]).any():
             link = Element("link")
-            _write_inertial(link, values[body])
-            values[body] = read_inertial_parameters(link)  # of a body that can exist, as a file has it
+            _write_inertial(link, values[part])
+            values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
     return values
 
 
@@ -152,9 +163,9 @@ def _minimise_misfit(
 ) -> tuple[Array, Array]:
     """Minimise misfit and prior without constraints: minimum (u,), change (u, u).
 
-    About the minimum both together are |y|^2 for parameters minimum + change y. In units of the deviations
-    (u,), with T of `to_parameters`, the quadratic form has the matrix T' A'A T + 1 = V diag(w) V', and the
-    minimum is at V diag(1 / w) V' T' A'r off the file's values.
+    At the parameters minimum + change y, misfit and prior exceed their minimum by |y|^2. In units of the
+    deviations (u,), with T = `to_parameters`, the quadratic form has the matrix T' A'A T + 1 = V diag(w) V'.
+    Its minimum differs from the file's values by V diag(1 / w) V' T' A'r.
     """
     T = links.to_parameters * deviation  # (p, u)
     w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
@@ -164,10 +175,9 @@ def _minimise_misfit(
 
 
 def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
+    """Return the scaled pseudo-inertia D P D of a link's parameters best + change y, affine in y (u,).
 
-    Parameters are best + change y. D is chosen by the file's values (10,), and a small multiple of 1 is added
-    for rounding.
+    D belongs to the file's values (10,). A small multiple of the identity is added for rounding.
     """
     D = _balancing_scale(file)
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
@@ -176,25 +186,24 @@ def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
 
 
 def _balancing_scale(parameters: Array) -> Array:
-    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest moment 1.
+    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
 
-    P is the pseudo-inertia of parameters (10,); its moments are the second moments.
+    P is the pseudo-inertia of parameters (10,).
     """
     diagonal = np.diag(pseudo_inertia(parameters))
-    largest = diagonal[:3].max() or diagonal[3]
+    largest = diagonal[:3].max() or diagonal[3]  # all moments of a point mass at the origin are zero
     return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))
 
 
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
-    """Return the robot's description with parameters (u,) of links and motors."""
+    """Return the robot's description with other parameters (u,) of links and motors."""
     description = robot.description
     urdf = fromstring(description.urdf_text)
     elements = {link.get("name", ""): link for link in urdf.findall("link")}
-    for i, name in enumerate(links.links):
-        body = slice(10 * i, 10 * i + 10)
-        if (values[body] != links.values[body]).any():
-            _write_inertial(elements[name], values[body])
-    motors = values[10 * len(links.links) :].reshape(-1, len(OF_MOTORS))
+    for name, part in zip(links.links, links.link_slices, strict=True):
+        if (values[part] != links.values[part]).any():
+            _write_inertial(elements[name], values[part])
+    motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
     actuators = []
     joints = dict(description.joints)
     for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
@@ -210,15 +219,15 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
 
 
 def _write_inertial(link: Element, parameters: Array) -> None:
-    """Write a link's <inertial> of ten parameters (10,) about its origin.
+    """Write ten parameters (10,) about a link's origin as its <inertial>.
 
-    <inertial> is about the centre of mass c. Second moments there are S - m c c', and the inertia is tr(S) -
-    S.
+    <inertial> is about the centre of mass c. There the second moments are S - m c c', and the inertia is
+    their trace times the identity, minus the second moments.
     """
     mass = float(parameters[0])
     centre = parameters[1:4] / parameters[0]
     second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
-    moments, axes = np.linalg.eigh(second_moments)  # not negative but for the solver's rounding
+    moments, axes = np.linalg.eigh(second_moments)  # negative only by rounding of the solver
     second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T
     inertia = np.trace(second_moments) * np.eye(3) - second_moments
     remove_children(link, "inertial")

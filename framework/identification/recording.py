@@ -1,7 +1,7 @@
 """Recorded motions: CSV files with the columns of motion.csv, read strictly.
 
 Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME
-of joints with a sensor but no motor; SI units and radians. Other columns are ignored.
+for joints that have a sensor but no motor, in SI units and radians. Other columns are ignored.
 """
 
 from __future__ import annotations
@@ -22,20 +22,17 @@ from framework.numerics.rotations import whole_turns
 
 LARGEST_RECORDING = 200_000_000  # bytes
 MIN_ROWS = 2
-PERIOD_JITTER = 1e-3  # of the sampling period
+PERIOD_JITTER = 1e-3  # largest deviation of a time step, over the sampling period
 LINEAR_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
 class Recording(ReadOnlyArrays):
-    """Measured samples by column name, SI units, motor side of the gears.
+    """Measured samples by column name, in SI units, on the motor side of the gears."""
 
-    `values` are (T, columns).
-    """
-
-    source: str  # name for error messages
-    names: tuple[str, ...]
-    values: Array
+    source: str  # named in error messages
+    names: tuple[str, ...]  # of the columns
+    values: Array  # (T, columns)
 
     def __len__(self) -> int:
         """Return the number of samples T."""
@@ -46,7 +43,7 @@ class Recording(ReadOnlyArrays):
         return self.values[:, self.names.index(name)]
 
     def columns(self, prefix: str, endings: Sequence[str]) -> Array:
-        """Return the columns PREFIX_ENDING, (T, k).
+        """Return the columns PREFIX_ENDING as an array (T, k).
 
         Raises:
             InvalidInput: a column is missing.
@@ -64,7 +61,7 @@ class Recording(ReadOnlyArrays):
         return all(f"{prefix}_{ending}" in self.names for ending in endings)
 
     def as_csv(self) -> str:
-        """Return the samples as CSV text, with all digits of numbers."""
+        """Return the samples as CSV text, with all digits."""
         lines = [",".join(map(repr, row)) for row in self.values.tolist()]
         return "\n".join([",".join(self.names), *lines]) + "\n"
 
@@ -74,7 +71,7 @@ class Recording(ReadOnlyArrays):
 
 
 def recording_columns(robot: ParallelRobot) -> tuple[str, ...]:
-    """Return the column names that a recording of this robot may have."""
+    """Return all column names that a recording of this robot may have."""
     joints = robot.actuator_names
     passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
     axes = dict.fromkeys([*robot.axis_names, *LINEAR_AXES])
@@ -88,11 +85,11 @@ def recording_columns(robot: ParallelRobot) -> tuple[str, ...]:
 
 
 def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
-    """Read a recording of a robot from a CSV file, without unknown columns.
+    """Read a recording of a robot from a CSV file, ignoring unknown columns.
 
     Raises:
-        InvalidInput: no such file; a row with too many or too few cells; a cell that is no finite number; a
-            column twice; no column of this robot; motor angles in degrees. Messages name row and column.
+        InvalidInput: no such file; a row with too many or too few cells; a cell that is not a finite number;
+            a repeated column; no column of this robot; motor angles in degrees. Messages name row and column.
     """
     text = read_text(file, f"{file}", largest=LARGEST_RECORDING)
     reader = csv.reader(io.StringIO(text))
@@ -116,7 +113,7 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
 
 
 def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
-    """Read the numbers of the columns `used` in one row of cells."""
+    """Read the numbers in the columns `used` of one row of cells."""
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
     numbers = []
@@ -147,18 +144,13 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
     if "time" in recording.names:
         not_later = np.flatnonzero(np.diff(recording.column("time")) <= 0.0)
         if len(not_later):
-            raise InvalidInput(
-                f"{recording.source}: time does not advance after sample {int(not_later[0]) + 1}"
-            )
+            raise InvalidInput(f"{recording.source}: time does not advance after sample {not_later[0] + 1}")
     start = robot.actuated_coordinates(robot.reference.q[None])[0]
-    turning = [
-        k
-        for k, joint in enumerate(robot.actuator_names)
-        if f"motor_angle_{joint}" in recording.names and not robot.sliding[robot.actuated[k]]
-    ]
+    is_measured = np.array([f"motor_angle_{joint}" in recording.names for joint in robot.actuator_names])
+    turning = np.flatnonzero(is_measured & ~robot.sliding[robot.actuated])
     joints = [robot.actuator_names[k] for k in turning]
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
-    if turning and _is_in_degrees(angles, start[turning]):
+    if len(turning) and _is_in_degrees(angles, start[turning]):
         raise InvalidInput(
             f"{recording.source}: motor_angle_{joints[0]} is in degrees, to judge by the robot's reference; "
             f"radians are needed, on the motor side of the gear"
@@ -166,18 +158,18 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
 
 
 def _is_in_degrees(angles: Array, start: Array) -> bool:
-    """Return whether angles (T, k) fit their start (k,) only as degrees.
+    """Return whether angles (T, k) fit the reference `start` (k,) only as degrees.
 
-    Yes if the first angles are more than half a turn off, conversion brings them nearer than subtraction of
-    whole turns does, and all converted angles are within half a turn of the reference.
+    They do if the first angles are more than half a turn off, if conversion brings them nearer than
+    subtraction of whole turns does, and if all converted angles are within half a turn of the reference.
     """
-    distance = angles[0] - start
-    converted_distance = np.radians(angles) - start
-    distance_without_turns = np.abs(distance - whole_turns(distance)).max()
+    offset = angles[0] - start
+    offset_without_turns = offset - whole_turns(offset)
+    converted_distances = np.abs(np.radians(angles) - start)  # (T, k)
     return bool(
-        np.abs(distance).max() > np.pi
-        and np.abs(converted_distance[0]).max() < distance_without_turns
-        and np.abs(converted_distance).max() <= np.pi
+        np.abs(offset).max() > np.pi
+        and converted_distances[0].max() < np.abs(offset_without_turns).max()
+        and converted_distances.max() <= np.pi
     )
 
 
@@ -185,7 +177,7 @@ def uniform_period(recording: Recording) -> float:
     """Return the sampling period [s].
 
     Raises:
-        InvalidInput: no time, or its steps differ by more than a thousandth.
+        InvalidInput: no column time, or its steps differ by more than PERIOD_JITTER.
     """
     if "time" not in recording.names:
         raise InvalidInput(f"{recording.source}: no column time; it has {', '.join(recording.names)}")

@@ -1,4 +1,4 @@
-"""Sensors of a simulated motion: motor angles, torques and the platform, with noise and steps."""
+"""Simulated sensors: motor angles, torques and platform of a simulated motion, with noise and steps."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ MAX_SAMPLES = 10_000_000
 class Sensors:
     """Noise (standard deviations) and steps of sensors, on the motor side; 0 for none.
 
-    Defaults: encoders of 16 bits a motor turn, or of a micrometre; torques from motor currents, to 1 % of
-    each motor's largest; a tracker of the platform to 20 micrometres.
+    By default encoders have 16 bits per motor turn, or steps of a micrometre; torques are known from motor
+    currents to 1 % of each motor's largest torque; and a tracker measures the platform to 20 micrometres.
     """
 
     rate: float = 1000.0  # [Hz]
@@ -35,20 +35,22 @@ class Sensors:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check that all values are at least 0, and the rate greater."""
+        """Check that the rate is positive and all other values are not negative."""
         for name, value in vars(self).items():
-            (positive if name == "rate" else not_negative)(f"sensors: {name}", value)
+            check = positive if name == "rate" else not_negative
+            check(f"sensors: {name}", value)
 
 
 def record_sensors(
     simulation: Simulation, torque: Callable[[Array], Array], sensors: Sensors | None = None
 ) -> Recording:
-    """Sample a simulated motion as sensors do, with their errors.
+    """Sample a simulated motion with the errors of sensors.
 
-    Columns are time, motor angles, motor torques and platform.
+    The columns are time, motor angles, motor torques and platform.
 
     Args:
-        torque: motor torques (T, n_a) of the motion, motor side, at t (T,), such as `plan.torque`.
+        torque: function of instants t (T,) [s] for the motor torques (T, n_a), motor side; such as
+            `plan.torque`.
 
     Raises:
         InvalidInput: more than ten million samples.
@@ -56,15 +58,16 @@ def record_sensors(
     sensors = sensors or Sensors()
     robot = simulation.robot
     random = np.random.default_rng(sensors.seed)
-    count = int(np.floor(simulation.duration * sensors.rate * (1.0 + 1e-12))) + 1
+    periods = simulation.duration * sensors.rate
+    count = int(periods * (1.0 + 1e-12)) + 1  # with a sample at the end, despite rounding
     if count > MAX_SAMPLES:
         raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
     times = np.arange(count) / sensors.rate
     times[-1] = min(times[-1], simulation.duration)
     angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))
     torques = np.asarray(torque(times))
-    slides = np.array([unit == "N" for unit in robot.torque_units])
-    steps = np.where(slides, sensors.slide_step, sensors.angle_step)
+    is_slide = np.array(robot.torque_units) == "N"  # without a gear
+    steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
     columns = [
@@ -80,10 +83,7 @@ def record_sensors(
 def _add_sensor_errors(
     random: np.random.Generator, values: Array, noise: Array | float, step: Array | float
 ) -> Array:
-    """Add noise to values (T, k), and round to multiples of a nonzero step.
-
-    `noise` is the standard deviation.
-    """
+    """Add noise of this standard deviation to values (T, k); round to multiples of a step > 0."""
     noisy = values + noise * random.standard_normal(values.shape)
     has_step = np.asarray(step) > 0
     divisor = np.where(has_step, step, 1.0)
@@ -91,7 +91,7 @@ def _add_sensor_errors(
 
 
 def make_sensors(properties: dict[str, float]) -> Sensors:
-    """Return sensors with properties by name, the others by default.
+    """Return sensors with properties by name, and defaults for the others.
 
     Raises:
         InvalidInput: an unknown name, or a value out of range.

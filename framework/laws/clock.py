@@ -1,7 +1,7 @@
-"""The parameter p of Chebyshev series of functions along a law, such as deflections, and its rate in time.
+"""The parameter p in which functions along a law, such as deflections, are Chebyshev series.
 
-Of a polynomial law p is time itself; of an optimal law s = phi(sigma(t)) it is xi(sigma), in which the
-squared speed is a Chebyshev series. In p such functions are smooth.
+Functions along a law are smooth in p. For a polynomial law p is time itself. For an optimal law
+s = phi(sigma(t)), p is xi(sigma), in which the squared speed is a Chebyshev series.
 """
 
 from __future__ import annotations
@@ -18,35 +18,34 @@ from framework.numerics.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class InTime:
-    """A law whose parameter p is time, on panels between `edges` (panels + 1,) [s]."""
+    """A law with time as its parameter p, on panels between `edges` (panels + 1,) [s]."""
 
     law: MotionLaw
     edges: Array
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute s and two time derivatives at instants p (T,), and dp/dt = 1, d2p/dt2 = 0."""
+        """Compute s, ds/dt, d2s/dt2 at p (T,), and dp/dt = 1, d2p/dt2 = 0."""
         return [np.asarray(self.law(p, order)) for order in range(3)], np.ones(len(p)), np.zeros(len(p))
 
     def parameter(self, t: Array) -> Array:
-        """Return the instants."""
+        """Return p (T,) at instants t (T,) [s]: the instants themselves."""
         return t
 
 
 @dataclass(frozen=True, eq=False)
 class OnParameter:
-    """An optimal law whose parameter is xi(sigma); `knots` of the path (k,), as values of s."""
+    """An optimal law with xi(sigma) as its parameter p; `knots` (k,) of the path are values of s."""
 
     law: OptimalLaw
     knots: Array
 
     @cached_property
     def edges(self) -> Array:
-        """xi (panels + 1,) of the knots, and both ends."""
-        inner = self.law.stretch(self.law.phi.inverse(self.knots)) if len(self.knots) else np.empty(0)
-        return np.concatenate([[-1.0], inner, [1.0]])
+        """Panel edges (panels + 1,) in xi: both ends and the knots of the path."""
+        return np.concatenate([[-1.0], self.law.stretch(self.law.phi.inverse(self.knots)), [1.0]])
 
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
-        """Compute s and two time derivatives, dp/dt and d2p/dt2, at p (T,).
+        """Compute s, ds/dt, d2s/dt2, and dp/dt, d2p/dt2, at p (T,).
 
         With p = xi(sigma), z = (d sigma/dt)^2 and u = z'/2: dp/dt = xi' sqrt(z), d2p/dt2 = xi" z + xi' u.
         """
@@ -54,14 +53,13 @@ class OnParameter:
         return self.motion_at(p, self.law.squared_speed(sigma), 0.5 * self.law.squared_speed(sigma, 1))
 
     def motion_at(self, p: Array, z: Array | float, u: Array | float) -> tuple[list[Array], Array, Array]:
-        """Compute `motion` at p (T,) with other z and u."""
-        law = self.law
-        sigma = law.stretch.inverse(p)
-        root = np.sqrt(z)
-        s, ds, dds = (law.phi(sigma, order) for order in range(3))  # derivatives in sigma
-        dxi = law.stretch(sigma, 1)
-        ddxi = law.stretch(sigma, 2)
-        return [s, ds * root, dds * z + ds * u], dxi * root, ddxi * z + dxi * u
+        """Compute `motion` at p (T,) with z and u replaced by other values."""
+        sigma = self.law.stretch.inverse(p)
+        speed = np.sqrt(z)  # d sigma/dt
+        phi, dphi, ddphi = (self.law.phi(sigma, order) for order in range(3))  # derivatives in sigma
+        dxi = self.law.stretch(sigma, 1)
+        ddxi = self.law.stretch(sigma, 2)
+        return [phi, dphi * speed, ddphi * z + dphi * u], dxi * speed, ddxi * z + dxi * u
 
     def parameter(self, t: Array) -> Array:
         """Compute xi at instants t (T,) [s]."""

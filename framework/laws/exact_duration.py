@@ -1,7 +1,7 @@
-"""Squared speeds z of an exact duration T = integral of z^(-1/2).
+"""Adjust a squared speed z so that its duration T = integral of z^(-1/2) over sigma in [0, 1] is exact.
 
-z has coefficients y on a `SpeedBasis` in xi(sigma), see `optimal_law`. Its integral is taken on the panels
-that resolve z^(-1/2), however near to zero z comes.
+z has coefficients y on a `SpeedBasis` in xi(sigma), see `optimal_law`. The integral is taken on panels that
+resolve z^(-1/2) even where z is nearly zero.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import COEFFICIENT_ROUNDING, nodes
 from framework.numerics.cone_program import Affine
 
-MAX_ADJUSTMENT_STEPS = 12  # of Newton's method, from a duration that is nearly right
-MAX_BLEND_STEPS = 60  # of Newton's method from the slow side, which converges from there however far it is
-BLEND_DURATION_ERROR = 1e-9  # of the duration, that a blend may miss: the adjustment does the rest
-FREE_DEGREE = 8.0  # of Chebyshev coefficients, up to which their changes cost little
-DEGREE_WEIGHT_POWER = 4.0  # power of the degree with which changes of a coefficient cost more
-MIN_RELATIVE_SIZE = 1e-3  # of the mean coefficient of a spline: smaller ones may change as much as this size
+MAX_ADJUSTMENT_STEPS = 12  # Newton steps of `adjust`, which starts near the solution
+MAX_BLEND_STEPS = 60  # Newton steps of `blend`, which converges from any distance on the slow side
+BLEND_DURATION_ERROR = 1e-9  # relative error of the duration that `blend` leaves to `adjust`
+FREE_DEGREE = 8.0  # Chebyshev coefficients up to this degree change at little cost
+DEGREE_WEIGHT_POWER = 4.0  # the cost of changing a Chebyshev coefficient grows with this power of its degree
+MIN_RELATIVE_SIZE = 1e-3  # over the mean: a smaller spline coefficient may change as much as one of this size
 
 
 class SpeedSpace(NamedTuple):
-    """The squared speeds that a basis can write along xi(sigma)."""
+    """The squared speeds z(xi(sigma)) that a basis represents."""
 
     basis: SpeedBasis
     stretch: Stretch
 
     def duration(self, y: Array) -> float:
-        """Compute the integral of z^(-1/2) over [0, 1] [s] for coefficients y (size,) of a positive z."""
+        """Compute the duration [s] of a positive z with coefficients y (size,)."""
         values, weights = self._quadrature(y)
         return float(weights @ (values @ y) ** -0.5)
 
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
-        """Combine coefficients `quick` and `slow` (size,) to a law of a duration [s].
+        """Blend coefficients `quick` and `slow` (size,) to a duration [s] between theirs.
 
-        It is slow + share (quick - slow), with a duration between those of both. Duration is convex along the
-        blend, so Newton's method from the slow end never leaves the interval.
+        The result is slow + share (quick - slow). The duration is a convex function of the share, so Newton's
+        method from share = 0 approaches the solution from the slow side and stays in [0, 1].
         """
         y = slow
         direction = quick - slow
@@ -48,36 +48,37 @@ class SpeedSpace(NamedTuple):
         for _ in range(MAX_BLEND_STEPS):
             values, weights = self._quadrature(y)
             z = values @ y
-            excess = float(weights @ z**-0.5) - duration
+            excess = weights @ z**-0.5 - duration
             if excess <= BLEND_DURATION_ERROR * duration:
                 break
-            share += excess / float(0.5 * weights @ (z**-1.5 * (values @ direction)))
+            slope = 0.5 * weights @ (z**-1.5 * (values @ direction))  # - d(duration)/d(share)
+            share += excess / slope
             y = slow + share * direction
         return y
 
     def adjust(
         self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
     ) -> Array:
-        """Compute the nearest coefficients (size,) of an exact `duration` [s] that meet the equalities.
+        """Compute the coefficients (size,) nearest to y with the equalities and duration [s] met.
 
-        Newton's method: with the linearised equations A step = -values, the step of least step' W step is
-        -W^-1 A' (A W^-1 A')^-1 values, see `_inverse_weights`.
+        Newton's method with steps of least cost step' W step, see `_inverse_weights`: for the linearised
+        equations A step = -values this step is -W^-1 A' (A W^-1 A')^-1 values.
 
         Args:
-            duration: any if None.
-            relative: near in z over the z of `y`, so that it changes little where it is nearly zero. So it is
-                for splines in any case.
+            duration: None leaves the duration free.
+            relative: measure changes of z relative to the z of `y`, so that z changes little where it is
+                nearly zero. Splines are always measured so.
 
         Raises:
-            InvalidInput: Newton's method on the duration finds no positive z.
+            InvalidInput: a Newton step on the duration leads to a z that is not positive.
         """
         inverse_weights = self._inverse_weights(y, relative)
         for _ in range(MAX_ADJUSTMENT_STEPS):
             slopes, values = self._linearise(y, equalities, duration)
             norms = np.linalg.norm(slopes, axis=1)
-            norms[norms == 0] = 1.0  # a condition that holds anyway
-            A = slopes / norms[:, None]
-            directions = inverse_weights @ A.T  # (size, c) in which coefficients change
+            norms[norms == 0] = 1.0  # an equality that no coefficient changes
+            A = slopes / norms[:, None]  # (c, size) rows of unit length
+            directions = inverse_weights @ A.T  # (size, c)
             step = directions @ np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
             y = y - step
             if np.abs(step).max() <= COEFFICIENT_ROUNDING * np.abs(y).max():
@@ -87,40 +88,41 @@ class SpeedSpace(NamedTuple):
     def _linearise(self, y: Array, equalities: Affine, duration: float | None) -> tuple[Array, Array]:
         """Return slopes (c, size) and values (c,) of the equations at y.
 
-        They are the equalities and, if a duration is given, T(y) - duration. T = integral of z^(-1/2), so
-        that dT/dy = -1/2 integral of z^(-3/2) dz/dy.
+        The equations are the equalities and, unless `duration` is None, T(y) - duration = 0. Here dT/dy is
+        -1/2 times the integral of z^(-3/2) dz/dy.
         """
-        slopes = equalities.matrix @ np.eye(len(y))
+        slopes = equalities.matrix @ np.eye(len(y))  # dense, as the matrix may be sparse
         values = equalities(y)
         if duration is None:
             return slopes, values
-        basis_values, weights = self._quadrature(y)
+
+        basis_values, weights = self._quadrature(y)  # (P, size), (P,)
         z = basis_values @ y
-        slopes = np.concatenate([slopes, -0.5 * ((weights * z**-1.5) @ basis_values)[None]])
-        return slopes, np.append(values, weights @ z**-0.5 - duration)
+        duration_slope = -0.5 * ((weights * z**-1.5) @ basis_values)
+        return np.vstack([slopes, duration_slope]), np.append(values, weights @ z**-0.5 - duration)
 
     def _inverse_weights(self, y: Array, relative: bool) -> Array:
-        """Return W^-1 (size, size) of the cost step' W step.
+        """Return W^-1 (size, size) of the cost step' W step of changing y by a step.
 
-        It is the cost of changing coefficients y by a step. Splines: W = 1 / y^2, so that they change in
-        proportion. One polynomial: W grows with the degree, or, relative to z, W = mean of (change of z)^2 /
-        z^2 and a resistance that grows with the degree.
+        Splines have W = diag(1 / y^2): coefficients change in proportion to their size. For one polynomial W
+        is diagonal and grows with the degree. If changes count relative to z, step' W step is the mean of
+        (change of z / z)^2, times the squared mean of z, plus a term that grows with the degree.
         """
         size = len(y)
         if self.basis.is_spline:
             return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
         if not relative:
             return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
-        values = chebyshev.chebvander(nodes(4 * size), size - 1)
+        values = chebyshev.chebvander(nodes(4 * size), size - 1)  # (4 size, size)
         z = values @ y
         mean_square = values.T * (z.mean() / z) ** 2 @ values / len(z)
-        resistance = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
-        return np.linalg.inv(mean_square + resistance)
+        degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
+        return np.linalg.inv(mean_square + degree_cost)
 
     def _quadrature(self, y: Array) -> tuple[Any, Array]:
-        """Return values (P, size) of the basis and weights (P,) in sigma that integrate z^(-1/2).
+        """Return basis values (P, size) and weights (P,) in sigma of a rule for z^(-1/2).
 
-        Points and weights are those of Gauss and Legendre on the panels that resolve this function.
+        The rule is Gauss-Legendre quadrature on the panels that resolve z^(-1/2).
         """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
         points, weights = legendre.leggauss(PANEL_NODES)

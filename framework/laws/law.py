@@ -1,8 +1,8 @@
-"""The polynomial motion law s(t) from its boundary conditions.
+"""Motion laws s(t): their protocol, and the polynomial law that meets given conditions.
 
-The law is solved in normalised time and in the Chebyshev basis. In raw powers of t the twelfth-degree
-law of the paper has coefficients of size 400 that cancel, and rounding them to two decimals moves the
-end of the motion from s = 1 to s = 1.77.
+The polynomial is solved in the Chebyshev basis over normalised time, because powers of t are ill-conditioned:
+the twelfth-degree law of the paper has coefficients of size 400 that cancel, and rounding them to two
+decimals moves the end of the motion from s = 1 to s = 1.77.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 from framework.numerics.chebyshev import derivative_matrix, evaluate, extrema, nodes
 from framework.tolerances import INDEPENDENT_CONDITIONS, SAME_PLACE
 
-# Durations [s] whose fourth power and its inverse are far from overflow, with room for all other factors.
+# [s] The fourth powers of these and their inverses stay far from overflow.
 MIN_DURATION, MAX_DURATION = 1e-30, 1e30
-SEARCH_SAMPLES = 16  # per coefficient of s', where a search among many laws looks at it
+SEARCH_SAMPLES = 16  # per coefficient, of s' and s", in a search among many laws
 
 
 def check_duration(duration: float) -> None:
@@ -36,16 +36,25 @@ def check_duration(duration: float) -> None:
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is one finite real number, of Python or numpy."""
-    if type(value) is float:
-        return math.isfinite(value)
-    if isinstance(value, bool):
+    """Return whether a value is a single finite real number of Python or numpy."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
-    return isinstance(value, int | float | np.integer | np.floating) and bool(np.isfinite(value))
+    return math.isfinite(value)
+
+
+def normalise_time(t: ArrayLike, duration: float) -> Array:
+    """Return 2 t / duration - 1 in [-1, 1], with the shape of t; refuse t outside [0, duration]."""
+    x = np.asarray(t, dtype=float) * (2.0 / duration) - 1.0
+    if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
+        raise InvalidInput(f"time {t!r} is outside [0, {duration:g}] s")
+    return np.clip(x, -1.0, 1.0)
 
 
 class MotionLaw(Protocol):
-    """Anything with a `duration` [s] and `law(t, order)`, t of shape (T,), values in [0, 1]."""
+    """Any object with a `duration` [s] and a call `law(t, order)`.
+
+    The call returns s in [0, 1], or its time derivative of this order, with the shape (T,) of t.
+    """
 
     @property
     def duration(self) -> float: ...
@@ -54,11 +63,11 @@ class MotionLaw(Protocol):
 
 
 class ExactLaw(ABC):
-    """A motion law of this package, whose derivatives are exact and need no check."""
+    """A motion law of this package: its derivatives are exact and need no check."""
 
     @property
     def edges(self) -> Array:
-        """Instants (k,) [s], ends included, between which some thirty points resolve the law.
+        """Panel edges (k,) [s], ends included; some thirty points resolve the law on each panel.
 
         Empty for a law that needs no panels.
         """
@@ -70,9 +79,9 @@ class ExactLaw(ABC):
 
 
 class PlannedLaw(ExactLaw):
-    """An exact law that plans choose and files can store.
+    """An exact law that plans can choose and files can store.
 
-    `kind` is its name in files, `coefficients` are those of its Chebyshev series or splines.
+    `kind` is the law's name in files; `coefficients` multiply its Chebyshev polynomials or splines.
     """
 
     kind: ClassVar[str]
@@ -81,21 +90,18 @@ class PlannedLaw(ExactLaw):
 
     @property
     def degree(self) -> int:
-        """Return the degree of the polynomials that the coefficients multiply."""
+        """The degree of the law's polynomials."""
         return len(self.coefficients) - 1
 
     @abstractmethod
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
-        """Return s and its time derivatives up to order `count` - 1.
-
-        Each has the shape of t [1/s^order].
-        """
+        """Return s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
 
     @abstractmethod
     def advance(self, smoothness: int) -> float:
-        """Return the least s' over its mean; positive if monotone.
+        """Return the least s' over its mean, zeros of s' at both ends divided out.
 
-        The zeros of s' at both ends are divided out.
+        It is positive for a monotone law.
         """
 
     @abstractmethod
@@ -104,22 +110,19 @@ class PlannedLaw(ExactLaw):
 
 
 def edges_of(law: MotionLaw) -> Array:
-    """Return the edges (k,) [s] of an exact law; none of other laws."""
+    """Return the panel edges (k,) [s] of an exact law; empty for other laws."""
     return law.edges if isinstance(law, ExactLaw) else np.empty(0)
 
 
 def law_derivatives(law: MotionLaw, t: ArrayLike, count: int = 3) -> list[Array]:
-    """Compute s and its derivatives up to order `count` - 1 of any law.
-
-    Each has the shape of t [1/s^order].
-    """
+    """Compute s and its derivatives of orders below `count`, each shaped like t [1/s^order]."""
     if isinstance(law, PlannedLaw):
         return law.derivatives(t, count)
     return [np.asarray(law(t, order)) for order in range(count)]
 
 
 class Condition(NamedTuple):
-    """The derivative of the given `order` of s is `value` [1/s^order] at `time` [s]."""
+    """The time derivative of s of this `order` equals `value` [1/s^order] at `time` [s]."""
 
     time: float
     order: int
@@ -127,7 +130,7 @@ class Condition(NamedTuple):
 
 
 def conditions_at_instants(times: Iterable[float], values: Iterable[Iterable[float]]) -> list[Condition]:
-    """Return the conditions that s and its derivatives have `values` (k, m) at times (k,)."""
+    """Return conditions that set s and its derivatives to `values` (k, m) at times (k,)."""
     return [
         Condition(float(time), order, float(value))
         for time, derivatives in zip(times, values, strict=True)
@@ -148,42 +151,33 @@ class Law(ReadOnlyArrays, PlannedLaw):
         """Return s(t) or its derivative [1/s^order], with the shape of t.
 
         Raises:
-            InvalidInput: t lies outside [0, duration], where the polynomial means nothing, or is not finite.
+            InvalidInput: t is not finite, or outside [0, duration], where the polynomial is no motion.
         """
         check_order(order)
-        x = self._normalise(t)
+        x = normalise_time(t, self.duration)
         return evaluate(x.ravel(), self._series(order)[:, None]).reshape(x.shape)
 
     def derivatives(self, t: ArrayLike, count: int) -> list[Array]:
-        """Compute s and its time derivatives of orders 0 .. count - 1, each shaped like t [1/s^order]."""
+        """Compute s and its time derivatives of orders below `count`, each shaped like t [1/s^order]."""
         series = np.stack([self._series(order) for order in range(count)], axis=1)
-        x = self._normalise(t)
+        x = normalise_time(t, self.duration)
         return list(evaluate(x.ravel(), series).T.reshape(count, *x.shape))
-
-    def _normalise(self, t: ArrayLike) -> Array:
-        """Return the normalised times x = 2 t / duration - 1 in [-1, 1]; refuse t outside the duration."""
-        x = np.asarray(t, dtype=float) * (2.0 / self.duration) - 1.0
-        if not np.all(np.abs(x) <= 1.0 + SAME_PLACE):
-            raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
-        return np.minimum(np.maximum(x, -1.0), 1.0)
 
     def _series(self, order: int) -> Array:
         """Return the Chebyshev series (degree + 1,) [1/s^order] of a time derivative."""
-        if not order:
-            return self.coefficients
         scale = (2.0 / self.duration) ** order
         return scale * (derivative_matrix(len(self.coefficients), order) @ self.coefficients)
 
     @staticmethod
     def from_conditions(conditions: Sequence[Condition], duration: float) -> Law:
-        """Solve for the law of least degree that meets the conditions.
+        """Solve for the polynomial law of least degree that meets k conditions.
 
-        The degree is one less than their number. The unknown Chebyshev coefficients solve one linear equation
-        a condition, in normalised time.
+        The degree is k - 1. The Chebyshev coefficients solve one linear equation per condition, in normalised
+        time.
 
         Raises:
-            InvalidInput: the duration is not positive, a condition is not finite or lies outside
-                [0, duration], or two of them contradict or repeat each other.
+            InvalidInput: the duration is not positive; a condition is not finite or lies outside
+                [0, duration]; or conditions contradict or repeat each other.
         """
         check_duration(duration)
         for time, order, value in conditions:
@@ -192,33 +186,32 @@ class Law(ReadOnlyArrays, PlannedLaw):
                     f"condition s^({order})({time!r}) = {value!r} must be finite and inside "
                     f"[0, {duration:g}] s"
                 )
-        scale = 2.0 / duration
+        scale = 2.0 / duration  # dx/dt of the normalised time x
         rows, inverse, row_sizes = _condition_rows(
             tuple((time * scale - 1.0, order) for time, order, _ in conditions)
         )
         orders = np.array([order for _, order, _ in conditions])
-        # with more digits than a float has, where the machine has them
         values = np.array([value for *_, value in conditions], np.longdouble)
         right_side = values / scale**orders / row_sizes
+
+        # rows of high order are ill-conditioned: refine the solution twice, with residuals in long double
         solution = inverse @ right_side
-        for _ in range(2):  # iterative refinement: rows of high order are ill-conditioned
+        for _ in range(2):
             solution += inverse @ (right_side - rows @ solution)
         return Law(solution.astype(float), duration)
 
     @staticmethod
     def rest_to_rest(duration: float, smoothness: int, inner: Sequence[Condition] = ()) -> Law:
-        """Return the law from s(0) = 0 to s(duration) = 1 that meets the conditions `inner`.
+        """Return the law from rest at s = 0 to rest at s = 1 that meets the conditions `inner`.
 
-        At both ends the derivatives of s up to order `smoothness` are zero.
-        Degree 2 (smoothness + 1) + len(inner) - 1: with the three conditions of one crossing 8 for a
-        rigid robot (smoothness 2) and 12 for an elastic one (4), as counted by Briot and Arakelian
-        2010, Eqs. (19)-(31).
+        The derivatives of s up to order `smoothness` are zero at both ends. The degree is
+        2 (smoothness + 1) + len(inner) - 1. With the three conditions of one crossing it is 8 for a rigid
+        robot (smoothness 2) and 12 for an elastic one (smoothness 4), as in Briot and Arakelian 2010,
+        Eqs. (19)-(31).
         """
-        ends = [
-            Condition(time, order, value if order == 0 else 0.0)
-            for time, value in ((0.0, 0.0), (duration, 1.0))
-            for order in range(smoothness + 1)
-        ]
+        check_duration(duration)
+        rest = [0.0] * smoothness  # the derivatives at an end
+        ends = conditions_at_instants((0.0, duration), ([0.0, *rest], [1.0, *rest]))
         return Law.from_conditions([*ends, *inner], duration)
 
     def to_dict(self) -> dict[str, Any]:
@@ -230,38 +223,41 @@ class Law(ReadOnlyArrays, PlannedLaw):
         }
 
     def advance(self, smoothness: int) -> float:
-        """Return the least p(x) on [-1, 1] over the mean of |p|, where s' = (1 - x^2)^smoothness p(x).
+        """Return the least p over the mean of |p|, where s' = (1 - x^2)^smoothness p(x).
 
-        Positive for a monotone law. x = 2 t / T - 1 is the normalised time. At rest at the ends s' has the
-        zeros of (1 - x^2)^smoothness; these are divided out, so that rounding does not decide the sign near
-        the ends.
+        It is positive for a monotone law. x in [-1, 1] is the normalised time. A law at rest at both ends has
+        the zeros of (1 - x^2)^smoothness in s'. They are divided out because rounding would decide the sign
+        of s' near the ends.
         """
-        return _least_over_mean(_divide_out_ends(self.degree, smoothness) @ self.coefficients)
+        p = _divide_out_ends(self.degree, smoothness) @ self.coefficients
+        mean = np.mean(np.abs(_interior_values(len(p)) @ p))
+        return least_value(p[None]) / float(mean)
 
 
 def advances_and_peaks(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
-    """Return `Law.advance` (m,) and the peak of |s"| (m,) [1/s^2] of m laws of `rest_to_rest`.
+    """Estimate `Law.advance` (m,) and the peak of |s"| (m,) [1/s^2] of m laws of `rest_to_rest`.
 
-    Both are estimates on samples, for a search among many laws. s' = (1 - x^2)^smoothness p(x) with x in
-    [-1, 1] is at rest at both ends for all p. So p has to meet s(1) = 1 and the inner conditions only: its
-    Chebyshev coefficients solve one linear equation each.
+    The estimates are taken on samples, for a search among many laws. With s' = (1 - x^2)^smoothness p(x) and
+    x in [-1, 1] a law is at rest at both ends for any p. So p has to meet only s(1) = 1 and the inner
+    conditions, and its c = 3 k + 1 Chebyshev coefficients solve one linear equation per condition.
 
     Args:
         times: (m, k) [s], of the inner conditions.
         values: (m, k, 3) of s, s' and s" at these times.
 
     Returns:
-        The advance is negative infinity where conditions repeat or contradict each other.
+        Advances and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
     count = len(times)
-    scale = 2.0 / duration
-    end = np.ones((count, 1))  # both x and s at the end
-    x = np.append(np.repeat(times * scale - 1.0, 3, axis=1), end, axis=1)  # (m, c), c = 3 k + 1
-    orders = np.append(np.tile(np.arange(3), times.shape[1]), 0)  # (c,)
+    scale = 2.0 / duration  # dx/dt
+    end = np.ones((count, 1))  # the last condition: s = 1 at x = 1
+    x = np.append(np.repeat(times * scale - 1.0, 3, axis=1), end, axis=1)  # (m, c)
+    orders = np.array([*range(3)] * times.shape[1] + [0])  # (c,)
     targets = np.append(values.reshape(count, len(orders) - 1), end, axis=1) / scale**orders  # (m, c)
     rows = _rows_of_laws_at_rest(smoothness, x, orders)
     is_regular = np.linalg.det(rows) != 0.0
     series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]  # of p
+
     p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
     mean = np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
     advances = np.full(count, -np.inf)
@@ -272,38 +268,39 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 
 
 def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
-    """Return the matrices (m, c, c) from coefficients of p to derivatives of s.
+    """Return the matrices (m, c, c) from c coefficients of p to derivatives of s.
 
-    Row i of a matrix is that of the derivative of order `orders[i]` at x[:, i], x (m, c). Each is a Chebyshev
-    series of degree n - 1, with T_k(x) = cos(k arccos x).
+    Row i gives the derivative of order `orders[i]` at x[:, i], with x (m, c). The derivative is a Chebyshev
+    series of n terms, with T_k(x) = cos(k arccos x).
     """
-    integrals = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c) series of each row
+    series = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c): rows, terms, coefficients of p
     angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]  # (c, m, 1)
-    polynomials = np.cos(angles * np.arange(integrals.shape[1]))  # (c, m, n) values of T_k
-    return (polynomials @ integrals).swapaxes(0, 1)
+    polynomials = np.cos(angles * np.arange(series.shape[1]))  # (c, m, n) values of T_k
+    return (polynomials @ series).swapaxes(0, 1)
 
 
-def _least_over_mean(series: Array) -> float:
-    """Return the least value on [-1, 1] of a Chebyshev series (size,) over its mean absolute value.
+def least_value(series: Array) -> float:
+    """Compute the least value on [-1, 1] of all Chebyshev series (k, size).
 
-    The least value is at an end, where T_k is 1 or (-1)^k, or at a zero of the derivative.
+    It is at an end, where T_j is 1 or (-1)^j, or at an extremum. No value is below c_0 minus the sum of the
+    other |c_j|, so extrema are computed only for series with this bound below the least value at the ends.
     """
-    at_plus_one = np.sum(series)
-    at_minus_one = np.sum(series[::2]) - np.sum(series[1::2])
-    at_extrema = evaluate(extrema(series), series)
-    mean = np.mean(np.abs(_interior_values(len(series)) @ series))
-    return float(min(at_plus_one, at_minus_one, at_extrema.min(initial=np.inf)) / mean)
+    ends = np.minimum(series.sum(axis=1), series @ (-1.0) ** np.arange(series.shape[1]))
+    lower_bounds = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)
+    candidates = np.flatnonzero(lower_bounds < ends.min())
+    inner = [evaluate(extrema(series[k]), series[k]).min(initial=np.inf) for k in candidates]
+    return float(min([ends.min(), *inner]))
 
 
 @lru_cache(maxsize=64)
 def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
-    """Return the rows (k, k) of k conditions on k coefficients.
+    """Return the equations of k conditions: rows (k, k), their inverse, row sizes (k,).
 
-    Their inverse and their sizes (k,) come with them. A condition (x, order) has the derivatives of all T_j
-    at x as its row. Each row is divided by its size, the largest absolute entry.
+    The row of a condition (x, order) has the derivatives of all T_j at x, divided by the row's size, which is
+    its largest absolute entry.
 
     Raises:
-        InvalidInput: rows are linearly dependent.
+        InvalidInput: the rows are linearly dependent.
     """
     count = len(conditions)
     x = np.array([x for x, _ in conditions])
@@ -321,16 +318,13 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
 
 @lru_cache(maxsize=64)
 def _interior_values(size: int) -> Array:
-    """Return the matrix (2 size + 2, size) from Chebyshev coefficients to values at nodes inside (-1, 1)."""
+    """Return the matrix (2 size + 2, size) from Chebyshev coefficients to values inside (-1, 1)."""
     return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
 
 
 @lru_cache(maxsize=64)
 def _search_samples(smoothness: int, size: int) -> Array:
-    """Return the matrix (size, 2 m) from coefficients of p to samples.
-
-    The first m are samples of p, the last m of d2s/dx2.
-    """
+    """Return the matrix (size, 2 m) from coefficients of p to m samples of p, then of d2s/dx2."""
     second_derivatives = _rest_integrals(smoothness, size)[2]  # (n, size)
     polynomials = chebyshev.chebvander(nodes(SEARCH_SAMPLES * size), len(second_derivatives) - 1)
     return np.vstack([polynomials[:, :size], polynomials @ second_derivatives]).T
@@ -338,23 +332,22 @@ def _search_samples(smoothness: int, size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _divide_out_ends(degree: int, smoothness: int) -> Array:
-    """Return the matrix from coefficients of s to the series of p.
+    """Return the matrix (size, degree + 1) from coefficients of s to coefficients of p.
 
-    p is s'(x) / (1 - x^2)^smoothness. The series is fitted to values of p at nodes inside (-1, 1), where the
-    division is possible.
+    p = s'(x) / (1 - x^2)^smoothness is fitted at nodes inside (-1, 1), where the division is possible.
     """
     size = max(degree - 2 * smoothness, 1)
     x = nodes(2 * size + 4)[1:-1]
-    slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)
-    quotients = slopes / ((1 - x**2)[:, None]) ** smoothness
+    slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)  # (2 size + 2, degree + 1)
+    quotients = slopes / (1 - x[:, None] ** 2) ** smoothness
     return np.linalg.pinv(_interior_values(size)) @ quotients
 
 
 @lru_cache(maxsize=64)
 def _rest_integrals(smoothness: int, size: int) -> Array:
-    """Return the series (3, n, size) of s, ds/dx and d2s/dx2 for p = T_k.
+    """Return the series (3, n, size) of s, ds/dx and d2s/dx2 for p = T_0 .. T_(size - 1).
 
-    k runs from 0 to size - 1. s is the integral of (1 - x^2)^smoothness p(x) from -1.
+    s is the integral of (1 - x^2)^smoothness p(x) from -1.
     """
     bump = chebyshev.chebpow([0.5, 0.0, -0.5], smoothness)  # 1 - x^2 = (1 - T_2) / 2
     integrals = np.zeros((2 * smoothness + size + 1, size))

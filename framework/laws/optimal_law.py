@@ -1,63 +1,64 @@
-"""The motion law of free shape s(t), written as the speed of a path parameter.
+"""The motion law of free shape s(t), represented by the squared speed z of a parameter sigma.
 
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 
-phi is the smoothstep whose first R derivatives vanish at sigma = 0 and 1, so s is at rest to order R at both
-ends whatever z > 0 is. z is a spline or one polynomial (`speed_basis`) in xi(sigma), which is dense where the
-law changes most (beside crossings: slow, then a sprint). All that torques need of the law is linear in z:
-(ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z.
+The first R derivatives of the smoothstep phi vanish at sigma = 0 and 1, so for any z > 0 the first R time
+derivatives of s vanish at both ends. z is a spline or one polynomial (`speed_basis`) in xi(sigma). xi is
+steep where the law changes fast, as beside crossings, which the robot approaches slowly and leaves in a
+sprint. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are linear
+in z.
 
-The square of the speed along the path as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter
-and Diehl, Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 54 (2009).
+The squared speed as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter and Diehl,
+Time-optimal path tracking for robots: a convex optimization approach, IEEE TAC 54 (2009).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from framework.errors import InvalidInput, check_order
-from framework.laws.law import PlannedLaw
+from framework.laws.law import PlannedLaw, least_value, normalise_time
 from framework.laws.path import HIGHEST_ORDER
 from framework.laws.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
-from framework.numerics.chebyshev import TimeFunction, TimeGrid, derivative_matrix, evaluate, extrema, nodes
-from framework.tolerances import NEWTON_STEP, SAME_PLACE, SLOWNESS_ROUNDING
+from framework.numerics.chebyshev import TimeFunction, TimeGrid, derivative_matrix, evaluate, nodes
+from framework.tolerances import NEWTON_STEP, SLOWNESS_ROUNDING
 
-HIGHEST_SMOOTHNESS = 6  # beyond, the squared speed grows so much at the ends that its digits are lost
-# samples of s' along the path; change of s' over the largest s' that counts as a turn
+HIGHEST_SMOOTHNESS = 6  # above it z grows so much towards the ends that it loses its digits
+# samples of s' along the path; least swing of s' over its largest value that counts
 TURN_SAMPLES, MIN_SWING = 4001, 1e-3
-PANEL_NODES = 24  # nodes of a panel of t(sigma)
+PANEL_NODES = 24  # nodes on a panel of t(sigma)
 SLOWNESS_TAIL = 1e-15  # truncation error of a panel's time over the duration
 MAX_PANELS = 1024
 DEGREES_PER_PANEL = 3  # degrees of z for each panel in time
-STRETCH_WIDTH = 0.1  # in sigma, of the stretch about a place where z is resolved more finely
-STRETCH_HEIGHT = 0.3  # of the arctangent: points are 1 + height / width times as dense in its middle
-DURATION_MISMATCH = 1e-12  # difference of the integral of a given speed from the duration, over the duration
+STRETCH_WIDTH = 0.1  # in sigma, of the arctangent step about a point where z is resolved more finely
+STRETCH_HEIGHT = 0.3  # of this step: in its middle points are 1 + height / width times as dense
+DURATION_MISMATCH = 1e-12  # relative error allowed of a duration that is given with its squared speed
 
 
 @dataclass(frozen=True)
 class Smoothstep:
     """phi(sigma) from 0 to 1 on [0, 1] with phi' ~ (sigma (1 - sigma))^order.
 
-    It is the regularised incomplete beta function with both parameters order + 1.
+    phi is the regularised incomplete beta function with both parameters equal to order + 1.
     """
 
     order: int
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate phi or its derivative of an order, with the shape of sigma.
+        """Evaluate phi or a derivative, with the shape of sigma.
 
-        Powers of the distance to the nearer end are accurate near both ends. phi' is symmetric about 1/2, so
-        derivatives of even order change sign there.
+        Derivatives are polynomials in the distance to the nearer end, which is accurate near both ends. phi'
+        is symmetric about 1/2, so beyond 1/2 derivatives of even order have the opposite sign.
         """
         sigma = np.asarray(sigma, dtype=float)
         if order == 0:
-            from scipy.special import betainc  # takes time to import, and not all plans need it
+            from scipy.special import betainc  # slow to import, and not all plans need it
 
             return betainc(self.order + 1, self.order + 1, sigma)
         end_distance = np.minimum(sigma, 1.0 - sigma)
@@ -73,30 +74,31 @@ class Smoothstep:
 
 @dataclass(frozen=True)
 class Stretch:
-    """xi(sigma) from -1 to 1 on [0, 1], steeper near the places `at`.
+    """The increasing map xi(sigma) from [0, 1] to [-1, 1], steeper near the points `at`.
 
-    It is raw(sigma) = sigma + h sum_k arctan((sigma - at_k) / w), scaled to end at -1 and 1, with w =
-    STRETCH_WIDTH and h = STRETCH_HEIGHT. Such maps make Chebyshev series resolve functions that change fast
-    at given places: Tee and Trefethen 2006, SIAM J. Sci. Comput. 28.
+    xi is sigma + h sum_k arctan((sigma - at_k) / w), scaled to end at -1 and 1, with w = STRETCH_WIDTH and
+    h = STRETCH_HEIGHT. Through such a map a Chebyshev series resolves a function that changes fast near
+    known points: Tee and Trefethen 2006, SIAM J. Sci. Comput. 28.
     """
 
-    at: tuple[float, ...] = ()  # places in sigma
+    at: tuple[float, ...] = ()  # values of sigma
 
     def __call__(self, sigma: ArrayLike, order: int = 0) -> Array:
         """Evaluate xi or its derivative up to order 3, with the shape of sigma."""
         sigma = np.asarray(sigma, dtype=float)
         start, end = self._unscaled_ends
-        scaled = 2.0 * (self._evaluate_unscaled(sigma, order) - (0.0 if order else start)) / (end - start)
-        return scaled if order else scaled - 1.0
+        unscaled = self._evaluate_unscaled(sigma, order)
+        if order:
+            return 2.0 * unscaled / (end - start)
+        return 2.0 * (unscaled - start) / (end - start) - 1.0
 
     @cached_property
-    def _unscaled_ends(self) -> tuple[float, float]:
-        """The map at sigma = 0 and 1 before scaling."""
-        start, end = self._evaluate_unscaled(np.array([0.0, 1.0]), 0)
-        return float(start), float(end)
+    def _unscaled_ends(self) -> Array:
+        """Values (2,) of the map before scaling at sigma = 0 and 1."""
+        return read_only(self._evaluate_unscaled(np.array([0.0, 1.0]), 0))
 
     def _evaluate_unscaled(self, sigma: Array, order: int) -> Array:
-        """Evaluate the map before scaling, or its derivative up to order 3.
+        """Evaluate the map before scaling, or a derivative up to order 3.
 
         With d = sigma - at, the derivatives of arctan(d / w) are w / (w^2 + d^2), -2 w d / (w^2 + d^2)^2 and
         w (6 d^2 - 2 w^2) / (w^2 + d^2)^3.
@@ -118,21 +120,20 @@ class Stretch:
         return identity + STRETCH_HEIGHT * arctangents.sum(axis=-1)
 
     def inverse(self, xi: ArrayLike) -> Array:
-        """Solve xi(sigma) = xi for sigma by Newton's method, started from a table."""
+        """Solve xi(sigma) = xi for sigma by Newton's method from a table."""
         xi = np.asarray(xi, dtype=float)
         grid = np.linspace(0.0, 1.0, 513)
         sigma = np.interp(xi, self(grid), grid)
-        for _ in range(4):  # the table has a few digits right, and each step doubles them
+        for _ in range(4):  # the table is right to a few digits, and each step doubles their number
             sigma = np.clip(sigma - (self(sigma) - xi) / self(sigma, 1), 0.0, 1.0)
         return sigma
 
 
 @lru_cache(maxsize=64)
 def _slope_powers(smoothness: int, order: int) -> Array:
-    """Return the coefficients of a derivative of phi, by powers of sigma.
+    """Return the power series in sigma of a derivative of phi, order >= 1.
 
-    Its order is at least 1. phi' is b(sigma) over the integral of b, where b = (sigma (1 -
-    sigma))^smoothness.
+    phi' is b(sigma) over the integral of b on [0, 1], where b = (sigma (1 - sigma))^smoothness.
     """
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
@@ -142,16 +143,16 @@ def _slope_powers(smoothness: int, order: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class OptimalLaw(ReadOnlyArrays, PlannedLaw):
-    """The law s = phi(sigma(t)) with z = (d sigma/dt)^2 a spline, or one Chebyshev series, in xi(sigma).
+    """The law s = phi(sigma(t)), with z = (d sigma/dt)^2 a spline or Chebyshev series in xi(sigma).
 
-    `coefficients` (n,) [1/s^2] of z multiply the functions of `SpeedBasis` on `cells` (k + 1,) of xi.
-    `dense_at` are the places in sigma where xi(sigma) is steeper (see `Stretch`). The first `smoothness`
-    derivatives of s vanish at both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2) over [0, 1],
-    computed unless given.
+    `coefficients` (n,) [1/s^2] multiply the functions of a `SpeedBasis` on `cells` (k + 1,) of xi. xi(sigma)
+    is steeper near the values `dense_at` of sigma (see `Stretch`). The first `smoothness` derivatives of s
+    vanish at both ends. `duration` [s] is the integral of dt/d sigma = z^(-1/2) over [0, 1], computed unless
+    given.
 
     Raises:
-        InvalidInput: cells and coefficients do not fit, or the squared speed is not positive everywhere, or
-            so nearly zero that time is not resolved.
+        InvalidInput: cells and coefficients do not fit each other; z is not positive everywhere, or so nearly
+            zero that time is not resolved; or a given duration differs from the integral.
     """
 
     coefficients: Array
@@ -163,7 +164,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     kind: ClassVar[str] = "optimal"
 
     def __post_init__(self) -> None:
-        """Check cells, z > 0, and the duration: the integral of 1 / sqrt(z) over sigma [s]."""
+        """Check that cells fit, z is positive, and the duration is that of z."""
         super().__post_init__()
         object.__setattr__(self, "dense_at", tuple(map(float, self.dense_at)))
         object.__setattr__(self, "cells", tuple(map(float, self.cells)))
@@ -177,17 +178,17 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @cached_property
     def basis(self) -> SpeedBasis:
-        """The functions of xi in which the squared speed is written."""
+        """The functions of xi whose combination is z."""
         return SpeedBasis(np.array(self.cells), len(self.coefficients))
 
     @cached_property
     def series(self) -> Array:
-        """Chebyshev series (k, degree + 1) [1/s^2] of the squared speed on the cells."""
+        """Chebyshev series (k, degree + 1) [1/s^2] of z on the cells."""
         return read_only(self.basis.series(self.coefficients))
 
     @property
     def degree(self) -> int:
-        """The degree of the squared speed on a cell."""
+        """The degree of z on a cell."""
         return self.basis.degree
 
     @cached_property
@@ -200,15 +201,16 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @cached_property
     def _time(self) -> tuple[TimeFunction, Array]:
-        """Time as a function of sigma on panels, and the instants of their edges [s].
+        """Time [s] since the start of each panel of sigma, and instants (panels + 1,) [s] of the edges.
 
-        The function counts from the start of its panel; instants are (panels + 1,). t(sigma) is their sum:
-        the integral of dt/d sigma. It is scaled to end at `duration` to the last bit.
+        t(sigma) is the instant at which its panel starts plus the time since then: the integral of dt/d
+        sigma. Both are scaled to end at `duration` to the last bit.
         """
-        slowness = slowness_on_panels(np.array(self.cells), self.series, self.stretch)
+        slowness = slowness_on_panels(self.basis.cells, self.series, self.stretch)
         half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
-        series = chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1) * half_widths
-        instants = np.concatenate(([0.0], np.cumsum(series.sum(axis=1)[:, 0])))
+        series = chebyshev.chebint(slowness.coefficients, lbnd=-1, axis=1) * half_widths  # 0 at the start
+        panel_durations = series.sum(axis=1)[:, 0]  # values at the end, where all T_k are 1
+        instants = np.concatenate(([0.0], np.cumsum(panel_durations)))
         if abs(instants[-1] - self.duration) <= DURATION_MISMATCH * self.duration:
             correction = self.duration / instants[-1]
             series = series * correction
@@ -216,47 +218,42 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return TimeFunction(slowness.edges, series), read_only(instants)
 
     def squared_speed(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate z = (d sigma/dt)^2 [1/s^2] or its derivative in sigma up to order 3.
+        """Evaluate z [1/s^2] or its derivative in sigma up to order 3.
 
-        With primes for d/d sigma and z_k for derivatives of z in xi, the chain rule gives z' = z_1 xi',
+        By the chain rule, with derivatives z_k of z in xi and primes for d/d sigma: z' = z_1 xi',
         z" = z_2 xi'^2 + z_1 xi" and z'" = z_3 xi'^3 + 3 z_2 xi' xi" + z_1 xi'".
         """
-        xi = self.stretch(sigma)
-        cells = np.array(self.cells)
+        z = partial(evaluate_on_cells, self.basis.cells, self.series, self.stretch(sigma))
         if order == 0:
-            return evaluate_on_cells(cells, self.series, xi)
-        z = {k: evaluate_on_cells(cells, self.series, xi, k) for k in range(1, order + 1)}
-        dxi = {k: self.stretch(sigma, k) for k in range(1, order + 1)}
+            return z(0)
+        dxi = self.stretch(sigma, 1)
         if order == 1:
-            return z[1] * dxi[1]
+            return z(1) * dxi
+        ddxi = self.stretch(sigma, 2)
         if order == 2:
-            return z[2] * dxi[1] ** 2 + z[1] * dxi[2]
-        return z[3] * dxi[1] ** 3 + 3 * z[2] * dxi[1] * dxi[2] + z[1] * dxi[3]
+            return z(2) * dxi**2 + z(1) * ddxi
+        return z(3) * dxi**3 + 3 * z(2) * dxi * ddxi + z(1) * self.stretch(sigma, 3)
 
     def time(self, sigma: ArrayLike) -> Array:
-        """Compute the instant t [s] of parameters sigma, with the shape of sigma.
+        """Compute the instants t [s] of parameters sigma, with the shape of sigma.
 
-        It is the instant of the panel's start plus the time since then; at sigma = 1 the duration itself.
+        At sigma = 1 this is exactly the duration.
         """
         time_in_panel, instants = self._time
         flat = np.atleast_1d(np.asarray(sigma, dtype=float))
-        panel = np.searchsorted(time_in_panel.edges[1:-1], flat, side="right")  # of each sigma
+        panel = np.searchsorted(time_in_panel.edges[1:-1], flat, side="right")
         t = np.where(flat < 1.0, instants[panel] + time_in_panel(flat)[:, 0], self.duration)
         return t.reshape(np.shape(sigma))
 
     def parameter(self, t: ArrayLike) -> Array:
-        """Compute sigma at the instants t [s].
-
-        Newton's method inverts t(sigma) to rounding in its panel.
+        """Solve t(sigma) = t for sigma at instants t [s], with the shape of t.
 
         Raises:
             InvalidInput: t lies outside [0, duration], or is not finite.
         """
-        times = np.asarray(t, dtype=float)
-        if not np.all(np.abs(2.0 * times / self.duration - 1.0) <= 1.0 + SAME_PLACE):
-            raise InvalidInput(f"time {t!r} is outside [0, {self.duration:g}] s")
-        flat = np.clip(np.atleast_1d(times).ravel(), 0.0, self.duration)
-        return _invert_time(self, flat.tobytes()).reshape(times.shape)
+        normalise_time(t, self.duration)  # refuses t outside [0, duration]
+        times = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
+        return _invert_time(self, times.tobytes()).reshape(times.shape)
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate s(t) or its derivative [1/s^order] up to order 4, with the shape of t.
@@ -272,9 +269,9 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return [self.evaluate_at(sigma, order) for order in range(count)]
 
     def evaluate_at(self, sigma: ArrayLike, order: int = 0) -> Array:
-        """Evaluate s or its time derivative [1/s^order], up to order 4, where the parameter is sigma.
+        """Evaluate s(sigma) or its time derivative [1/s^order] up to order 4.
 
-        With primes for d/d sigma, d/dt = sqrt(z) d/d sigma and u = z'/2:
+        With primes for d/d sigma, u = z'/2 and d/dt = sqrt(z) d/d sigma:
         ds/dt = phi' sqrt(z), d2s/dt2 = phi' u + phi" z, d3s/dt3 = sqrt(z) J with
         J = phi' u' + 3 phi" u + phi'" z, and d4s/dt4 = u J + z J'.
         """
@@ -284,7 +281,7 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         z = self.squared_speed(sigma)
         if order == 1:
             return phi[1] * np.sqrt(z)
-        u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]
+        u = [0.5 * self.squared_speed(sigma, k) for k in range(1, order)]  # u, u', u"
         if order == 2:
             return phi[1] * u[0] + phi[2] * z
         J = phi[1] * u[1] + 3 * phi[2] * u[0] + phi[3] * z
@@ -295,8 +292,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 
     @property
     def edges(self) -> Array:
-        """Instants (k,) [s] between which s(t) is resolved by some twenty points."""
-        xi = np.array(self.cells)
+        """Panel edges (k,) [s]; some twenty points resolve s(t) on each panel."""
+        xi = self.basis.cells
         if not self.basis.is_spline:
             xi = nodes(max(self.degree // DEGREES_PER_PANEL, 1) + 1)
         inner = self.time(self.stretch.inverse(xi[1:-1]))
@@ -305,20 +302,16 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     def advance(self, smoothness: int) -> float:
         """Return the least z over its mean in xi.
 
-        It is positive, so that s' > 0 between the ends.
+        It is positive, so s' > 0 between the ends.
         """
-        # the integral of a cell over xi is that over its local coordinate in [-1, 1] times half its width
+        # integrals over the local coordinate of each cell, from -1 to 1, where all T_k are 1
         local_integrals = chebyshev.chebint(self.series, lbnd=-1, axis=1).sum(axis=1)
         integral = 0.5 * np.diff(self.cells) @ local_integrals
-        mean = float(0.5 * integral)  # [-1, 1] has the length 2
-        return least_value(self.series) / mean
+        return least_value(self.series) / float(0.5 * integral)  # xi has the range 2
 
     @cached_property
     def turns(self) -> int:
-        """Number of changes of s' between rising and falling.
-
-        Swings below 1e-3 of the largest s' do not count.
-        """
+        """Number of changes of s' between rising and falling, see `count_reversals`."""
         sigma = self.stretch.inverse(np.linspace(-1.0, 1.0, TURN_SAMPLES))
         return count_reversals(self.phi(sigma, 1) * np.sqrt(self.squared_speed(sigma)))
 
@@ -340,49 +333,48 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     """Solve t(sigma) = t for sigma (T,) at instants t (T,) [s].
 
-    The instants are given as bytes, for the cache. Newton's method for x in [-1, 1], the place in the panel:
-    sigma = start + width (x + 1) / 2.
+    The instants are given as bytes, which the cache can hash. Newton's method solves for the local coordinate
+    x in [-1, 1] of the panel, with sigma = start + half_width (x + 1).
     """
     t = np.frombuffer(instants)
-    time_in_panel, panel_starts = law._time
-    panel = np.searchsorted(panel_starts[1:-1], t, side="right")
+    time_in_panel, edge_instants = law._time
+    panel = np.searchsorted(edge_instants[1:-1], t, side="right")  # of each instant
     start = time_in_panel.edges[panel]
-    width = np.diff(time_in_panel.edges)[panel]
-    time = t - panel_starts[panel]  # since the start of the panel
-    series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1)
-    x = np.clip(2.0 * time / np.diff(panel_starts)[panel] - 1.0, -1.0, 1.0)
+    half_width = 0.5 * np.diff(time_in_panel.edges)[panel]
+    time = t - edge_instants[panel]  # since the start of the panel
+    series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1) of this time in x
+    x = np.clip(2.0 * time / np.diff(edge_instants)[panel] - 1.0, -1.0, 1.0)  # as at constant speed
     for _ in range(12):
         residual = time - _evaluate_each(x, series)
-        slowness = law.squared_speed(start + 0.5 * width * (x + 1.0)) ** -0.5  # dt/d sigma
-        step = residual / (0.5 * width * slowness)
+        slowness = law.squared_speed(start + half_width * (x + 1.0)) ** -0.5  # dt/d sigma
+        step = residual / (half_width * slowness)
         x = np.clip(x + step, -1.0, 1.0)
         if np.abs(step).max(initial=0.0) < NEWTON_STEP:
             break
-    return read_only(start + 0.5 * width * (x + 1.0))
+    return read_only(start + half_width * (x + 1.0))
 
 
 def _check_cells(law: OptimalLaw) -> None:
     """Raise InvalidInput unless cells and coefficients of a law fit each other."""
-    cells = np.array(law.cells)
+    cells = law.cells
     count = len(law.coefficients)
     if len(cells) < 2 or (cells[0], cells[-1]) != ONE_CELL or not np.all(np.diff(cells) > 0):
         raise InvalidInput("law: cells must ascend from -1 to 1")
-    if not count or (len(cells) > 2 and count != len(cells) - 1 + SPLINE_DEGREE):
-        raise InvalidInput(
-            f"law: {len(cells) - 1} cells need {len(cells) - 1 + SPLINE_DEGREE} coefficients, got {count}"
-        )
+    spline_count = len(cells) - 1 + SPLINE_DEGREE
+    if not count or (len(cells) > 2 and count != spline_count):
+        raise InvalidInput(f"law: {len(cells) - 1} cells need {spline_count} coefficients, got {count}")
 
 
 def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
-    """Evaluate a function, or its derivative in xi, given by Chebyshev series (k, size) on cells (k + 1,).
+    """Evaluate Chebyshev series (k, size) on cells (k + 1,), or a derivative, at points xi (...).
 
-    Points (...) of xi belong to the cell on their right, the last one to the last cell.
+    A point on an inner edge belongs to the cell on its right.
     """
     xi = np.asarray(xi, dtype=float)
     flat = xi.ravel()  # (T,)
-    cell = np.searchsorted(cells[1:-1], flat, side="right")
+    cell = np.searchsorted(cells[1:-1], flat, side="right")  # of each point
     half_widths = 0.5 * np.diff(cells)
-    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # in [-1, 1] on its cell
+    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # coordinate on the cell
     derivative = series @ derivative_matrix(series.shape[1], order).T / half_widths[:, None] ** order
     if len(cells) == 2:
         return evaluate(local, derivative[0]).reshape(xi.shape)
@@ -390,23 +382,23 @@ def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0
 
 
 def _evaluate_each(x: Array, series: Array) -> Array:
-    """Evaluate T Chebyshev series (T, size), each at its own x (T,): T_k(x) = cos(k arccos x)."""
-    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))
+    """Evaluate T Chebyshev series (T, size), each at its own x (T,)."""
+    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(series.shape[1]))  # T_k(x) = cos(k arccos x)
     return np.einsum("tk,tk->t", polynomials, series)
 
 
 def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
-    """Resolve dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels that are halved until each is accurate.
+    """Resolve dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 
     z is given by Chebyshev series (k, size) on cells of xi. A panel is accurate if the truncation error of
-    its time is below a share of the duration, or below the error that rounding eps of z makes: eps z^(-3/2)
-    / 2, which grows where z is near zero.
+    its time is below a share of the duration, or below the rounding error. An error eps of z changes
+    z^(-1/2) by eps z^(-3/2) / 2, so rounding grows where z is nearly zero.
 
     Raises:
-        InvalidInput: z is not positive, or so near zero that time cannot be resolved.
+        InvalidInput: z is not positive, or so near zero that rounding hides the duration.
     """
-    z_rounding = float(np.finfo(float).eps * np.abs(z_series).sum(axis=1).max())
-    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # of one polynomial: begin with 4 panels
+    z_rounding = np.finfo(float).eps * np.abs(z_series).sum(axis=1).max()
+    edges = stretch.inverse(cells if len(cells) > 2 else nodes(5))  # one polynomial starts with 4 panels
     edges[[0, -1]] = 0.0, 1.0
     while len(edges) <= MAX_PANELS:
         grid = TimeGrid(edges, PANEL_NODES)
@@ -416,8 +408,8 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
             break
         slowness = grid.fit(z[:, None] ** -0.5)
         series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
-        duration = series[:, 0] @ widths  # by the mean of each panel
-        truncation = np.abs(series[:, -2:]).max(axis=1) * widths  # errors of the time of each panel
+        duration = series[:, 0] @ widths  # estimated by the first coefficient of each panel
+        truncation = np.abs(series[:, -2:]).max(axis=1) * widths  # (panels,) errors of time
         rounding = 0.5 * z_rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * widths
         is_coarse = truncation > np.maximum(SLOWNESS_TAIL * duration, rounding)
         if not is_coarse.any():
@@ -429,23 +421,10 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
     raise InvalidInput("law: the speed of an optimal law comes too near to zero to be resolved")
 
 
-def least_value(series: Array) -> float:
-    """Compute the least value on [-1, 1] of all Chebyshev series (k, size).
-
-    Extrema are computed only for series whose lower bound, c_0 minus the sum of the other |c_k|, is below the
-    least value at the ends.
-    """
-    ends = np.minimum(series.sum(axis=1), series @ (-1.0) ** np.arange(series.shape[1]))
-    lower_bounds = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)
-    candidates = np.flatnonzero(lower_bounds < ends.min())
-    inner = [evaluate(extrema(series[k]), series[k]).min(initial=np.inf) for k in candidates]
-    return float(min([ends.min(), *inner]))
-
-
 def count_reversals(speed: Array) -> int:
     """Count the changes of samples (T,) between rising and falling.
 
-    Swings below 1e-3 of the largest sample do not count.
+    Swings below MIN_SWING times the largest sample do not count.
     """
     reversals = 0
     sign = 1.0  # of the current swing: 1 if rising

@@ -15,7 +15,7 @@ from framework import (
     plan_crossing,
     simulate,
 )
-from framework.laws.optimal_law import least_value
+from framework.laws.law import least_value
 from framework.planning.optimal import least_cost
 from framework.planning.optimal.peak_bound import bound_plan
 from framework.planning.saved import plan_document
