@@ -52,7 +52,7 @@ slow: $(VENV)/.test  ## run the tests marked slow
 	$(BIN)/python -m pytest -m slow $(ON_ALL_CORES) $(PYTEST_ARGS) || [ $$? -eq 5 ]  # 5: there are none
 
 witness: $(VENV)/.witness  ## hold our torques against MuJoCo and Exudyn, and maps through a dask cluster against this process
-	CROSSING_WITNESS=required $(BIN)/python -m pytest $(ON_ALL_CORES) tests/witness $(PYTEST_ARGS)
+	CROSSING_WITNESS=required $(BIN)/python -m pytest $(ON_ALL_CORES) -m 'not benchmark and not browser' tests/witness $(PYTEST_ARGS)
 
 test-browser: $(VENV)/.browser  ## run the tests in a headless Chromium (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest -m browser tests/browser $(PYTEST_ARGS)

@@ -564,6 +564,7 @@ def test_a_malformed_robot_file_or_urdf_is_misuse(refusal, write_robot):
     assert "mass" in refusal(2, "check", write_robot(urdf=(('<mass value="10"/>', ""),)))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_figures")
 def test_the_quickest_way_is_planned_simulated_and_reported(crossing, tmp_path):
     folder = tmp_path / "quick"

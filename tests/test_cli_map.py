@@ -46,6 +46,7 @@ def test_a_map_is_told_and_written(tmp_path, capsys):
     }
 
 
+@pytest.mark.slow
 def test_a_map_of_a_slice_holds_the_other_coordinates(capsys):
     code, told, _ = mapped(
         capsys, "three_rpr", "--over", "x", "rz", "--at", 0, 0.1, 0.2, "--size", 6, "--quantity", "g"
@@ -55,6 +56,7 @@ def test_a_map_of_a_slice_holds_the_other_coordinates(capsys):
     assert told["held"] == {"y": 0.1}
 
 
+@pytest.mark.slow
 def test_the_margin_of_a_pose_is_told_with_its_status(capsys):
     code, told, _ = mapped(capsys, "five_bar", "--size", 5, "--quantity", "g", "--nearest", 0, 0.3)
     assert code == 0
@@ -165,6 +167,7 @@ def test_processes_give_the_same_files_bit_by_bit(serial, tmp_path):
     assert files(tmp_path / "two") == serial
 
 
+@pytest.mark.slow
 def test_a_map_that_keeps_limits_says_beyond_which_range_a_pose_is(tmp_path, capsys):
     command = ["map", "humanoid_ankle", "--keep-limits", "--size", "20", "--wrench", "35", "10"]
     assert main([*command, "--out", str(tmp_path), "--json"]) == 0

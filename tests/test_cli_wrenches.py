@@ -110,6 +110,7 @@ def test_bounds_of_all_laws_count_the_wrenches():
     assert 0.98 * peak < bound * max(plan.optimality.reference) < peak
 
 
+@pytest.mark.slow
 def test_the_report_lists_the_wrenches():
     table = [[0.0, 3, 0, 4, 0, 0, 0], [1.0] + [0] * 6]
     wrenches = {"left_tip": [0.0, 1, 0, 0, 0, 0.5], "right_crank": table}

@@ -199,7 +199,9 @@ def test_where_no_locus_can_be_traced_a_map_says_why(tmp_path):
     assert "one motor for each freedom" in map_page(found)
 
 
-@pytest.mark.parametrize("name", ["three_rrr", "gough_stewart", "agile_eye"])
+@pytest.mark.parametrize(
+    "name", ["three_rrr", pytest.param("gough_stewart", marks=pytest.mark.slow), "agile_eye"]
+)
 def test_a_pose_of_a_map_is_the_one_that_tracking_reaches(name):
     robot = robots.load(name)
     found = workspace_map(robot, survey_window(robot, size=9), ["g"])

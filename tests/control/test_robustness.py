@@ -50,7 +50,7 @@ def unvaried(controller, count=1):
     return [draw(robot, Spread(), (0, k)) for k in range(count)]
 
 
-@pytest.mark.parametrize("flexibility", ["rigid", "flexible_joints", "flexible_links"])
+@pytest.mark.parametrize("flexibility", ["rigid", pytest.param("flexible_links", marks=pytest.mark.slow)])
 def test_the_plan_held_over_each_period_comes_back_to_second_order(flexibility):
     """Open loop: the error of holding the torque and of the integration goes as the square of the period."""
     plan = plan_scene(robots.load("five_bar", flexibility=flexibility), "C", smoothness=4)

@@ -143,6 +143,7 @@ def test_an_elastic_robot_with_damping_crosses_with_little_more_torque_than_the_
     assert peaks[1] < 1.05 * peaks[0]
 
 
+@pytest.mark.slow
 def test_limits_hold_the_dry_friction_of_elastic_robots_too():
     rigid = five_bar(left_motor=JointDynamics(damping=0.1, friction=0.2))
     elastic = ParallelRobot.from_description(rigid.description, flexibility="flexible_joints")

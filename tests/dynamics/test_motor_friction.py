@@ -138,6 +138,7 @@ def test_an_optimal_law_keeps_and_reaches_its_limits_with_friction(quickest):
     assert np.abs(needed).max() > 1.05 * LIMIT  # that law would need more than it may
 
 
+@pytest.mark.slow
 def test_the_least_peak_counts_friction():
     options = {"law": "optimal", "optimize": "peak_torque", "duration": 1.5}
     with_it, without = (plan_crossing(rubbing(), LINE, friction=one, **options) for one in ("driven", "none"))
@@ -173,6 +174,7 @@ def test_the_option_is_typed_and_saved(tmp_path, capsys):
         np.testing.assert_allclose(motion["torque_left_motor"], plan.torque(motion["time"])[:, 0], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_elastic_robot_counts_friction_too():
     description = rubbing(damped=False).description
     robot = ParallelRobot.from_description(description, flexibility="flexible_links")

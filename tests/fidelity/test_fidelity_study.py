@@ -281,6 +281,7 @@ def test_where_friction_that_no_level_has_is_beyond_the_tolerance_none_is_enough
     assert re.search(r"dry friction that none of them has \(left_elbow 5 N m\) takes", str(study.refusal))
 
 
+@pytest.mark.slow
 def test_levels_of_an_upright_robot_make_one_motion_and_its_motors_have_controllers():
     """The condition (8) of each level moves the optimal law by no more than its crossing needs."""
     whole = robots.load("five_bar_heavy").description

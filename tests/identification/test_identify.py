@@ -119,6 +119,7 @@ def test_what_a_short_recording_does_not_show_stays_as_in_the_file(duration):
         assert moments.min() > -1e-13 * moments.max()
 
 
+@pytest.mark.slow
 def test_no_recording_makes_the_file_worse(tmp_path, capsys):
     """The file's own robot, by noisy torques: what chance shows is written only where it predicts better."""
     robot = NOMINAL["five_bar_heavy"]

@@ -48,6 +48,7 @@ def test_the_least_energy_is_that_of_an_ample_limit():
     assert peaks(free)[0] <= 0.03 < peaks(free)[1]
 
 
+@pytest.mark.slow
 def test_the_least_peak_weighs_it_and_bounds_the_others():
     plan = plan_crossing(five_bar(0.03, None), LINE, duration=1.5, law="optimal")
     assert plan.duration == 1.5

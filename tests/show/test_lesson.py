@@ -114,6 +114,7 @@ def structure(content: dict[str, Any]) -> dict[str, Any]:
     return rest | {"shapes": shapes, "crossing": round(content["crossing"], 9)}
 
 
+@pytest.mark.slow
 def test_the_lesson_of_an_upright_robot_knows_that_its_weight_is_left_out():
     robot = robots.load("five_bar")
     # limits of the file do not count: the reader of the page sets them

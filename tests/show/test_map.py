@@ -52,6 +52,7 @@ def test_colours_are_those_of_the_colour_blind_and_bright_is_good():
         assert grey[1] - grey[0] > 0.5, key
 
 
+@pytest.mark.slow
 def test_nothing_of_a_figure_is_cut_off(tmp_path):
     from PIL import Image
 

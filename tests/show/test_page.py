@@ -161,6 +161,7 @@ def test_floats_travel_as_little_endian_singles():
     assert decoded(encode_floats([[1.5, -2.0], [0.25, 1e-3]])).tolist() == [1.5, -2.0, 0.25, np.float32(1e-3)]
 
 
+@pytest.mark.slow
 def test_films_of_one_robot_share_one_trace_of_the_locus(monkeypatch):
     asked = []
 

@@ -41,6 +41,7 @@ def pixels(film, sight, rgb) -> int:
     return int(np.sum(np.abs(seen - rgb).max(axis=2) < 0.02))
 
 
+@pytest.mark.slow
 def test_the_rod_of_the_knee_is_before_the_thigh(sights):
     film, sight = sights["humanoid_knee"]
     rod = (0.12, 0.47, 0.71)

@@ -157,6 +157,7 @@ def unbalanced(
     return times, np.abs(left).max(axis=1)
 
 
+@pytest.mark.slow
 def test_left_at_the_rigid_point_the_deformed_robot_has_a_band_without_equilibrium():
     start, end = band(STIFFNESS)
     width = (end - start) * CROSSING_SPEED * PATH_LENGTH

@@ -28,6 +28,7 @@ def test_a_map_is_the_same(address, tmp_path):
     assert files(tmp_path / "dask") == files(tmp_path / "serial")
 
 
+@pytest.mark.slow
 def test_a_study_by_command_is_the_same(address, tmp_path):
     file = parametric_five_bar(tmp_path)
     command = [sys.executable, "-m", "framework", "map", str(file), "--study", "--size", "12"]
@@ -37,6 +38,7 @@ def test_a_study_by_command_is_the_same(address, tmp_path):
         assert (tmp_path / "dask" / name).read_bytes() == (tmp_path / "serial" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_workers_is_refused_in_bounded_time(tmp_path):
     with distributed.LocalCluster(
         n_workers=0, processes=False, dashboard_address=":0", protocol="tcp"

@@ -44,6 +44,7 @@ def test_the_distance_from_the_path_falls_with_the_square_of_the_step(name, flex
     assert np.all(rest < 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_deformed_robot_with_flexible_links_stays_on_the_path(name):
     plan = plan_of(name, "flexible_links")

@@ -9,7 +9,6 @@ import robots
 from framework import (
     InvalidInput,
     Line,
-    NoLaw,
     inverse_dynamics,
     locate_singularities,
     plan_crossing,
@@ -67,13 +66,11 @@ def test_the_quickest_law_is_within_a_percent_of_the_bound_of_all(quickest):
 LEAST_TIME, LEAST_PEAK = 0.73395, 0.039482  # [s] at PAPERS N m, [N m] in 1.5 s
 
 
-@pytest.mark.parametrize("smoothness", [3, 6])  # with 2: the tests above and below
-def test_smoothness_at_the_ends_costs_almost_nothing(robot, smoothness):
-    quick = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS, smoothness=smoothness)
+def test_smoothness_at_the_ends_costs_almost_nothing(robot):
+    """6 derivatives that vanish; with 2: the tests above and below."""
+    quick = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS, smoothness=6)
     assert LEAST_TIME < quick.duration < 1.015 * LEAST_TIME
-    gentle = plan_crossing(
-        robot, LINE, duration=1.5, optimize="peak_torque", law="optimal", smoothness=smoothness
-    )
+    gentle = plan_crossing(robot, LINE, duration=1.5, optimize="peak_torque", law="optimal", smoothness=6)
     assert LEAST_PEAK < peak(gentle) < 1.015 * LEAST_PEAK
 
 
@@ -144,6 +141,7 @@ def test_a_speed_at_the_crossing_of_the_deflected_robot_is_met():
     plan = plan_crossing(elastic, LINE, optimize="time", torque_limit=2.0, speeds=[3.0])
     (crossing,) = plan.crossings
     assert crossing.speed == pytest.approx(3.0, rel=1e-6)
+    assert max(plan.peak_torque.values()) <= 2.0
     assert plan.duration < 0.267  # without a required speed 0.214 s
 
 
@@ -157,6 +155,7 @@ def test_a_speed_at_the_crossing_of_the_deflected_robot_is_met_at_a_duration():
     assert max(plan.peak_torque.values()) < 0.16  # of the rigid robot 0.147
 
 
+@pytest.mark.slow
 def test_an_elastic_robot_with_rigid_geometry_keeps_its_limits_between_points():
     elastic = robots.load("five_bar", flexibility="flexible_joints")
     limits = dict(duration=1.0, optimize="energy", geometry="rigid")
@@ -170,6 +169,7 @@ def test_an_elastic_robot_with_rigid_geometry_keeps_its_limits_between_points():
     assert energy[1] < energy[0]  # the wider limit allows less
 
 
+@pytest.mark.slow
 def test_more_cells_gain_little(robot, quickest, monkeypatch):
     monkeypatch.setattr(least_cost, "FIRST_CELLS", 180)
     fine = plan_crossing(robot, LINE, optimize="time", torque_limit=PAPERS)
@@ -216,11 +216,6 @@ def test_what_cannot_be_asked_is_told(robot, options, words):
         plan_crossing(robot, LINE, **options)
 
 
-def test_limits_that_are_too_low_are_an_answer(robot):
-    with pytest.raises(NoLaw, match=r"least peak of torque found is .* times the limits"):
-        plan_crossing(robot, LINE, duration=1.0, torque_limit=0.01)
-
-
 def beside_the_locus(robot, distance: float) -> Line:
     """LINE up to this distance [m] beyond its singular point."""
     along = LINE.end - LINE.start
@@ -228,7 +223,7 @@ def beside_the_locus(robot, distance: float) -> Line:
     return Line(LINE.start, singular.platform + distance * along / np.linalg.norm(along))
 
 
-@pytest.mark.parametrize("distance", [-1e-6, pytest.param(1e-5, marks=pytest.mark.slow), 3e-6])
+@pytest.mark.parametrize("distance", [-1e-6, pytest.param(3e-6, marks=pytest.mark.slow)])
 def test_paths_that_end_beside_a_singular_point_keep_the_least_speed_between_all_points(robot, distance):
     path = beside_the_locus(robot, distance)
     plan = plan_crossing(robot, path, duration=1.5)

@@ -20,7 +20,7 @@ from tests.planning.optimal.random_crossings import random_crossing
 TIME, PEAK = 0.73395, 0.039482  # [s] at 0.164918 N m, [N m] over 1.5 s: of the flat 5R, scene C
 
 
-@pytest.mark.parametrize("k", [0, 3, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 4))])
+@pytest.mark.parametrize("k", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3, 4))])
 def test_torques_and_condition_8_are_those_of_a_plan(k):
     one = random_crossing(k)
     plan = plan_crossing(*one.plan_arguments(), law="optimal", duration=one.duration)
@@ -42,7 +42,8 @@ def test_estimates_of_the_flat_5r_are_the_known_optima():
     assert laws.least_peak(1.5) == pytest.approx(PEAK, rel=2e-3)
 
 
-@pytest.mark.parametrize("k", [15, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [2, 15])
 def test_the_energy_of_a_required_duration_is_nearly_the_least_though_motors_hold_a_weight(k):
     one = random_crossing(k)
     laws, duration = BestLaws(one.robot, one.path, 100), 1.5 * one.duration

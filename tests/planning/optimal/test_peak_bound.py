@@ -318,7 +318,8 @@ def test_where_the_bound_does_not_hold_there_is_none():
     assert find_refuting_bound(problem_of(robot, duration=1.5).task) is None  # no limit
 
 
-@pytest.mark.parametrize("name", ["upright", pytest.param("flat", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["upright", "flat"])
 def test_the_multipliers_prove_the_value_on_many_points_of_a_robot(name):
     """By the torques themselves at 300 points of each cell, in place of their series."""
     task, reference = task_of(CASES[name][0](), LINE, duration=1.5), np.array([1.0, 0.7])
