@@ -9,7 +9,6 @@ import pytest
 import robots
 from framework import Line, plan_crossing
 from framework.dynamics.wrench import wrench_along, wrench_curves
-from framework.kinematics.closures import loop_equations
 from tests.robots.every_robot import planned
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
@@ -18,28 +17,6 @@ LINE = Line([0.1, 0.345], [-0.05, 0.195])
 @pytest.fixture(scope="module", params=["rigid", "flexible_links"])
 def plan(request):
     return plan_crossing(robots.load("five_bar", flexibility=request.param), LINE, duration=1.5)
-
-
-def test_its_loops_are_closed_and_its_platform_is_the_planned_one(plan):
-    t = np.linspace(0.0, 1.5, 57)
-    motion = plan.dynamics.motion(t)
-    residual = loop_equations(plan.robot.rows, motion.linearised.frames).residual
-    assert np.abs(residual).max() < 1e-15
-    np.testing.assert_allclose(motion.linearised.frames.position[:, 0, :2], plan.platform(t), atol=1e-15)
-    np.testing.assert_array_equal(
-        motion.q[:, plan.robot.elastic], plan.dynamics.configuration(t)[:, plan.robot.elastic]
-    )
-
-
-def test_velocities_and_accelerations_are_the_derivatives_of_positions(plan):
-    t, h = np.linspace(0.1, 1.4, 23), 1e-4
-    motion = plan.dynamics.motion(t)
-    before, after = (plan.dynamics.motion(t + step) for step in (-h, h))
-    # h^2 times the third derivative, of size 1e2
-    np.testing.assert_allclose(motion.v, (after.q - before.q) / (2 * h), atol=1e-5)
-    np.testing.assert_allclose(motion.a, (after.v - before.v) / (2 * h), atol=1e-4)
-    # and those of the series through the nodes
-    np.testing.assert_allclose(motion.v, plan.dynamics.velocity(t), atol=1e-9)
 
 
 def test_one_instant_is_that_of_many(plan):

@@ -24,27 +24,6 @@ def anywhere(robot, seed: int):
     return q, rng.standard_normal(robot.model.nv) * robot.column_scale
 
 
-def along(robot, q, v, times):
-    """Loop equations (T, m) along the motion of constant joint rates."""
-    steps = np.array([pin.integrate(robot.model, q, t * v) for t in times])
-    return loop_equations(robot.rows, frames_at(robot, steps)).residual
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_jacobian_and_drift_are_the_derivatives_along_a_motion(name):
-    robot = robots.load(name)
-    q, v = anywhere(robot, 1)
-    h = 1e-4
-    before, here, after = along(robot, q, v, [-h, 0.0, h])
-    at = frames_at(robot, q[None])
-    size = max(robot.length, 1.0)
-    jacobian = loop_equations(robot.rows, at).jacobian[0]
-    np.testing.assert_allclose(jacobian @ v, (after - before) / (2 * h), rtol=0, atol=1e-6 * size)
-    drift = closure_drift(robot.rows, frame_motions(robot, at, v[None]))[0]
-    # h^2 times a fourth derivative, and rounding over h^2
-    np.testing.assert_allclose(drift, (after - 2 * here + before) / h**2, rtol=0, atol=1e-5 * size)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_each_equation_is_a_wrench_between_its_two_bodies(name):
     """Its rate is the power of the wrench on the twist of the second body relative to the first."""

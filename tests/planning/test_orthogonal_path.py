@@ -60,14 +60,3 @@ def test_without_gravity_only_a_stop_would_do_on_a_bent_path():
     path, _ = bent(robot, 0.02)
     with pytest.raises(NoLaw, match=r"orthogonal to t_s: condition \(8\) leaves"):
         plan_crossing(robot, path, duration=1.0, law="optimal")
-
-
-def test_without_gravity_a_straight_path_asks_for_nothing():
-    robot = without_rotors()
-    steep = np.array([0.03, 0.06])
-    twist = locate_singularities(robot, Line(PLACE + steep, PLACE - steep))[0].twist
-    along = 0.05 * np.array([-twist[1], twist[0]])
-    plan = plan_crossing(robot, Line(PLACE - along, PLACE + along), duration=1.5, law="optimal")
-    (crossing,) = plan.crossings
-    assert crossing.residual < 1e-11
-    assert plan.certificate.tail < 1e-9

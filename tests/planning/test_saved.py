@@ -53,39 +53,10 @@ def edited(plan, folder, change):
     return folder
 
 
-def test_the_law_comes_back_as_it_was_and_so_do_the_torques(written):
-    plan, folder = written
-    again = load_plan(folder)
-    times = np.linspace(0.0, plan.duration, 301)
-    np.testing.assert_array_equal(again.law(times), plan.law(times))
-    np.testing.assert_allclose(again.torque(times), plan.torque(times), atol=1e-11)  # N m
-    np.testing.assert_allclose(again.platform(times), plan.platform(times), atol=1e-15)
-    assert again.robot.flexibility == "flexible_links"
-    assert again.geometry == "deformed"
-    assert [c.kind for c in again.crossings] == ["type_2"]
-    np.testing.assert_allclose(again.crossings[0].time, 1.0, atol=1e-9)
-    np.testing.assert_allclose(again.crossings[0].speed, 1.5, atol=1e-7)
-
-
 @pytest.fixture(scope="module")
 def quickest():
     """The quickest law with a tenth of the torque left, on the rigid robot."""
     return plan_crossing(robots.load("five_bar"), LINE, optimize="time", torque_limit=0.165, margin=0.1)
-
-
-def test_an_optimal_law_comes_back_with_what_it_was_best_at(tmp_path, quickest):
-    plan = quickest
-    save_plan(plan, tmp_path)
-    again = load_plan(tmp_path)
-    times = np.linspace(0.0, plan.duration, 301)
-    assert again.duration == plan.duration
-    np.testing.assert_array_equal(again.law(times), plan.law(times))
-    np.testing.assert_allclose(again.torque(times), plan.torque(times), atol=1e-11)  # N m
-    assert again.reason == plan.reason
-    assert again.request == plan.request
-    assert again.optimality.specification.goal == "time"
-    np.testing.assert_array_equal(again.optimality.reference, plan.optimality.reference)
-    np.testing.assert_allclose(again.optimality.specification.torque_limit, 0.9 * 0.165)
 
 
 @pytest.mark.slow

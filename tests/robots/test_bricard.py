@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import robots
 from framework import (
@@ -127,35 +126,6 @@ def test_condition_8_has_its_closed_form():
     assert back[0] == pytest.approx(ahead[0], abs=1e-12)
     # force along -x; central difference, good to h^2
     assert crossing.condition.gamma == pytest.approx(-(ahead[1] - back[1]) / (2 * h), rel=1e-5)
-
-
-@pytest.mark.parametrize("scene", ["fold", "dead_point"])
-def test_planned_torques_bring_the_ring_along_the_path(scene):
-    """Forward dynamics of one coordinate in closed form, regular at the singular point."""
-    robot = robots.load("bricard")
-    plan = plan_scene(robot, scene)
-    start, end = plan.platform(0.0)[0], plan.platform(plan.duration)[0]
-    # M(x), V(x) and the lever da/dx on the path and a little beyond it, to rounding
-    fit = np.polynomial.Chebyshev.interpolate
-    domain = [min(start, end) - 0.05, max(start, end) + 0.05]
-    M = fit(np.vectorize(lambda x: energies(x)[0]), 80, domain)
-    V = fit(np.vectorize(lambda x: energies(x)[1]), 80, domain)
-    lever = fit(lambda x: slope(x + QUARTER), 80, domain)
-    dM, dV, dlever = M.deriv(), V.deriv(), lever.deriv()
-    n, rotor = 100.0, 3.3e-5
-
-    def rate(t, state):
-        x, dx = state
-        mass = M(x) + rotor * (n * lever(x)) ** 2
-        dmass = dM(x) + 2 * rotor * n**2 * lever(x) * dlever(x)
-        force = n * lever(x) * plan.torque(t)[0] - dV(x) - 0.5 * dmass * dx**2
-        return [dx, force / mass]
-
-    times = np.linspace(0.0, plan.duration, 41)
-    tolerances = {"rtol": 1e-12, "atol": 1e-13, "first_step": 1e-3}
-    done = solve_ivp(rate, (0, plan.duration), [start, 0.0], "DOP853", times, **tolerances)
-    np.testing.assert_allclose(done.y[0], plan.platform(times)[:, 0], rtol=0, atol=1e-8)
-    assert plan.certificate.tail < 1e-12
 
 
 def test_a_law_that_forgets_gravity_is_refused():

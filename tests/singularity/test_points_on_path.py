@@ -12,7 +12,6 @@ from framework import (
     Arc,
     InvalidInput,
     Line,
-    NotAssembled,
     OutOfReach,
     ParallelRobot,
     SingularPath,
@@ -152,34 +151,10 @@ def test_a_path_that_folds_a_leg_in_passing_is_refused(robot):
     assert caught.value.s == pytest.approx(0.5, abs=1e-2)
 
 
-def test_assemble_keeps_the_working_mode(robot):
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        x = np.array([0.1, 0.345]) + rng.uniform(-0.1, 0.05, 2)
-        if max(np.linalg.norm(x - LEFT), np.linalg.norm(x - RIGHT)) > 0.49:
-            continue
-        cranks = assemble(robot, x).q[robot.actuated]
-        np.testing.assert_allclose(cranks, oracle.inverse_kinematics(x), atol=1e-13)
-
-
-def test_loops_that_cannot_close_report_residual_and_iterate(robot, tmp_path):
-    text = robot.description.urdf_text.replace('xyz="0.2 0 0"', 'xyz="1.4 0 0"')
-    assert text != robot.description.urdf_text
-    with pytest.raises(NotAssembled, match=r"tip\.[xy] stays .* m apart") as caught:
-        ParallelRobot.from_description(replace(robot.description, urdf_text=text))
-    assert caught.value.residual > 0.1  # 1.6 m between the motors, links of 1 m in all
-    assert caught.value.q.shape == (4,)
-
-
 @pytest.mark.parametrize("x", [[0.1], [0.1, np.nan], [0.1, 0.2, 0.3]])
 def test_assemble_refuses_what_is_no_platform_point(robot, x):
     with pytest.raises(InvalidInput, match="2 finite numbers"):
         assemble(robot, x)
-
-
-def test_a_path_with_other_coordinates_than_the_platform_is_refused(robot):
-    with pytest.raises(InvalidInput, match="3 coordinates, the platform of five_bar has 2"):
-        locate_singularities(robot, Line([0.1, 0.3, 0.0], [0.0, 0.3, 0.0]))
 
 
 @pytest.mark.parametrize("depth", [-1e-11, -1e-12])
@@ -211,17 +186,6 @@ class AlongTheLocus:
 def test_a_path_along_the_locus_is_told_as_such(robot):
     with pytest.raises(SingularPath, match="runs along a singularity"):
         locate_singularities(robot, AlongTheLocus())
-
-
-def test_an_assembled_configuration_cannot_be_changed_from_outside(robot):
-    with pytest.raises(ValueError, match="read-only"):
-        assemble(robot).q[0] += 0.5
-
-
-def test_a_reference_far_from_any_assembly_is_refused(robot):
-    vague = replace(robot.description, reference={"left_motor": 1.27, "right_motor": -1.9})
-    with pytest.raises(NotAssembled, match="not near an assembled configuration"):
-        ParallelRobot.from_description(vague)
 
 
 @pytest.mark.parametrize(("name", "scene"), [("biglide", "across"), ("delta", "cross"), ("five_bar", "C")])
