@@ -28,37 +28,50 @@ CLEAR = ["--from", "0.1", "0.345", "--to", "-0.05", "0.295"]  # past it
 PLAN = ["plan", "five_bar"]
 FREE = [*PLAN, *LINE, "--duration", "1.5"]
 PLAN_KEYS = [
-    *(
-        "version",
-        "robot",
-        "robot_file",
-        "parameters",
-        "flexibility",
-        "geometry",
-        "duration",
-        "request",
-        "law",
-    ),
-    *(
-        "crossings",
-        "peak_torque",
-        "exceeded",
-        "neglected_friction",
-        "neglected",
-        "certificate",
-        "reason",
-        "optimality",
-        "seconds",
-    ),
+    "version",
+    "robot",
+    "robot_file",
+    "parameters",
+    "flexibility",
+    "geometry",
+    "duration",
+    "request",
+    "law",
+    "crossings",
+    "peak_torque",
+    "exceeded",
+    "neglected_friction",
+    "neglected",
+    "certificate",
+    "reason",
+    "optimality",
+    "seconds",
 ]
 PASSIVE = ["left_elbow", "right_elbow"]
 UNITS = ["m", "rad", "N m"]
 CROSSING_KEYS = [
-    *("s", "time", "speed", "acceleration", "kind", "twist", "platform", "residual", "condition", "loaded")
+    "s",
+    "time",
+    "speed",
+    "acceleration",
+    "kind",
+    "twist",
+    "platform",
+    "residual",
+    "condition",
+    "loaded",
 ]
 CERTIFICATE_KEYS = [
-    *("nodes", "tail", "passes", "change", "max_closure_error", "max_residual_torque", "max_held_torque"),
-    *("end_speed", "monotone", "rounded_gap"),
+    "nodes",
+    "tail",
+    "passes",
+    "change",
+    "max_closure_error",
+    "max_residual_torque",
+    "max_held_torque",
+    "end_speed",
+    "monotone",
+    "rounded_gap",
 ]
 
 
@@ -443,35 +456,6 @@ def test_where_the_answer_is_no_the_exit_code_is_1(refusal, tmp_path, command, w
     assert list(tmp_path.iterdir()) == []
 
 
-LEFT_MOTOR = np.array([-0.2, 0.0])
-SPOKE = np.array([0.5, np.sqrt(0.75)])
-
-
-def inside(turn: float) -> list[float]:
-    """On a circle that touches the reach of the left leg, 0.5 m, from inside."""
-    turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ SPOKE
-    return (LEFT_MOTOR + 0.4 * SPOKE + 0.1 * turned).tolist()
-
-
-@pytest.mark.parametrize(
-    ("path", "s", "place"),
-    [
-        ({"arc": [inside(-0.6), inside(0.0), inside(0.9)]}, 0.6 / 1.5, LEFT_MOTOR + 0.5 * SPOKE),
-        # crank and rod folded on each other, the payload over the motor: the crank is free to turn
-        ({"line": [[-0.13, 0.07], [-0.27, -0.07]]}, 0.5, LEFT_MOTOR),
-    ],
-    ids=["stretched", "folded"],
-)
-def test_a_path_through_a_type_1_singularity_is_no_answer(refusal, write_robot, path, s, place):
-    file = write_robot(("scenes.stretch", {**path, "duration": 1.0}))
-    message = refusal(1, "plan", file, "--scene", "stretch")
-    assert "Type 1" in message
-    assert "leg of left_motor" in message
-    found = re.search(r"s = (\S+), x, y = \((\S+), (\S+)\)", message)
-    # where crank and rod fold, the branch has a corner: found to the narrowest panel, 2e-4 in s
-    np.testing.assert_allclose([float(value) for value in found.groups()], [s, *place], atol=2e-4)
-
-
 @pytest.mark.parametrize("command", [["check"], ["locate", "--scene", "C"], ["plan", "--scene", "C"]])
 def test_loops_that_cannot_close_are_no_answer(refusal, write_robot, command):
     far = write_robot(urdf=(('xyz="0.2 0 0"', 'xyz="1.4 0 0"'),))  # motors 1.6 m apart, 1 m of links
@@ -488,13 +472,8 @@ def test_loops_that_cannot_close_are_no_answer(refusal, write_robot, command):
 MISUSE = [
     ("", ["COMMAND"]),
     ("fly", ["'fly'", "robots", "plan"]),
-    ("plann five_bar", ["unknown command 'plann'; did you mean 'plan'?", "crossing --help"]),
     ("plan five_bar --scen C", ["--scen C; did you mean --scene?", "`crossing plan --help`"]),
-    ("plan five_bar --scene C --torque-limits 1", ["did you mean --torque-limit?"]),
-    ("plan five_bar --scene C --flexbility=rigid", ["did you mean --flexibility?"]),
-    ("map five_bar --worker 2", ["did you mean --workers?", "`crossing map --help`"]),
     ("export five_bar --to mjcf --out a.xml --sample 3", ["did you mean --samples?"]),
-    ("simulate five_bar --scene C --smoothnes 4", ["did you mean --smoothness?"]),
     ("robots five_bar", ["unrecognized arguments: five_bar"]),
     ("check", ["ROBOT"]),
     ("check five_baar", ["unknown robot 'five_baar'", "did you mean 'five_bar'", "five_bar_heavy", ".yaml"]),
@@ -512,23 +491,17 @@ MISUSE = [
     ("locate five_bar --from 0.1 --to 0 0.2", ["--from", "2 finite numbers", "x, y", "got [0.1]"]),
     ("locate five_bar --from 0.1 0.345 --to 0 0.2 0", ["--to", "2 finite numbers", "got [0.0, 0.2, 0.0]"]),
     ("locate five_bar --from 0.1 nan --to 0 0.2", ["--from", "finite", "nan"]),
-    ("locate five_bar --from 0.1 0.345 --to inf 0.2", ["--to", "finite", "inf"]),
     ("locate five_bar --from 0.1 y --to 0 0.2", ["--from", "'y'"]),
     ("locate five_bar --from 0.1 0.345 --to 0.1 0.345", ["0.345", "same"]),
     ("plan five_bar --from 0.1 0.345 --to 0 0.3", ["--duration", "required"]),
     ("plan five_bar --scene C --duration 0", ["duration", "positive", "0"]),
-    ("plan five_bar --scene C --duration inf", ["duration", "inf"]),
     ("plan five_bar --scene C --duration long", ["--duration", "'long'"]),
     ("plan five_bar --scene C --times 0", ["times", "t = 0 s", "(0, 1.5)"]),
-    ("plan five_bar --scene C --times nan", ["times", "finite", "nan"]),
     ("plan five_bar --scene C --times 0.9 1.1", ["times", "got 2 (0.9, 1.1)", "1 singular point", "0.667"]),
-    ("plan five_bar --scene C --times 1.1 0.9", ["times", "ascend"]),
     ("plan five_bar --scene C --speeds 0", ["speeds", "greater than zero", "0"]),
-    ("plan five_bar --scene C --speeds nan", ["speeds", "finite", "nan"]),
     ("plan five_bar --scene A --speeds 1.0", ["speeds", "got 1 (1)", "0 singular points"]),
     ("plan five_bar --scene C --smoothness 1", ["smoothness", "got 1", "2 .. "]),
     ("plan five_bar --scene C --flexibility flexible_joints --smoothness 3", ["smoothness", "got 3", "4 .."]),
-    ("plan five_bar --scene C --smoothness 400", ["smoothness", "got 400"]),
     ("plan five_bar --scene C --smoothness 2.5", ["--smoothness", "'2.5'"]),
     ("plan five_bar --scene C --samples 1", ["samples", "at least 2", "1"]),
     ("plan five_bar --scene C --samples many", ["--samples", "'many'"]),

@@ -21,70 +21,23 @@ TORN = 0.25  # share of files that are changed as text
 RED = "\x1b[31mred"
 NUMBERS = (0, 1, -1, 2, 0.5, 1e-300, 1e-12, 1e6, 1e17, 1e300, -1e300, 10**400, math.nan, math.inf, -math.inf)
 VALUES = (
-    None,
-    True,
-    "",
-    "x",
-    "1e5",
-    "é",
-    "\u202egnp",
-    "a\nb",
-    RED,
-    "n" * 300,
-    "n" * 5000,
-    [],
-    {},
-    [1],
-    [[]],
-    {"a": 1},
+    *(None, True, "", "x", "1e5", "é", "\u202egnp", "a\nb", RED, "n" * 300, "n" * 5000),
+    *([], {}, [1], [[]], {"a": 1}),
 )
 TEXTS = (
     "",
-    "x",
-    "nan",
-    "inf",
-    "-1",
-    "0",
-    "1e300",
-    "1e400",
-    "0x1",
-    "1_0",
+    *["x", "nan", "inf", "-1", "0", "1e300", "1e400", "0x1", "1_0"],
     "1 2",
     "0 0 0",
     "1 0 0 0",
     "é",
     "n" * 300,
 )
-SNIPPETS = (
-    "",
-    "<",
-    ">",
-    "&",
-    '"',
-    ":",
-    "\x00",
-    "\x1b",
-    "]",
-    "{",
-    "\n  - ",
-    "\t",
-    "é",
-    "&#10;",
-    "-",
-    "9" * 40,
-)
+SNIPPETS = ("", *'<>&":', "\x00", "\x1b", "]", "{", "\n  - ", "\t", "é", "&#10;", "-", "9" * 40)
 WORDS = (
     *(
         "",
-        "-",
-        "--",
-        "-1",
-        "0",
-        "nan",
-        "inf",
-        "1e300",
-        "1e-300",
-        "1e400",
+        *["-", "--", "-1", "0", "nan", "inf", "1e300", "1e-300", "1e400"],
         "9" * 20,
         "x",
         "é",
@@ -95,16 +48,9 @@ WORDS = (
     *(
         "n" * 5000,
         "\udcff",
-        "/dev/null",
-        "/dev/zero",
-        ".",
-        "/",
-        "rigid",
-        "flexible_links",
-        "five_bar",
-        "four_bar",
+        *["/dev/null", "/dev/zero", ".", "/", "rigid", "flexible_links", "five_bar", "four_bar"],
     ),
-    *(
+    *[
         "--json",
         "--help",
         "--scene",
@@ -117,8 +63,8 @@ WORDS = (
         "--times",
         "--speeds",
         "--raw",
-    ),
-    *(
+    ],
+    *[
         "--flexibility",
         "--geometry",
         "deformed",
@@ -129,8 +75,8 @@ WORDS = (
         "--law",
         "--optimize",
         "time",
-    ),
-    *("--torque-limit", "0.2", "--axes", "rz", "--platform", "--motors", "--reference", "left_motor=1"),
+    ],
+    *["--torque-limit", "0.2", "--axes", "rz", "--platform", "--motors", "--reference", "left_motor=1"],
 )
 
 

@@ -159,50 +159,7 @@ def robot():
     return robots.load("gough_stewart")
 
 
-def test_the_platform_is_where_it_was_asked_to_be(robot):
-    for x in KINEMATICS.places:
-        q = assemble(robot, x).q
-        np.testing.assert_allclose(robot.platform.coordinates(frames_at(robot, q[None]))[0], x, atol=1e-12)
-
-
 # ------------------------------------------------------------------ a platform that turns
-
-
-@pytest.mark.parametrize("turned", [1e-9, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 2.0, 3.1, np.pi, 4.0, 6.2])
-def test_twist_is_the_derivative_of_the_rotation_matrix(robot, turned):
-    rng = np.random.default_rng(7)
-    axis, dr, ddr = rng.standard_normal((3, 3))
-    r = turned * axis / np.linalg.norm(axis)
-    x, dx, ddx = (np.concatenate([np.ones(3), part])[None] for part in (r, dr, ddr))
-    twist, dtwist = robot.platform.twist(x, dx, ddx)
-
-    def omega(t):
-        """From R' R^T alone, by a complex step on r(t) = r + t dr + t^2 ddr / 2."""
-        here, rate = r + t * dr + t**2 / 2 * ddr, dr + t * ddr
-        moving = rodrigues(here + 1j * H * rate)
-        W = moving.imag / H @ moving.real.T
-        return np.array([W[2, 1], W[0, 2], W[1, 0]])
-
-    h = 1e-3
-    fourth = [omega(k * h) for k in (-2, -1, 1, 2)]
-    alpha = (fourth[0] - 8 * fourth[1] + 8 * fourth[2] - fourth[3]) / (12 * h)
-    np.testing.assert_allclose(twist[0], [1, 1, 1, *omega(0.0)], atol=1e-13)
-    np.testing.assert_allclose(dtwist[0, 3:], alpha, atol=2e-10)  # h^4 and eps / h
-
-
-def test_residual_is_the_way_between_two_attitudes(robot):
-    """To first order, wherever the attitudes are, beyond half a turn too."""
-    small = 1e-6 * np.array([1.0, -2.0, 3.0, 2.0, -1.0, 1.5])
-    for x in poses(6, [0.3, 0.3, 1.0]):
-        q = assemble(robot, x).q[None]
-        at = frames_at(robot, q)
-        for turn in (0.0, 2 * np.pi):  # the same attitude with another vector
-            r = x[3:] * (1 + turn / np.linalg.norm(x[3:]))
-            target = np.concatenate([x[:3], r])
-            np.testing.assert_allclose(robot.platform.residual(at, target[None])[0], 0, atol=1e-13)
-            moved = robot.platform.residual(at, (target - small)[None])[0]
-            expected, _ = robot.platform.twist(target[None], small[None])
-            np.testing.assert_allclose(moved, expected[0], atol=2e-10)
 
 
 @pytest.mark.parametrize(
