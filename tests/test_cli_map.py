@@ -182,6 +182,7 @@ def test_a_map_that_keeps_limits_says_beyond_which_range_a_pose_is(tmp_path, cap
         assert np.isfinite(arrays["holding"]).sum() == poses["reached"]
 
 
+@pytest.mark.slow
 def test_limits_of_torque_are_kept_whatever_is_mapped(capsys):
     command = ["map", "humanoid_ankle", "--keep-limits", "--size", "12", "--wrench", "35", "10", "--json"]
     counts = []

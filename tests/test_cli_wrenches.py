@@ -21,6 +21,7 @@ def answer(capsys, *words):
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_plan_and_locate_count_the_wrench_that_is_typed(capsys):
     robot = robots.load("five_bar")
     plan = plan_scene(robot, "C", law="optimal", wrenches={"left_tip": [3.0, -4.0, 0, 0, 0, 0]})

@@ -103,6 +103,7 @@ def test_the_figure_of_a_study_has_each_design_in_each_cell_and_units(found):
     assert "2 of them make no robot" in drawing.get_suptitle()
 
 
+@pytest.mark.slow
 def test_a_study_by_command_tells_one_line_a_design(given, tmp_path, capsys):
     task, _ = given
     table = tmp_path / "table.csv"

@@ -105,7 +105,7 @@ def test_a_step_of_a_run_does_not_depend_on_the_others(name, flexibility, scheme
                 np.testing.assert_array_equal(part, whole[[order.index(run) for run in runs]])
 
 
-@pytest.mark.parametrize("sensors", ["motors", "joints"])
+@pytest.mark.parametrize("sensors", ["motors", pytest.param("joints", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_a_run_alone_is_the_run_among_others(controller, sensors):
     """From the start to the verdict, with everything that may differ."""

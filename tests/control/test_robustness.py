@@ -342,6 +342,7 @@ def test_a_study_that_is_stopped_goes_on_from_its_finished_runs(tmp_path, capsys
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_a_chunk_whose_arrays_differ_in_length_is_computed_anew(tmp_path, monkeypatch):
     words = [*SHORT, "--period", "1e-2", "--controller", "lqr", "--out", str(tmp_path)]
     with monkeypatch.context() as patched:

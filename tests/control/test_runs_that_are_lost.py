@@ -20,7 +20,7 @@ from framework.control import (
 )
 
 
-@pytest.mark.parametrize("sensors", ["motors", "joints"])
+@pytest.mark.parametrize("sensors", ["motors", pytest.param("joints", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_a_run_that_runs_away_leaves_its_neighbours_alone(name, sensors):
     plan = plan_scene(robots.load("five_bar"), "C", smoothness=4)

@@ -188,6 +188,7 @@ def test_an_elastic_robot_counts_friction_too():
     np.testing.assert_allclose(share[surely], (rubbed * np.sign(speed))[surely], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_motor_too_weak_to_hold_the_robot_is_refused_and_dry_friction_is_said_not_to_count():
     """The five-bar of the paper set upright, where its payload asks for more than the limit."""
     upright = replace(robots.load("five_bar").description, gravity=(0.0, -9.81, 0.0))

@@ -29,7 +29,10 @@ ROBOTS = {
 STEP = 1e-4  # [m, rad], with differences of fourth order
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=pytest.mark.slow if name == "delta" else ()) for name in ROBOTS],
+)
 def robot(request):
     return ROBOTS[request.param]()
 

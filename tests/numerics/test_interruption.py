@@ -208,6 +208,7 @@ def test_no_worker_outlives_the_command(tmp_path, number):
         wait_for(lambda: not members(process.pid))
 
 
+@pytest.mark.slow
 @needs_proc
 def test_a_worker_that_is_killed_costs_no_run(tmp_path):
     arguments = [*STUDY[:-4], "--period", "2e-2", "--runs", "4", "--workers", "2", "--json"]

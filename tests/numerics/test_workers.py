@@ -124,6 +124,7 @@ def test_a_process_ends_with_the_one_that_began_it(tmp_path):
         assert parent.stderr.read() == ""
 
 
+@pytest.mark.slow
 def test_what_cannot_be_read_on_the_other_side_is_an_error_of_its_own(workers):
     for task in (workers.submit(repr, chores.FromElsewhere()), workers.submit(chores.FromElsewhere)):
         with pytest.raises(ModuleNotFoundError, match="no_such_module"):

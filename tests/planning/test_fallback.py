@@ -12,7 +12,7 @@ from tests.oracles.equations_of_motion import defects
 TOP = float(np.sqrt(0.06))  # [m] of the locus of the 5R on its axis of symmetry
 
 
-@pytest.mark.parametrize("gap", [1e-5, 1e-6])
+@pytest.mark.parametrize("gap", [1e-6, pytest.param(1e-5, marks=pytest.mark.slow)])
 def test_a_path_beside_the_locus_is_planned_by_the_law_that_resolves_it(gap):
     robot, path = robots.load("five_bar"), Line([0.06, TOP + gap], [-0.06, TOP + gap])
     with pytest.raises(NotConverged, match="misses a singularity"):
@@ -62,7 +62,7 @@ def ending(off: float) -> Line:
     return Line(A, A + S * (B - A) - off * (B - A) / np.linalg.norm(B - A))
 
 
-@pytest.mark.parametrize("off", [1e-3, 1e-4])
+@pytest.mark.parametrize("off", [1e-4, pytest.param(1e-3, marks=pytest.mark.slow)])
 def test_a_path_that_ends_before_the_locus_is_planned_with_the_law_of_lower_peak(off):
     robot = robots.load("five_bar")
     polynomial = plan_crossing(robot, ending(off), duration=1.5, law="polynomial")

@@ -80,6 +80,7 @@ def test_a_table_needs_a_motion_that_tells_s():
         simulate(robot, lambda t: np.zeros(2), duration=0.1, wrenches={"tip": [0] * 6})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flexibility", "controllers"),
     [("rigid", ["feedforward", "lqr", "computed_torque"]), ("flexible_links", ["feedforward"])],

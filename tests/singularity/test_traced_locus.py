@@ -94,6 +94,7 @@ def rods(robot, curve):
     return np.concatenate([rod, moment[..., None]], axis=2)
 
 
+@pytest.mark.slow
 def test_the_3_rrr_has_its_locus_in_other_working_modes_where_its_own_has_next_to_none():
     robot = robots.load("three_rrr")
     traced = trace_locus(robot, robot.reference.q, starts=16)

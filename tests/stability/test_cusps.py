@@ -146,6 +146,7 @@ def test_our_path_leads_around_the_cusp_with_finite_torques():
     np.testing.assert_allclose(plan.platform(2.0), poses()[1], rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_on_the_cusp_lengths_say_little_and_the_path_says_all():
     assert shift(1e-9) / shift(1e-12) == pytest.approx(10.0, rel=0.02)  # a cube root
     assert (
