@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from importlib.resources import files
 from itertools import combinations
 
@@ -13,8 +14,13 @@ from framework.show import style
 from framework.show.force_polygon import MISSES, THREADS
 from framework.show.style import PAGE_COLORS, line_style, page_colors
 
-with np.printoptions():  # colour-science sets how NumPy prints numbers, for good
-    import colour
+
+@cache
+def colour_science():
+    with np.printoptions():  # it sets how NumPy prints numbers, for good
+        import colour
+    return colour
+
 
 VISIONS = (None, "Protanomaly", "Deuteranomaly", "Tritanomaly")  # of severity 1: one kind of cone is missing
 LEAST_DIFFERENCE = 12.0  # CIEDE2000, of colours that are drawn together; 2.3 is just noticed
@@ -34,7 +40,7 @@ def color(name: str) -> str:
 
 def linear(name: str) -> np.ndarray:
     """Linear sRGB."""
-    return colour.cctf_decoding(colour.notation.HEX_to_RGB(color(name)), function="sRGB")
+    return colour_science().cctf_decoding(colour_science().notation.HEX_to_RGB(color(name)), function="sRGB")
 
 
 def difference(first: str, second: str, vision: str | None) -> float:
@@ -43,10 +49,10 @@ def difference(first: str, second: str, vision: str | None) -> float:
     for name in (first, second):
         rgb = linear(name)
         if vision is not None:
-            rgb = np.clip(colour.blindness.matrix_cvd_Machado2009(vision, 1.0) @ rgb, 0.0, 1.0)
-        white = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
-        labs.append(colour.XYZ_to_Lab(colour.RGB_to_XYZ(rgb, "sRGB"), white))
-    return float(colour.delta_E(*labs, method="CIE 2000"))
+            rgb = np.clip(colour_science().blindness.matrix_cvd_Machado2009(vision, 1.0) @ rgb, 0.0, 1.0)
+        white = colour_science().CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
+        labs.append(colour_science().XYZ_to_Lab(colour_science().RGB_to_XYZ(rgb, "sRGB"), white))
+    return float(colour_science().delta_E(*labs, method="CIE 2000"))
 
 
 def contrast(text: str, ground: str) -> float:

@@ -11,11 +11,16 @@ from tests.maps_in_processes import ENVIRONMENT, begun, files
 from tests.urdf_edits import parametric_five_bar
 from tests.witness.installed import witness
 
-distributed = witness("distributed", "distributed", extra="dask")
+pytestmark = pytest.mark.slow  # in processes of this program alone: test_cli_map.py
 
 
 @pytest.fixture(scope="module")
-def address():
+def distributed():
+    return witness("distributed", "distributed", extra="dask")  # its import takes two seconds
+
+
+@pytest.fixture(scope="module")
+def address(distributed):
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
@@ -28,7 +33,6 @@ def test_a_map_is_the_same(address, tmp_path):
     assert files(tmp_path / "dask") == files(tmp_path / "serial")
 
 
-@pytest.mark.slow
 def test_a_study_by_command_is_the_same(address, tmp_path):
     file = parametric_five_bar(tmp_path)
     command = [sys.executable, "-m", "framework", "map", str(file), "--study", "--size", "12"]
@@ -38,8 +42,7 @@ def test_a_study_by_command_is_the_same(address, tmp_path):
         assert (tmp_path / "dask" / name).read_bytes() == (tmp_path / "serial" / name).read_bytes()
 
 
-@pytest.mark.slow
-def test_a_scheduler_without_workers_is_refused_in_bounded_time(tmp_path):
+def test_a_scheduler_without_workers_is_refused_in_bounded_time(distributed, tmp_path):
     with distributed.LocalCluster(
         n_workers=0, processes=False, dashboard_address=":0", protocol="tcp"
     ) as cluster:
