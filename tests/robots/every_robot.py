@@ -36,6 +36,11 @@ def in_stages(cases: Iterable[tuple[str, ...]], *, at_once: Callable = the_5r) -
     ]
 
 
+# The springs of flexible_joints are among those of flexible_links: with both at once only the paper's robot.
+FEWEST_AND_MOST = [case for case in CASES if the_5r(case) or case[1] != "flexible_joints"]
+STAGED = in_stages(CASES, at_once=FEWEST_AND_MOST.__contains__)
+
+
 def asks_nothing(scene: Scene) -> bool:
     """Whether the scene asks for no crossing condition, or for one at an imposed place."""
     return scene.times == () or scene.at is not None

@@ -20,10 +20,10 @@ from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.motion_rates import jacobian_rates, motion_at
 from framework.numerics.chebyshev import TimeGrid
 from framework.planning.scenes import scene_path
-from tests.robots.every_robot import CASES, ELASTIC, SCENES, first_path, in_stages, planned
+from tests.robots.every_robot import ELASTIC, SCENES, STAGED, first_path, in_stages, planned
 
 
-@pytest.fixture(params=CASES, ids="-".join, scope="module")
+@pytest.fixture(params=STAGED, scope="module")
 def robot(request) -> ParallelRobot:
     name, flexibility = request.param
     return robots.load(name, flexibility=flexibility)

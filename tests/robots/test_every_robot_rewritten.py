@@ -13,13 +13,18 @@ import pytest
 import robots
 from framework import ParallelRobot
 from tests.robots.cut_elsewhere import cut_elsewhere, openings
-from tests.robots.every_robot import CASES, RIGID, assert_same_torques, crossing, in_stages, planned, the_5r
+from tests.robots.every_robot import (
+    FEWEST_AND_MOST,
+    RIGID,
+    assert_same_torques,
+    crossing,
+    in_stages,
+    planned,
+)
 from tests.robots.transformed import moved, scaled, swapped_frames, with_other_frames
 
 # Closures, by robot, in whose loop nothing else can be opened, and why. None today.
 ONLY_OPENING: dict[tuple[str, str], str] = {}
-# The springs of flexible_joints are among those of flexible_links; the paper's robot is tried with both.
-FEWEST_AND_MOST = [case for case in CASES if the_5r(case) or case[1] != "flexible_joints"]
 LOOPS = [
     (name, flexibility, closure.name)
     for name, flexibility in FEWEST_AND_MOST
