@@ -11,7 +11,6 @@ import pytest
 
 import robots
 from framework import check_robot, locate_singularities, plan_scene
-from framework.kinematics.frames import frames_at
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.model.urdf_elements import locate_urdf
 from framework.planning.scenes import scene_path
@@ -121,50 +120,12 @@ def test_both_hands_of_the_untouched_urdf_agree_about_the_box(robot, witness):
             np.testing.assert_allclose(place.rotation, pin.exp3(x[3:]), atol=1e-12)
 
 
-def test_forward_and_inverse_kinematics_agree(robot):
-    """Assembled at the motor angles alone, the platform is back where they came from."""
-    for x in poses(5):
-        q = close_loops(robot, x[None], robot.q_near[None]).q
-        np.testing.assert_allclose(robot.platform.coordinates(frames_at(robot, q))[0], x, atol=1e-13)
-        again = close_loops(robot, x[None], q + 0.02).q
-        np.testing.assert_allclose(again, q, atol=1e-12)
-
-
-def test_joints_stay_within_their_limits(robot):
-    for name in robot.description.scenes:
-        plan = plan_scene(robot, name)
-        t = np.linspace(0.0, plan.duration, 60)
-        angle, speed, torque = (
-            plan.motor_angle(t) / GEAR,
-            plan.motor_angle(t, 1) / GEAR,
-            GEAR * plan.torque(t),
-        )
-        model, a = robot.model, robot.actuated
-        assert np.all(angle > model.lowerPositionLimit[a])
-        assert np.all(angle < model.upperPositionLimit[a])
-        assert np.all(np.abs(speed) < model.velocityLimit[a])
-        assert np.all(np.abs(torque) < model.effortLimit[a])
-
-
 def test_where_every_joint_has_a_motor_there_is_no_type_2(robot):
     for scene in robot.description.scenes.values():
         assert locate_singularities(robot, scene_path(scene)) == ()
 
 
 # ------------------------------------------------------------------ forces
-
-
-def test_standing_still_the_hands_carry_the_box(plan, witness):
-    """Each arm's torques less its own weight make the wrench of its hand; together they hold the box."""
-    for t in (0.0, plan.duration):
-        q = witness.configuration(plan.motor_angle(t) / GEAR)
-        gravity = pin.computeGeneralizedGravity(witness.model, witness.data, q)
-        torque = GEAR * plan.torque(t).reshape(2, 6)
-        wrench = sum(
-            np.linalg.solve(J.T, own - gravity[arm])
-            for J, own, arm in zip(witness.jacobians(q), torque, witness.arms, strict=True)
-        )
-        np.testing.assert_allclose(wrench, [0, 0, 9.81 * MASS, 0, 0, 0], atol=1e-10)
 
 
 def test_torques_are_the_least_that_satisfy_newton(robot, plan, witness):
