@@ -120,6 +120,22 @@ def test_both_hands_of_the_untouched_urdf_agree_about_the_box(robot, witness):
             np.testing.assert_allclose(place.rotation, pin.exp3(x[3:]), atol=1e-12)
 
 
+def test_joints_stay_within_their_limits(robot):
+    for name in robot.description.scenes:
+        plan = plan_scene(robot, name)
+        t = np.linspace(0.0, plan.duration, 60)
+        angle, speed, torque = (
+            plan.motor_angle(t) / GEAR,
+            plan.motor_angle(t, 1) / GEAR,
+            GEAR * plan.torque(t),
+        )
+        model, a = robot.model, robot.actuated
+        assert np.all(angle > model.lowerPositionLimit[a])
+        assert np.all(angle < model.upperPositionLimit[a])
+        assert np.all(np.abs(speed) < model.velocityLimit[a])
+        assert np.all(np.abs(torque) < model.effortLimit[a])
+
+
 def test_where_every_joint_has_a_motor_there_is_no_type_2(robot):
     for scene in robot.description.scenes.values():
         assert locate_singularities(robot, scene_path(scene)) == ()

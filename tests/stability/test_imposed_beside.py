@@ -83,6 +83,7 @@ def beside_the_pole(offset: float, distance: float = 1e-9) -> float:
     return float(max(abs(part) for part in exact_torque(law, t + mp.mpf(distance))))
 
 
+@cache
 def our_verdicts() -> np.ndarray:
     """|t_s . W_p| [N] that stops us for each offset; not a number where a plan is returned."""
     verdicts = []
