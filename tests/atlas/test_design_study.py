@@ -57,6 +57,7 @@ def test_the_area_is_that_of_both_legs_reach(given, found):
     assert found.units["torque_median"] == "N m/N"
 
 
+@pytest.mark.slow
 def test_a_study_is_the_same_through_an_executor_and_after_a_stop(given, found, tmp_path):
     task, designs = given
     kept = KeptChunks.of(tmp_path, study_setup(task, designs))

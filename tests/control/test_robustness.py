@@ -357,6 +357,7 @@ def test_a_chunk_whose_arrays_differ_in_length_is_computed_anew(tmp_path, monkey
     assert sorted(numbers) == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_runs_of_another_study_are_not_taken(tmp_path, monkeypatch):
     words = [*SHORT, "--period", "1e-2", "--out", str(tmp_path)]
     with monkeypatch.context() as patched:

@@ -28,6 +28,7 @@ def test_a_fold_is_that_of_all_coordinates(s):
     assert find_static_fold(branch, s) == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_springs_twice_as_soft_fold_at_half_the_compliance():
     for s in (0.0, 1.0):
         folds = [find_static_fold(branch_of(softness), s) for softness in (100.0, 200.0)]

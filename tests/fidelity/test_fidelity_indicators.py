@@ -30,12 +30,9 @@ def test_the_level_that_simulation_found_is_predicted(case):
     assert (predicted.level, predicted.simulated) == (kept.level, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "case",
-    in_stages(
-        [("humanoid_ankle", "swing"), ("n_four_bar", "swing"), ("par4", "cross"), ("two_arms", "turn")],
-        at_once=lambda case: case[0] == "humanoid_ankle",
-    ),
+    "case", [("humanoid_ankle", "swing"), ("n_four_bar", "swing"), ("par4", "cross"), ("two_arms", "turn")]
 )
 def test_errors_are_predicted_to_a_tenth(case):
     """Of all levels that are within 10 %; what is predicted of one is at least what those above leave out."""

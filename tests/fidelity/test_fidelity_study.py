@@ -256,6 +256,7 @@ def with_friction(size: float) -> ParallelRobot:
     return ParallelRobot.from_description(description)
 
 
+@pytest.mark.slow
 def test_dry_friction_that_no_level_has_is_counted_by_its_work(capsys, tmp_path):
     """f times the angle that the elbow turns, over the motors' work, each part taken positive."""
     study = fidelity_study(with_friction(0.001), "A", tolerance=0.01)
@@ -298,6 +299,7 @@ def test_levels_of_an_upright_robot_make_one_motion_and_its_motors_have_controll
     assert "so the motors have controllers" in "\n".join(fidelity_lines(study))
 
 
+@pytest.mark.slow
 def test_where_springs_are_too_soft_the_motion_is_that_of_the_rigid_plan():
     whole = robots.load("five_bar").description
     springs = tuple(replace(one, stiffness=tuple(1e-5 * k for k in one.stiffness)) for one in whole.springs)

@@ -154,6 +154,7 @@ def test_any_smooth_law_will_do_on_a_clear_path(robot):
         inverse_dynamics(robot, LINE, SineLaw())
 
 
+@pytest.mark.slow
 def test_a_plan_of_the_deformed_robot_satisfies_inverse_dynamics_of_its_law():
     robot = robots.load("five_bar", flexibility="flexible_links")
     plan = plan_scene(robot, "C")

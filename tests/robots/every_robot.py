@@ -1,7 +1,7 @@
 """What the generated tests run over: the catalogue, its flexibilities and its scenes.
 
-Nothing here names a robot but the 5R, whose laws are held at once; a file more in `robots/` is a robot
-more in every test of `test_every_robot_*.py`.
+Nothing here names a robot but those of every kind, whose laws are held at once; a file more in `robots/` is a
+robot more in every test of `test_every_robot_*.py`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,12 @@ def in_stages(cases: Iterable[tuple[str, ...]], *, at_once: Callable = the_5r) -
 
 # The springs of flexible_joints are among those of flexible_links: with both at once only the paper's robot.
 FEWEST_AND_MOST = [case for case in CASES if the_5r(case) or case[1] != "flexible_joints"]
-STAGED = in_stages(CASES, at_once=FEWEST_AND_MOST.__contains__)
+# Motors turn, in a plane and in space, or slide; a sphere, a ring with a redundant row, redundant motors.
+KINDS = ("five_bar", "biglide", "delta", "gough_stewart", "agile_eye", "bricard", "two_arms", "three_rpr")
+STAGED = in_stages(
+    CASES,
+    at_once=lambda case: case[1] == "rigid" or (case in FEWEST_AND_MOST and case[0] in KINDS),
+)
 
 
 def asks_nothing(scene: Scene) -> bool:

@@ -286,6 +286,7 @@ def test_a_function_needs_a_duration(robot):
         simulate(robot, lambda t: [0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_a_torque_that_jumps_all_the_time_is_refused_with_advice():
     rigid = robots.load("five_bar_heavy")
 

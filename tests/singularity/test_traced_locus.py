@@ -196,6 +196,7 @@ def open_by(cranks, turn):
     return (p[0] + off[0][0]) ** 2 + (p[1] + off[0][1]) ** 2 - L**2
 
 
+@pytest.mark.slow
 def test_at_a_cusp_in_the_space_of_the_motors_three_assembly_modes_meet():
     """The one equation of the forward kinematics has a triple root there, and a double one beside it."""
     robot = robots.load("three_rrr")

@@ -27,6 +27,7 @@ from framework.laws.path import Path
 from framework.model.description import RobotDescription
 from framework.planning.plan import plan_request
 from framework.planning.scenes import scene_path, scene_request
+from tests.robots.every_robot import KINDS
 from tests.robots.transformed import (
     can_turn,
     in_other_units,
@@ -206,7 +207,6 @@ def a_crossing(name: str) -> list[str]:
 
 
 # a robot of every kind with one of the two, by turns, in the plain suite
-KINDS = ("five_bar", "biglide", "delta", "gough_stewart", "agile_eye", "bricard", "two_arms", "three_rpr")
 BY_TURNS = [
     pytest.param(name, change, marks=() if name in KINDS[j::2] else pytest.mark.slow)
     for name in robots.CATALOGUE
