@@ -28,7 +28,7 @@ def run(name, flexibility, plan, step, *, limit=np.inf, rotor_speeds=(0.0, 0.0))
 
 
 @pytest.mark.parametrize("flexibility", FLEXIBILITIES)
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", ["five_bar", pytest.param("five_bar_heavy", marks=pytest.mark.slow)])
 def test_the_distance_from_the_path_falls_with_the_square_of_the_step(name, flexibility):
     plan = plan_of(name, flexibility)
     rotor_speeds = plan.motor_angle(0.0, 1) / GEAR_RATIO  # 1e-7 rad/s with heavy elastic legs, else rounding
@@ -56,8 +56,8 @@ def test_the_deformed_robot_with_flexible_links_stays_on_the_path(name):
     ("name", "flexibility", "scene", "leaves"),
     [
         ("five_bar", "flexible_links", "B", 1e-2),
-        ("five_bar", "flexible_links", "C-printed", 5e-5),
-        ("five_bar", "rigid", "B", 5e-3),
+        pytest.param("five_bar", "flexible_links", "C-printed", 5e-5, marks=pytest.mark.slow),
+        pytest.param("five_bar", "rigid", "B", 5e-3, marks=pytest.mark.slow),
         ("five_bar_heavy", "rigid", "B", 5e-3),
     ],
 )

@@ -115,6 +115,7 @@ def _refused(robot, scene):
     return robot.description.scenes[scene].times == ()
 
 
+@pytest.mark.slow
 def test_planned_torques_bring_mujocos_robot_along_the_path():
     robot = robots.load("five_bar_heavy")
     plan = plan_scene(robot, "C")
