@@ -142,9 +142,8 @@ def _search_smooth(
 ) -> Best | NoneFound:
     """Find the smooth law, with rows where limits were exceeded between the points.
 
-    A search that neglects deflections leaves these rows to the next one. They, or tighter limits, may raise
-    the least cost by more than the share that smoothness may take. Then no smooth law is found, and the least
-    cost is solved for again, once for each set of rows.
+    Such rows, or tighter limits, may raise the least cost by more than the share that smoothness may take.
+    Then no smooth law is found, and the least cost is solved for again, once for each set of rows.
 
     Args:
         similar: the speed of a similar law, from which the search begins.

@@ -61,11 +61,6 @@ class LawProblem(NamedTuple):
         return SpeedBasis(np.array(ONE_CELL), self.degree + 1)
 
     @property
-    def neglects_deflections(self) -> bool:
-        """Whether rows leave out deflections that a response is going to have."""
-        return self.degree is not None and self.response is None and self.task.follows_balance
-
-    @property
     def specification(self) -> Specification:
         return self.task.specification
 

@@ -72,7 +72,7 @@ class ElasticStage(NamedTuple):
 
 
 # in turn, until deflections are resolved and at rest at both ends
-CAPPED_STAGES = (
+CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(4e-3, 240, 100.0),
     ElasticStage(1e-2, 240, 20.0),
     ElasticStage(2e-2, 240, 8.0),
@@ -112,13 +112,11 @@ def optimal_motion(task: Task) -> OptimalMotion:
         )
     check_speeds(task, points)
     if robot.n_e:
-        stages: tuple[ElasticStage, ...] = MASSLESS_STAGES
-        if springs_carry_inertia(task.branch):
-            stages = CAPPED_STAGES
+        stages = MASSLESS_STAGES
+        if task.geometry == "deformed" and springs_carry_inertia(task.branch):
+            stages = CAPPED_STAGES if task.follows_balance else CALM_STAGES
             # rates of these springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
-        if task.geometry == "deformed" and not task.follows_balance:
-            stages = CALM_STAGES
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
     best = find_law(task, points)
     for share in (None, *RIGID_SHARES):
@@ -155,12 +153,11 @@ def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> Opt
 class _ElasticSearch:
     """The search for the law of an elastic robot.
 
-    First for a law whose motion is resolved, and at rest at its ends: stage by stage a calmer one, with more
-    of its derivatives zero at the ends. Rates of springs with inertia follow the fifth, their accelerations
-    the sixth. Then for better ones, by the torques that are linear in the law about the last motion. Until
-    then viscous damping is left out of the law, not of its motion.
+    First for a law whose motion is resolved, and at rest at its ends: stage by stage a calmer one. Then for
+    better ones, by the torques that are linear in the law about the last motion. Until then viscous damping
+    is left out of the law, not of its motion.
 
-    next_task: the task with the limits and the smoothness of the next law.
+    next_task: the task with the limits of the next law.
     points: the crossing points of the undeformed robot.
     sampled: the demand on its motors.
     stages: how calm laws are, in turn; those of splines, which a series is fitted to, if no series is found.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -88,8 +88,8 @@ class SmoothSearch(NamedTuple):
     def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
 
-        If the smoothest law is too quick, a law of this duration is improved by the tangent of T(z): once if
-        a similar law is given, else twice, from a blend with a slow law.
+        If the smoothest law is too quick, the tangent of T(z) there leads to a law of this duration; or
+        a blend with a slow law does. It is improved by the tangent of T(z) about itself.
 
         Args:
             similar: a law of this duration, if one is known.
@@ -136,23 +136,27 @@ class SmoothSearch(NamedTuple):
         blend = self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
         return blend._replace(floor=min(quick.floor, slow.floor))
 
-    def _lift(self, slow: Speed | Unsolved, quick: Speed) -> Speed | Unsolved:
-        """Mix a quick law into a slow one that stands still between the points, until it moves."""
+    def _minimise_slow(self, quick: Speed, goal: str, bounds: Bounds, **options: Any) -> Speed | Unsolved:
+        """Find a slow law of least cost, with `options` of `SpeedProgram.minimise`.
+
+        A law that stands still between the points is blended with a quick one, until z is at least
+        LIFTED_SHARE of the quick one's.
+        """
+        slow = self.program.minimise(goal, bounds, self.units, **options)
         if isinstance(slow, Unsolved) or np.isfinite(slow.duration):
             return slow
         values, _ = self.program.fine_quadrature
         z, z_quick = values @ slow.y, values @ quick.y
-        share = float(((LIFTED_SHARE * z_quick - z) / (z_quick - z))[z < LIFTED_SHARE * z_quick].max())
-        return self.program.speed(slow.y + share * (quick.y - slow.y))._replace(floor=slow.floor)
+        share = (LIFTED_SHARE * z_quick - z) / (z_quick - z)
+        blend = slow.y + share[z < LIFTED_SHARE * z_quick].max() * (quick.y - slow.y)
+        return self.program.speed(blend)._replace(floor=slow.floor)
 
     def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s]: a smooth one that waits at its ends, else any."""
         sigma = self._positive_sigma
         for width in WAITING_WIDTHS:
             cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
-            slow = self._lift(
-                self.program.minimise("curvature", bounds, self.units, floor=floor, cap=cap), quick
-            )
+            slow = self._minimise_slow(quick, "curvature", bounds, floor=floor, cap=cap)
             if _takes_at_least(slow, duration):
                 return slow
         return self._slow_down(duration, quick, bounds, floor)
@@ -165,9 +169,7 @@ class SmoothSearch(NamedTuple):
         """
         weights = np.ones(self.program.z.shape[0])
         for _ in range(MAX_SLOW_STEPS):
-            slow = self._lift(
-                self.program.minimise("slowness", bounds, self.units, floor=floor, weights=weights), quick
-            )
+            slow = self._minimise_slow(quick, "slowness", bounds, floor=floor, weights=weights)
             if _takes_at_least(slow, duration):
                 return slow
             if isinstance(slow, Unsolved):
@@ -189,15 +191,13 @@ class SmoothSearch(NamedTuple):
         floor: float,
         duration: float | None = None,
     ) -> Speed:
-        """Lower the cost of a law at its duration, or at another one, by a tangent of T(z) and a blend.
+        """Lower the cost of a law at a duration [s], its own by default, by a tangent of T(z).
 
         Where the program has no solution, or one that is too quick all the same, the law itself is returned.
         """
         duration = duration or law.duration
         bounds = bounds._replace(longest=4.0 * duration)
-        slow = self._lift(
-            self.program.minimise(goal, bounds, self.units, floor=floor, about=(law.y, duration)), quick
-        )
+        slow = self._minimise_slow(quick, goal, bounds, floor=floor, about=(law.y, duration))
         if _takes_at_least(slow, duration * (1.0 - BLENDED_DURATION)):
             return self._blend(quick, slow, duration)
         return law
