@@ -1,11 +1,11 @@
 """Changes of the forces that motors and loops balance, for small changes of a motion.
 
-With r the forces of the open tree, less those of the world, and constant loop forces lambda,
+With the forces r of the open tree, less the external ones, and constant loop forces lambda,
 
     d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
 
-Motions that keep the loops closed do no work with dlambda. dr/dq, dr/dv and M are pinocchio's
-(`computeRNEADerivatives`), d(J' lambda)/dq dq is that of `loop_force_changes`.
+lambda may stay constant because J' dlambda does no work along motions that keep the loops closed. dr/dq,
+dr/dv and M come from pinocchio's `computeRNEADerivatives`, d(J' lambda)/dq dq from `loop_force_changes`.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from framework.numerics.arrays import Array
 class ForceSlopes(NamedTuple):
     """Derivatives (T, nv, nv) of the forces r of the open tree (`tree_forces`)."""
 
-    by_q: Array  # along pinocchio's tangent at q
+    by_q: Array  # along the tangent space of pinocchio's configurations
     by_v: Array
-    mass: Array  # with armature, without rotors
+    mass: Array  # by accelerations; with armature, without rotors
 
 
 def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
-    """Compute the derivatives of `tree_forces`: bodies, armature, joint springs, damping, wrenches."""
+    """Compute the derivatives of `tree_forces` (bodies, armature, joint springs, damping, wrenches)."""
     model, data, nv = robot.model, scratch_of(robot).data, robot.model.nv
     by_q, by_v, mass = np.empty((3, len(motion.q), nv, nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
@@ -49,9 +49,10 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
 
 
 def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, changes: MotionChanges) -> Array:
-    """Compute d(r - J' lambda) (3, T, k, nv) for steps of positions, rates and accelerations.
+    """Compute d(r - J' lambda) (3, T, k, nv) for k steps of positions, of rates and of accelerations.
 
-    `multipliers` (T, m) are the constant lambda of the independent loop equations.
+    `multipliers` (T, m) are the constant lambda of the independent loop equations. A step of positions also
+    changes rates and accelerations, and a step of rates changes accelerations.
     """
     linearised, slopes, dq = motion.linearised, force_slopes(robot, motion), changes.q
     wrenches = linearised.wrenches[:, robot.n :]
