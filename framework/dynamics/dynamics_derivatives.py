@@ -107,9 +107,9 @@ def dynamics_derivatives(
         slopes[0, ..., : robot.n] += dG_k
         wrench_slopes[0, ..., : robot.n] -= speeds @ dG_k
     slopes += least_motor_torques(robot, speeds, wrench_slopes)
-    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
+    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # by x, dx, ddx, without idle joints
     torque = motor_torque(robot, motion, joint_torque)[prescribed.entry]
-    return DynamicsDerivatives(torque, *slopes, robot, motion)
+    return DynamicsDerivatives(torque, slopes[0], slopes[1], slopes[2], robot, motion)
 
 
 def _redundant_torque_changes(

@@ -89,14 +89,15 @@ def forward_derivatives(
     d = robot.n + robot.n_e
     slopes = _coordinate_slopes(robot, changes.q, force_change, d)
     motor_slopes = _motor_slopes(changes.accelerations[..., robot.actuated], slopes, d)
-    acceleration = np.concatenate([rates[2], motion.a[:, robot.elastic]], axis=1)
-    entry, ends = entry_of(q), [d, 2 * d]  # of the columns by y and by dy; the rest is by torque
-    return ForwardDerivatives(
-        acceleration[entry],
-        *np.split(slopes[:, :d][entry], ends, axis=-1),  # without idle joints
-        motion.a[:, robot.actuated][entry],
-        *np.split(motor_slopes[entry], ends, axis=-1),
+    ends = [d, 2 * d]  # of the columns by y and by dy; the others are by torque
+    arrays = (  # in the order of the fields, for all instants
+        np.concatenate([rates[2], motion.a[:, robot.elastic]], axis=1),
+        *np.split(slopes[:, :d], ends, axis=2),  # without idle joints
+        motion.a[:, robot.actuated],
+        *np.split(motor_slopes, ends, axis=2),
     )
+    entry = entry_of(q)
+    return ForwardDerivatives(*(array[entry] for array in arrays))
 
 
 def _coordinate_slopes(robot: ParallelRobot, motions: Array, force_change: Array, d: int) -> Array:
@@ -151,6 +152,7 @@ def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
     x = platform.coordinates(motion.linearised.frames)
     twist, twist_rate = platform_twists(robot, motion)
     E = platform.rate_matrix(x)
-    dx = np.linalg.solve(E, twist[..., None])[..., 0]
+    dx = np.asarray(np.linalg.solve(E, twist[..., None])[..., 0])
     quadratic_terms = platform.twist(x, dx)[1]  # E' dx
-    return x, dx, np.linalg.solve(E, (twist_rate - quadratic_terms)[..., None])[..., 0]
+    ddx = np.asarray(np.linalg.solve(E, (twist_rate - quadratic_terms)[..., None])[..., 0])
+    return x, dx, ddx

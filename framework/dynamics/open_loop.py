@@ -94,7 +94,7 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
         lambda step: missing_wrench(close_loops(robot, x + step, guess), dx, ddx),
         DIFFERENCE_STEP * robot.platform_scale,
     )
-    forced = -np.linalg.inv(inertia)
+    forced = np.asarray(-np.linalg.inv(inertia))
     return ErrorDynamics(forced=forced, damped=forced @ by_rate, own=forced @ by_x)
 
 

@@ -37,7 +37,7 @@ IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of the refused mu
 
 @dataclass(frozen=True, eq=False)
 class Capacity:
-    """The largest multiple of a request's wrenches with a plan, and the reason why there is no larger one.
+    """The largest multiple of a request's wrenches with a plan, and the reason for the limit.
 
     plan: under the largest multiple, with certificate and limits like any plan.
     refused: the least refused multiple (`NoLaw`, `LimitsExceeded`); infinite if none was refused.
