@@ -66,7 +66,7 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
     """Compute `tree_forces` (T, nv) at rest at q (T, nq): gravity and joint springs less wrenches."""
-    forces: Array = np.empty((len(q), robot.model.nv))
+    forces = np.empty((len(q), robot.model.nv))
     data = scratch_of(robot).data
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
@@ -104,7 +104,7 @@ def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
     `model` is the robot's model, or the copy of it without gravity.
     """
     data = scratch_of(robot).data
-    forces: Array = np.empty((len(motion.q), model.nv))
+    forces = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         forces[k] = pin.rnea(model, data, q, v, a)
     return forces

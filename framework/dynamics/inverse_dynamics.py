@@ -335,21 +335,16 @@ def _check_result(
     Raises:
         UnboundedTorque, NoLaw, LoadedJoint: see `inverse_dynamics`.
     """
-    check_bounded(branch.robot, result.crossings, CONDITION_RESIDUAL)
-    check_crossings(branch.robot, state, result.geometry, result.crossings)
+    robot = branch.robot
+    check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
+    check_crossings(robot, state, result.geometry, result.crossings)
     certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, state, result))
-    return replace(result, certificate=certificate, friction=_planned_friction(result, friction))
-
-
-def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction | None:
-    """Return the dry friction of driven joints along a motion; None without friction."""
-    robot = result.robot
-
-    def speed(t: Array) -> Array:
-        """Evaluate the motors' speeds (T, n_a) [rad/s] at t (T,)."""
-        return robot.gear_ratio * result.velocity(t)[:, robot.actuated]
-
-    return PlannedFriction.from_speed(motor_friction(robot, friction), speed, result.duration)
+    planned_friction = PlannedFriction.from_speed(
+        motor_friction(robot, friction),
+        lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],
+        result.duration,
+    )
+    return replace(result, certificate=certificate, friction=planned_friction)
 
 
 def check_law(law: MotionLaw) -> None:

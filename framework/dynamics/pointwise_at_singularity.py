@@ -64,18 +64,19 @@ def forces_through_singularity(
         SingularPose: a singularity of another kind; condition (8) does not hold (`wrench` is then t_s . W_p);
             the motion does not cross the locus; the torques on both sides cannot be resolved.
     """
-    place = f"{robot.name}: at {robot.place(closed.x[0])}"
+    x = closed.x[0]
+    place = f"{robot.name}: at {robot.place(x)}"
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
-        raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=closed.x[0])
+        raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=x)
     singular = motion_at(robot, closed, rates[0][None], rates[1][None])
     half_panel = _half_panel_duration(robot, singular, rates[2])
     if not np.isfinite(half_panel):
         raise SingularPose(
             f"{place} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
-            platform=closed.x[0],
+            platform=x,
         )
 
     def motion_at_times(t: Array) -> Motion:
@@ -83,17 +84,9 @@ def forces_through_singularity(
         motion = _taylor_motion(robot, singular, closed.x, np.array(rates), t)
         return apply_wrenches(robot, motion, wrenches)
 
-    instant = _crossing_instant(robot, motion_at_times, half_panel, place, closed.x[0])
-    crossing = motion_at_times(np.array([instant]))
-    _check_condition(robot, crossing, tree_forces(robot, crossing)[0], place)
-    torques, least_tail = _interpolate_torques(robot, motion_at_times, half_panel)
-    if torques is None:
-        raise SingularPose(
-            f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
-            f"another singularity is very near",
-            platform=closed.x[0],
-        )
-    return torques
+    instant = _crossing_instant(robot, motion_at_times, half_panel, place, x)
+    _check_condition(robot, motion_at_times(np.array([instant])), place)
+    return _interpolate_torques(robot, motion_at_times, half_panel, place, x)
 
 
 def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
@@ -111,11 +104,18 @@ def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Arra
 
 
 def _interpolate_torques(
-    robot: ParallelRobot, motion_at_times: Callable[[Array], Motion], half_panel: float
-) -> tuple[Forces | None, float]:
-    """Interpolate torques and spring forces at t = 0, None if unresolved; return also the least tail.
+    robot: ParallelRobot,
+    motion_at_times: Callable[[Array], Motion],
+    half_panel: float,
+    place: str,
+    x: Array,
+) -> Forces:
+    """Interpolate torques and spring forces at t = 0.
 
     The panel from -half_panel to half_panel [s] is halved until the series is resolved.
+
+    Raises:
+        SingularPose: the series is not resolved.
     """
     least_tail = np.inf
     for _ in range(MAX_HALVINGS):
@@ -130,8 +130,12 @@ def _interpolate_torques(
         least_tail = min(least_tail, tail(series))
         if tail(series) <= TORQUE_TAIL:
             value = evaluate(np.zeros(1), series)
-            return Forces(value[:, : robot.n_a], value[:, robot.n_a :]), least_tail
-    return None, least_tail
+            return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
+    raise SingularPose(
+        f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
+        f"another singularity is very near",
+        platform=x,
+    )
 
 
 def _half_panel_duration(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
@@ -184,13 +188,13 @@ def _crossing_instant(
     return root.place
 
 
-def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, place: str) -> None:
+def _check_condition(robot: ParallelRobot, motion: Motion, place: str) -> None:
     """Raise SingularPose if a motion (T = 1) violates condition (8), eta . r = 0.
 
-    `forces` (nv,) are r of the open tree, eta the uncontrolled motion.
+    eta is the uncontrolled motion, r are the forces of the open tree.
     """
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
-    terms = forces * uncontrolled.motion
+    terms = tree_forces(robot, motion)[0] * uncontrolled.motion
     rate = np.abs(motion.v / robot.column_scale).max()
     escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
     # if all terms are rounding, compare with the centripetal force of the whole robot

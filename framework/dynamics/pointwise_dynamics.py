@@ -91,7 +91,9 @@ class Instant(ReadOnlyArrays):
     @cached_property
     def platform_inertia(self) -> Array:
         """The inertia M_x (n, n) of all bodies and rotors: the kinetic energy is v' M_x v / 2."""
-        return self._unstack(_platform_inertia(self.robot, self._motion))
+        mass = mass_matrices(self.robot, self._motion.q) + np.diag(self.robot.rotors)
+        rates = motor_speeds(self.robot, self._motion.linearised)[1]  # (T, nv, n) of unit twists
+        return self._unstack(rates.swapaxes(1, 2) @ mass @ rates)
 
     @cached_property
     def motor_inertia(self) -> Array:
@@ -300,10 +302,3 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, e
 def stack_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
     """Return rates (count, width) as `stacked_rows` does; zeros by default."""
     return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
-
-
-def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
-    """Compute the inertia R' (M + rotors) R (T, n, n) with joint rates R (T, nv, n)."""
-    mass = mass_matrices(robot, motion.q) + np.diag(robot.rotors)
-    rates = motor_speeds(robot, motion.linearised)[1]
-    return rates.swapaxes(1, 2) @ mass @ rates

@@ -83,8 +83,7 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     Q, R, null = factor_transposed(J)
     closing = -matvec(Q, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
-    spring_forces, load_forces = _forces(robot, linearised, q, load)
-    forces = spring_forces + load.share[:, None] * load_forces
+    forces, load_forces = _forces(robot, linearised, q, load)
     stiffness = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
     null_rows = null.swapaxes(1, 2)
     return Balance(
@@ -108,8 +107,7 @@ def tangent_stiffness(
     """
     columns = moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]
-    spring_forces, load_forces = _forces(robot, linearised, q, load)
-    forces = (spring_forces + load.share[:, None] * load_forces)[:, columns] * robot.column_scale[columns]
+    forces = _forces(robot, linearised, q, load)[0][:, columns] * robot.column_scale[columns]
     Q, R, _ = factor_transposed(J)
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
     gravity_stiffness = _gravity_stiffness(robot, q)[:, columns[:, None], columns] * load.share[:, None, None]
@@ -153,14 +151,16 @@ def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
-    """Compute the forces (T, nv) of the springs less their preload, and of the full load.
+    """Compute the forces dV/dq - w . dx/dq (T, nv) under the load's share, and the derivative by the share.
 
-    The sum of both, springs + weight - wrench, is dV/dq - w . dx/dq.
+    They are springs - preload + share (preload + weight - wrench).
     """
-    model, data = robot.model, scratch_of(robot).data
-    weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
+    data = scratch_of(robot).data
+    springs = spring_torques(robot, q, robot.all_stiffness)
+    weight = np.array([pin.computeGeneralizedGravity(robot.model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
-    return spring_torques(robot, q, robot.all_stiffness) - load.preload, load.preload + weight - wrench
+    by_share = load.preload + weight - wrench
+    return springs - load.preload + load.share[:, None] * by_share, by_share
 
 
 def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from framework.errors import InvalidInput, LimitsExceeded, NoAnswer, NoLaw
-from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Path
 from framework.planning.crossing_points import path_to_cross
@@ -108,13 +107,12 @@ def largest_load_of(
     Raises:
         As `largest_load`.
     """
-    unit = request.external_wrenches
-    if not unit.push:
+    if not request.external_wrenches.push:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
     specification = specification_of(robot, request)
     if not (specification.limited or specification.limited_speeds):
         raise InvalidInput("torque_limit or speed_limit is needed: without limits no multiple is the largest")
-    task = _Multiples(robot, request, unit, search_path(robot, request.path), progress)
+    task = _Multiples(robot, request, search_path(robot, request.path), progress)
     unloaded = task.plan_multiple(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
@@ -128,7 +126,6 @@ class _Multiples:
 
     robot: ParallelRobot
     request: Request
-    unit: ExternalWrenches
     searched: SearchedPath
     progress: Callable[[int], None]
     count: int = 0
@@ -144,7 +141,8 @@ class _Multiples:
 
     def _request(self, multiple: float) -> Request:
         """Return the request under a multiple of the wrenches."""
-        return replace(self.request, wrenches=self.unit.times(multiple).document or None)
+        wrenches = self.request.external_wrenches.times(multiple)
+        return replace(self.request, wrenches=wrenches.document or None)
 
     def is_impossible(self, multiple: float) -> bool:
         """Return whether the bound of all laws exceeds the limits under a multiple."""

@@ -93,7 +93,7 @@ def predict_errors(description: RobotDescription, path: Path | str, **options: A
     request = request_without_geometry(robot, path, smoothness=smoothness, **options)
     try:
         plan = plan_request(robot, request)
-        motions = compute_level_motions(description, plan.dynamics, rigid, plan.seconds)
+        motions = compute_level_motions(description, plan, rigid)
         return compute_indicators(motions, measure_fall(plan.dynamics)[1])
     except NoAnswer:
         return Indicators.of({})

@@ -32,6 +32,7 @@ from framework.model.fidelity_levels import LEVELS, Level, with_bodies
 from framework.numerics.arrays import Array
 from framework.planning.model_on_motion import ModelOnMotion
 from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
+from framework.planning.result import CrossingPlan
 
 INSTANTS = 65  # of the motion at which the error dynamics are computed, to be interpolated
 STEPS = 512  # of the integration of the platform's error
@@ -49,23 +50,20 @@ class LevelMotion(NamedTuple):
 
 
 def compute_level_motions(
-    description: RobotDescription, motion: InverseDynamics, own: Level, seconds: float
+    description: RobotDescription, plan: CrossingPlan, own: Level
 ) -> dict[str, LevelMotion]:
     """Compute the torques of each level, by name, along a motion planned with level `own`.
 
     The law is corrected to meet the condition (8) of each level.
-
-    Args:
-        seconds: computing time of the motion.
     """
     motions = {}
     for level in LEVELS:
         started = time.perf_counter()
         try:
             if level is own:
-                motions[level.name] = LevelMotion(motion, seconds)
+                motions[level.name] = LevelMotion(plan.dynamics, plan.seconds)
                 continue
-            model = ModelOnMotion.of(motion, robot_at_level(description, level))
+            model = ModelOnMotion.of(plan.dynamics, robot_at_level(description, level))
             dynamics = model.resolve(level.geometry)
             motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
         except NoAnswer as refusal:

@@ -229,7 +229,7 @@ def fidelity_study(
     started = time.perf_counter()
     highest = robot_at_level(robot.description, LEVELS[-1])
     level, plan = _plan_motion(highest, request_without_geometry(highest, path, **options))
-    motions = compute_level_motions(highest.description, plan.dynamics, level, plan.seconds)
+    motions = compute_level_motions(highest.description, plan, level)
     reference = ReferenceMotion.of(plan, highest, tolerance)
     levels: list[Comparison] = []
     for comparison in reference.compare_levels(motions.items()):

@@ -194,17 +194,12 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     feasibility, twist = min(candidates, key=lambda pair: pair[0].tangent_share)
     c = feasibility.s
     size, length = coordinate_sizes(robot), path_length(robot, path)
-    direction = _coordinates_of_twist(robot, path(c), twist)  # d of this file's docstring
+    direction = np.linalg.solve(robot.platform.rate_matrix(path(c)[None])[0], twist)  # d of the docstring
     bump = _evaluate_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
     height = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m] of b(s) d
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
     unit = _evaluate_bump(s, c)[:, None] * direction * (length / height)
     return _Modification(robot, request, s, unit, size, length)
-
-
-def _coordinates_of_twist(robot: ParallelRobot, x: Array, twist: Array) -> Array:
-    """Compute the coordinate rates dx (n,) of a twist (n,) at coordinates x (n,)."""
-    return np.linalg.solve(robot.platform.rate_matrix(x[None])[0], twist)
 
 
 def _choose_intervals(path: Path, c: float) -> int:

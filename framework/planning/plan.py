@@ -330,9 +330,9 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
     """Append condition (8) at each singular point and a remedy to a refusal."""
-    conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
-    sentences = [str(refusal), *(feasibility.short_sentence for feasibility in conditions)]
-    explained = NoLaw("; ".join(sentences), proof=refusal.proof, evidence=refusal.evidence)
+    conditions = [one.short_sentence for one in feasibility_on_path(searched) if one is not None]
+    message = "; ".join([str(refusal), *conditions])
+    explained = NoLaw(message, proof=refusal.proof, evidence=refusal.evidence)
     return explained.advising(find_remedy(refusal, searched, request))
 
 

@@ -52,12 +52,18 @@ class Request(PlanOptions):
             "geometry": checked_geometry(robot, options.get("geometry")),
             "smoothness": checked_smoothness(robot, options.get("smoothness")),
         }
+        limits = {}
         for name in ("torque_limit", "speed_limit"):
+            limits[name] = motor_limits(robot, name, options.get(name))
             if options.get(name) is not None:
-                filled_in[name] = shortest_form(motor_limits(robot, name, options[name]))
+                filled_in[name] = shortest_form(limits[name])
         request = Request(path=path, **{**options, **filled_in})
         request.external_wrenches.check_frames(robot)
-        request.check_limited(robot)
+        if request.goal == "time" and np.isinf(list(limits.values())).all():
+            raise InvalidInput(
+                "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
+                "the quickest"
+            )
         return request
 
     def __post_init__(self) -> None:
@@ -118,15 +124,6 @@ class Request(PlanOptions):
         """Whether the request states limits, a bound of the duration or a goal."""
         limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
         return limits or self.optimize is not None or self.longest is not None
-
-    def check_limited(self, robot: ParallelRobot) -> None:
-        """Raise InvalidInput if the goal is the least time and no motor has a limit."""
-        limits = [motor_limits(robot, name, getattr(self, name)) for name in ("torque_limit", "speed_limit")]
-        if self.goal == "time" and np.isinf(limits).all():
-            raise InvalidInput(
-                "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
-                "the quickest"
-            )
 
     def _check_crossings(self) -> None:
         """Check speeds [1/s], times [s] and path coordinates of crossings."""

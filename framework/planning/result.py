@@ -258,10 +258,18 @@ def certified_plan(
             condition = conditions[index]
         else:
             condition = _find_condition(to_cross, request, dynamics, index, time)
-        acceleration = float(law(time, 2))
-        shared = {key: getattr(measured, key) for key in ("s", "kind", "twist", "platform", "residual")}
         crossings.append(
-            Crossing(time=time, speed=speed, acceleration=acceleration, condition=condition, **shared)
+            Crossing(
+                measured.s,
+                time,
+                speed,
+                acceleration=float(law(time, 2)),
+                kind=measured.kind,
+                twist=measured.twist,
+                platform=measured.platform,
+                residual=measured.residual,
+                condition=condition,
+            )
         )
     certificate = replace(dynamics.certificate, monotone=law.advance(request.smoothness) > 0)
     return CrossingPlan(

@@ -60,27 +60,17 @@ class Specification(ReadOnlyArrays):
         return self.duration if self.duration is not None else self.longest
 
 
-def limits_within_margin(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
-    """Return the limits (n_a,) of torque [N m] and speed [rad/s], less the margin, motor side.
-
-    They are infinite where neither the request nor the robot file states a limit.
-    """
-    share = 1.0 - request.margin
-    torque = motor_limits(robot, "torque_limit", request.torque_limit)
-    speed = motor_limits(robot, "speed_limit", request.speed_limit)
-    return torque * share, speed * share
-
-
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:
-    """Return the goal and limits of an optimal law for a request."""
-    limits = limits_within_margin(robot, request)
+    """Return the goal and the limits of a request, limits of the file included, less the margin."""
+    share = 1.0 - request.margin
     return Specification(
         request.goal,
         request.duration,
         request.longest,
-        *limits,
-        request.smoothness,
-        motor_friction(robot, request.friction),
+        torque_limit=share * motor_limits(robot, "torque_limit", request.torque_limit),
+        speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
+        smoothness=request.smoothness,
+        friction=motor_friction(robot, request.friction),
     )
 
 

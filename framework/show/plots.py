@@ -15,7 +15,7 @@ from framework.laws.law import law_derivatives
 from framework.numerics.arrays import Array
 from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
 from framework.planning.result import CrossingPlan
-from framework.planning.specification import limits_within_margin
+from framework.planning.specification import specification_of
 from framework.show.captions import display_name, wrench_unit
 from framework.show.film import Film, film_plan
 from framework.show.force_polygon import limit_for_picture, plot_eyes
@@ -67,7 +67,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time, with its limits."""
     ax, times = ensure_axes(ax), _sample_times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
-    return _draw_limits(plan, ax, limits_within_margin(plan.robot, plan.request)[0])
+    return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).torque_limit)
 
 
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
@@ -77,7 +77,7 @@ def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """
     ax, times, robot = ensure_axes(ax), _sample_times(plan), plan.robot
     _draw_motors(ax, robot, times, plan.motor_angle(times, 1), "speed", robot.speed_units)
-    return _draw_limits(plan, ax, limits_within_margin(robot, plan.request)[1])
+    return _draw_limits(plan, ax, specification_of(robot, plan.request).speed_limit)
 
 
 def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
