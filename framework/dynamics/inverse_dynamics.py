@@ -44,7 +44,7 @@ from framework.errors import (
     NotAssembled,
     NotConverged,
     UnboundedTorque,
-    choose_from,
+    check_choice,
     expect_call,
 )
 from framework.kinematics.continuation.tracking import Branch
@@ -107,8 +107,7 @@ def inverse_dynamics(
     """
     geometry = checked_geometry(robot, geometry)
     check_law(law)
-    if friction not in FRICTIONS:
-        raise InvalidInput(choose_from("friction", friction, FRICTIONS))
+    check_choice("friction", friction, FRICTIONS)
     searched = search_path(robot, path).under(ExternalWrenches.of(wrenches))
     return resolve_law(searched, law, geometry=geometry, tolerance=tolerance, friction=friction)
 
@@ -136,10 +135,8 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
         InvalidInput: the geometry is unknown.
     """
     expect_robot(robot)
-    if geometry is None:
-        return "deformed" if robot.n_e else "rigid"
-    if geometry not in GEOMETRIES:
-        raise InvalidInput(choose_from("geometry", geometry, GEOMETRIES))
+    geometry = "deformed" if geometry is None else geometry
+    check_choice("geometry", geometry, GEOMETRIES)
     return geometry if robot.n_e else "rigid"
 
 

@@ -52,7 +52,8 @@ def measure_residuals(branch: Branch, state: DeflectionSolution, result: Inverse
     closed, motion = evaluate_motion(branch, result, times)
     platform_gap = closed.linearised.residual[:, : robot.n]
     gaps = np.concatenate([on_nodes, closed.linearised.loops.residual, platform_gap], axis=None)
-    residual = _residual_torques(robot, motion, _joint_torques(state, times))
+    torques = state.grid.fit(state.forces.joint_torque)(times)
+    residual = _residual_torques(robot, motion, torques)
     residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
     return replace(
         result.certificate,
@@ -96,7 +97,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
         return 0.0
     times, scale = _instants(robot, state.grid.times), robot.column_scale
     motion = evaluate_motion(branch, result, times)[1]
-    torques = _joint_torques(state, times)
+    torques = state.grid.fit(state.forces.joint_torque)(times)
     loads = _residual_torques(robot, motion, torques)[:, idle]  # (T, idle)
     instant, k = divmod(int(np.abs(loads * scale[idle]).argmax()), len(idle))
     load, column = float(loads[instant, k]), int(idle[k])
@@ -159,11 +160,6 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
     else:
         motion = motion_at(robot, closed, dx, ddx, *rates)
     return closed, branch.load_motion(motion, s[0])
-
-
-def _joint_torques(state: DeflectionSolution, times: Array) -> Array:
-    """Compute the motors' torques (T, n_a) on the joint side, without rotors."""
-    return state.grid.fit(state.forces.joint_torque)(times)
 
 
 def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:

@@ -12,7 +12,7 @@ from framework.dynamics.result import InverseDynamics
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 
 
@@ -54,25 +54,7 @@ def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     return curves.g, curves.power
 
 
-class MeasureAlongPath(NamedTuple):
-    """The measure g along a motion, with springs at rest as a function of s, with deflections of t."""
-
-    result: InverseDynamics
-    at_rest: SearchedPath
-
-    @staticmethod
-    def from_motion(result: InverseDynamics) -> MeasureAlongPath:
-        """Follow the path of a motion with springs at rest, and locate its singular points."""
-        return MeasureAlongPath(result, search_path(result.robot, result.path))
-
-    def evaluate_at_rest(self, s: Array) -> Array:
-        """Compute g (T,) at ascending path coordinates s (T,), springs at rest."""
-        return singularity_measure(self.result.robot, self.at_rest.branch.close(s).linearised).g
-
-    def evaluate_in_motion(self, t: Array) -> Array:
-        """Compute g (T,) at ascending instants t (T,), with the deflections of the motion."""
-        return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
-
-    def nearest_at_rest(self, s: float) -> float:
-        """Return s of the singular point of the undeflected robot that is nearest to s."""
-        return min((point.s for point in self.at_rest.points), key=lambda place: abs(place - s))
+def measure_at_rest(searched: SearchedPath, s: Array) -> Array:
+    """Compute g (T,) at ascending path coordinates s (T,), with springs at rest."""
+    branch = searched.branch
+    return singularity_measure(branch.robot, branch.close(s).linearised).g

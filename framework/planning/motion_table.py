@@ -20,6 +20,7 @@ from framework.tolerances import SAME_PLACE
 RATES = ("", "/s", "/s2")  # appended to a unit, by the order of the time derivative
 MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
 DEFAULT_ROWS = 1501
+NamesAndUnits = tuple[Sequence[str], Sequence[str]]
 
 
 class Column(NamedTuple):
@@ -127,7 +128,7 @@ def select_columns(every: Sequence[Column], wanted: Sequence[str] | None) -> lis
     selected: dict[int, None] = {}  # an ordered set: each column once, in the order wanted
     for prefix in wanted:
         matching = [k for k, name in enumerate(names) if f"{name}_".startswith(f"{prefix}_")]
-        if not matching:
+        if not matching:  # no name that is the prefix or continues it with an underscore
             raise InvalidInput(choose_from("column", prefix, names))
         selected |= dict.fromkeys(matching)
     return list(selected)
@@ -135,16 +136,16 @@ def select_columns(every: Sequence[Column], wanted: Sequence[str] | None) -> lis
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     """Return the columns of motion.csv, in their order."""
-    axes = list(zip(robot.axis_names, robot.axis_units, strict=True))
-    forces = list(zip(robot.actuator_names, robot.torque_units, strict=True))
-    motors = [(joint, "m" if unit == "N" else "rad") for joint, unit in forces]
-    springs = list(zip(robot.elastic_names, length_units(robot.sliding[robot.elastic]), strict=True))
-    names = [robot.coordinates.name_of(column) for column in robot.passive]
+    axes = robot.axis_names, robot.axis_units
+    forces = robot.actuator_names, robot.torque_units
+    motors = robot.actuator_names, length_units(robot.sliding[robot.actuated])
+    springs = robot.elastic_names, length_units(robot.sliding[robot.elastic])
+    passive_names = [robot.coordinates.name_of(column) for column in robot.passive]
+    passive = passive_names, length_units(robot.sliding[robot.passive])
     ball = turning = ""
     if robot.model.nq > robot.model.nv:
         ball = "; of a ball, a component of the rotation vector about the axes of its origin"
         turning = "; of a ball, the angular velocity about axes of what it carries"
-    passive = list(zip(names, length_units(robot.sliding[robot.passive]), strict=True))
     return (
         Column("time", "s", "instant"),
         Column("s", "1", "path coordinate"),
@@ -163,15 +164,20 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
 
 
 def _quantity_columns(
-    prefix: str, named_units: Sequence[tuple[str, str]], description: str, order: int = 0
+    prefix: str, names_and_units: NamesAndUnits, description: str, order: int = 0
 ) -> list[Column]:
     """Return a column for each name, its unit divided by s^order."""
-    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in named_units]
+    return [
+        Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description)
+        for name, unit in zip(*names_and_units, strict=True)
+    ]
 
 
-def _rate_columns(prefix: str, named_units: Sequence[tuple[str, str]], description: str) -> list[Column]:
+def _rate_columns(prefix: str, names_and_units: NamesAndUnits, description: str) -> list[Column]:
     """Return the columns of the first and second time derivatives of a quantity."""
     return [
-        *_quantity_columns(f"{prefix}_velocity", named_units, f"time derivative {description}", 1),
-        *_quantity_columns(f"{prefix}_acceleration", named_units, f"second time derivative {description}", 2),
+        *_quantity_columns(f"{prefix}_velocity", names_and_units, f"time derivative {description}", 1),
+        *_quantity_columns(
+            f"{prefix}_acceleration", names_and_units, f"second time derivative {description}", 2
+        ),
     ]

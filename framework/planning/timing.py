@@ -63,7 +63,8 @@ def choose_timing(
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
         return _crossing_times(starts[comfortable[0]])
-    best, score = _search_timings(starts[np.argsort(-scores, kind="stable")], request, measure)
+    best_first = np.argsort(-scores, kind="stable")
+    best, score = _search_timings(starts[best_first], request, measure)
     timing = _crossing_times(best)
     if score <= 0:
         raise NoLaw(
