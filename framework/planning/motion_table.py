@@ -138,7 +138,7 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     """Return the columns of motion.csv, in their order."""
     axes = robot.axis_names, robot.axis_units
     forces = robot.actuator_names, robot.torque_units
-    motors = robot.actuator_names, length_units(robot.sliding[robot.actuated])
+    motors = robot.actuator_names, ["m" if unit == "N" else "rad" for unit in robot.torque_units]
     springs = robot.elastic_names, length_units(robot.sliding[robot.elastic])
     passive_names = [robot.coordinates.name_of(column) for column in robot.passive]
     passive = passive_names, length_units(robot.sliding[robot.passive])
@@ -167,17 +167,14 @@ def _quantity_columns(
     prefix: str, names_and_units: NamesAndUnits, description: str, order: int = 0
 ) -> list[Column]:
     """Return a column for each name, its unit divided by s^order."""
-    return [
-        Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description)
-        for name, unit in zip(*names_and_units, strict=True)
-    ]
+    pairs = zip(*names_and_units, strict=True)
+    return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in pairs]
 
 
 def _rate_columns(prefix: str, names_and_units: NamesAndUnits, description: str) -> list[Column]:
     """Return the columns of the first and second time derivatives of a quantity."""
+    derivative = f"time derivative {description}"
     return [
-        *_quantity_columns(f"{prefix}_velocity", names_and_units, f"time derivative {description}", 1),
-        *_quantity_columns(
-            f"{prefix}_acceleration", names_and_units, f"second time derivative {description}", 2
-        ),
+        *_quantity_columns(f"{prefix}_velocity", names_and_units, derivative, 1),
+        *_quantity_columns(f"{prefix}_acceleration", names_and_units, f"second {derivative}", 2),
     ]
