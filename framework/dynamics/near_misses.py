@@ -44,17 +44,16 @@ def _is_resolved_near(
     Torques are computed at the least |g|, and on both sides where |g| is twice as large.
     """
     robot, edges = searched.branch.robot, state.grid.edges
-    start, duration = edges[0], edges[-1] - edges[0]
+    duration = edges[-1]
 
-    def matrices(share: Array) -> Array:
+    def matrices(shares: Array) -> Array:
         """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
-        times = start + share * duration
-        return type2_matrix(robot, evaluate_motion(searched.branch, result, times)[1].linearised)
+        motion = evaluate_motion(searched.branch, result, shares * duration)[1]
+        return type2_matrix(robot, motion.linearised)
 
     # the least |g| of the deflected robot, at another instant than for the robot at rest
-    closest = extremum_near(matrices, (edges - start) / duration, (instant - start) / duration, miss.size)
-    shares = np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
-    times = start + duration * shares
+    closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
+    times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
     motion = evaluate_motion(searched.branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
     torques = state.forces.joint_torque

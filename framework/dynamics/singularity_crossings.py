@@ -80,8 +80,8 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
                 break
         roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # excludes a minimum just above s
     times = np.sort(np.concatenate(roots))
-    is_new = np.concatenate(([True], np.diff(times) > SAME_PLACE * (edges[-1] - edges[0])))
-    return times[is_new[: len(times)]]
+    is_new = np.diff(times, prepend=-np.inf) > SAME_PLACE * (edges[-1] - edges[0])
+    return times[is_new]
 
 
 def rigid_crossings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -58,13 +59,14 @@ def choose_timing(
             f"more than {MAX_CROSSINGS} is not searched for: cut the path, take law optimal, or give "
             f"all times and speeds"
         )
+    score_laws = partial(_score_laws, request.fixed_duration, measure)
     starts = _first_timings(s, request)
-    scores = _score_laws(starts, request, measure)
+    scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
         return _crossing_times(starts[comfortable[0]])
     best_first = np.argsort(-scores, kind="stable")
-    best, score = _search_timings(starts[best_first], request, measure)
+    best, score = _search_timings(starts[best_first], request, score_laws)
     timing = _crossing_times(best)
     if score <= 0:
         raise NoLaw(
@@ -102,13 +104,13 @@ def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
     return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
 
 
-def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
+def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
     """Score the laws (m,) through times and speeds (m, 2, k): the higher, the better.
 
     The score is the advance. For laws that advance comfortably it is higher than that, and the higher the
     lower the peak of |s"|. Where there is no law it is negative infinity.
     """
-    duration, (times, speeds) = request.fixed_duration, timings.swapaxes(0, 1)
+    times, speeds = timings.swapaxes(0, 1)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
     possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
@@ -118,7 +120,9 @@ def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
     return scores
 
 
-def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[Array, float]:
+def _search_timings(
+    starts: Array, request: Request, score_laws: Callable[[Array], Array]
+) -> tuple[Array, float]:
     """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
 
     The method is an evolution strategy. A law is a point: its times over the duration and the logarithms of
@@ -142,10 +146,10 @@ def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[
     count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
     centres = started[random.integers(len(starts), size=count)]
     drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
-    laws, scores, mean = started[:1], _score_laws(starts[:1], request, measure), started[0]
+    laws, scores, mean = started[:1], score_laws(starts[:1]), started[0]
     for _ in range(MAX_ROUNDS):
         laws = np.concatenate([laws, drawn])
-        scores = np.concatenate([scores, _score_laws(to_timings(drawn), request, measure)])
+        scores = np.concatenate([scores, score_laws(to_timings(drawn))])
         survivors = np.argsort(-scores, kind="stable")[: count // LAWS_PER_SURVIVOR]
         laws, scores = laws[survivors], scores[survivors]
         if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
