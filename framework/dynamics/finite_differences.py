@@ -78,7 +78,5 @@ def finite_difference_torques(
 
 def _differentiate_twice(values: Array, times: Array) -> tuple[Array, Array]:
     """Compute two time derivatives of values (T, k) by differences of second order."""
-    if not values.size:
-        return values, values
     first = np.gradient(values, times, axis=0, edge_order=2)
     return first, np.gradient(first, times, axis=0, edge_order=2)

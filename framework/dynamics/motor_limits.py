@@ -26,15 +26,14 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     Raises:
         InvalidInput: another number of limits, a joint without a motor, or a limit that is not positive.
     """
-    in_file = [getattr(actuator, name) for actuator in robot.description.actuators]
+    in_file = {motor.joint: getattr(motor, name) for motor in robot.description.actuators}
     if stated is None:
-        return _unlimited_where_none(in_file)
+        return _unlimited_where_none(list(in_file.values()))
     if isinstance(stated, Mapping):
-        limits = dict(zip(robot.actuator_names, in_file, strict=True))
         for joint in stated:
-            if joint not in limits:
-                raise InvalidInput(f"{name}: {choose_from('motor', joint, limits)}")
-        values = list({**limits, **stated}.values())
+            if joint not in in_file:
+                raise InvalidInput(f"{name}: {choose_from('motor', joint, in_file)}")
+        values = list({**in_file, **stated}.values())
     else:
         values = [stated] if np.ndim(stated) == 0 else list(stated)  # type: ignore[arg-type]
     try:

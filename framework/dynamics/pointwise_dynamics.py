@@ -76,8 +76,7 @@ class Instant(ReadOnlyArrays):
 
         The torque on the second joint is minus `ratio` times this torque.
         """
-        torques = coupling_torques(self.robot, self._loop_loads)
-        return MappingProxyType({name: self._unstack(torque) for name, torque in torques.items()})
+        return self._unstack_each(coupling_torques(self.robot, self._loop_loads))
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:

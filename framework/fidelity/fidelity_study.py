@@ -154,7 +154,7 @@ class FidelityStudy(ReadOnlyArrays):
 
     def to_dict(self) -> Document:
         """Return the study as the document of `--json`."""
-        document: Document = plain(
+        return plain(
             {
                 "robot": self.robot.name,
                 "tolerance": self.tolerance,
@@ -178,7 +178,6 @@ class FidelityStudy(ReadOnlyArrays):
                 "seconds": self.seconds,
             }
         )
-        return document
 
     def _entry(self, comparison: Comparison) -> Document:
         """Return the entry of one level in `to_dict`."""

@@ -138,7 +138,7 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
             with limit_time(None):
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
     try:
-        plan, advance = _plan_polynomial(to_cross, request)
+        plan = _plan_polynomial(to_cross, request)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
@@ -154,11 +154,12 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
         )
     if not request.may_be_optimal or request.speeds is not None:
         return plan
-    return _improve_polynomial(to_cross, plan, advance)
+    return _improve_polynomial(to_cross, plan)
 
 
-def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan, advance: float) -> CrossingPlan:
+def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPlan:
     """Plan with the optimal law if a polynomial nearly stops or peaks beside a near miss."""
+    advance = plan.law.advance(plan.request.smoothness)
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
@@ -208,7 +209,7 @@ def _plan_polynomial_within_limits(
     if request.duration is None:
         raise refusal
     try:
-        plan, _ = _plan_polynomial(to_cross, request)
+        plan = _plan_polynomial(to_cross, request)
     except NoAnswer:
         raise refusal from None
     if _limit_ratio(plan) > 1.0:
@@ -276,8 +277,8 @@ def _peak_text(plan: CrossingPlan) -> str:
     return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
-def _plan_polynomial(to_cross: PathToCross, request: Request) -> tuple[CrossingPlan, float]:
-    """Plan with the polynomial law; return the plan and `Law.advance` of its law."""
+def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
+    """Plan with the polynomial law; the plan states the reason for this choice."""
     plan = plan_polynomial(to_cross, request)
     advance = plan.law.advance(request.smoothness)
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
@@ -285,7 +286,7 @@ def _plan_polynomial(to_cross: PathToCross, request: Request) -> tuple[CrossingP
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
         if 0 < advance < MIN_POLYNOMIAL_ADVANCE:
             reason += f"; it {NEARLY_STOPS}, at {advance:.2g} of its mean speed: try --law optimal"
-    return replace(plan, reason=reason), advance
+    return replace(plan, reason=reason)
 
 
 def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:

@@ -41,7 +41,9 @@ def scene_path(scene: Scene) -> Path:
 
 
 def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = None) -> Path:
-    """Return the path of a kind through points (m, n): (start, end), (start, via, end), or any number.
+    """Return the path of a kind through points (m, n).
+
+    A line needs (start, end), an arc (start, via, end).
 
     Raises:
         InvalidInput: an unknown kind, or points that do not make such a path.
