@@ -64,7 +64,7 @@ def finite_difference_torques(
     forces = joint_forces(robot, motion)
     # With rigid geometry a single pass moves the motors by the deflections, and the forces stay those of the
     # rigid robot.
-    pass_count = passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)
+    pass_count = passes if geometry == "deformed" else min(robot.n_e, 1)
     for k in range(pass_count):
         q_e = -forces.spring_force / robot.stiffness
         motion = motion_with_deflections(branch, times, law, (q_e, *_differentiate_twice(q_e, times)))

@@ -66,7 +66,7 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
     """Compute `tree_forces` (T, nv) at rest at q (T, nq): gravity and joint springs less wrenches."""
-    forces = np.empty((len(q), robot.model.nv))
+    forces = np.empty((len(q), robot.nv))
     data = scratch_of(robot).data
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
@@ -150,7 +150,11 @@ def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array)
     right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
     balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m): [w; lambda]
     w, M = balancing[0, :, : robot.n], balancing[1:, :, : robot.n].transpose(1, 2, 0)
-    torque = _solve_motor_torques(robot, M, w)
+    if robot.n_a == robot.n:
+        torque = solve(M, w)
+    else:  # least in norm on the motor side
+        geared = M * robot.gear_ratio
+        torque = robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
     if not robot.n_e:
         return Forces(torque, np.zeros((len(r), 0)))
     with np.errstate(invalid="ignore"):  # an infinite torque gives NaN
@@ -172,17 +176,6 @@ def loop_multipliers(
     right_side = r.take(robot.moving, axis=1)
     right_side[:, : robot.n_a] -= joint_torque
     return linearised.factors.solve_transposed(right_side)
-
-
-def _solve_motor_torques(robot: ParallelRobot, M: Array, w: Array) -> Array:
-    """Solve M tau = w for joint torques tau (T, n_a) [N m or N], of least norm if redundant.
-
-    M (T, n, n_a) and w (T, n) are those of `balanced_forces`.
-    """
-    if robot.n_a > robot.n:
-        geared = M * robot.gear_ratio
-        return robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
-    return solve(M, w)
 
 
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:

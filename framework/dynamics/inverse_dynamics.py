@@ -334,7 +334,7 @@ def _check_result(
     """
     robot = branch.robot
     check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
-    check_crossings(robot, state, result.geometry, result.crossings)
+    check_crossings(robot, state, result)
     certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, state, result))
     planned_friction = PlannedFriction.from_speed(
         motor_friction(robot, friction),

@@ -298,7 +298,7 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
         drive, slope = matvec(null, state.drive / size), matvec(null, state.slope / size)
         return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
 
-    columns, still = moving_columns(robot), np.zeros((len(start.q), robot.model.nv))
+    columns, still = moving_columns(robot), np.zeros((len(start.q), robot.nv))
     return Curves(robot, columns, still, evaluate).find_turning_points(start.q, start.share)
 
 

@@ -95,7 +95,7 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     signs = frames.carried[rows.second] - frames.carried[rows.first]
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
-    jacobian = jacobian + rows.coupling_jacobian(robot.model.nv)[:, columns]
+    jacobian += rows.coupling_jacobian(robot.nv)[:, columns]
     loop_forces = r[:, columns].copy()
     loop_forces[:, : robot.n_a] -= joint_torque
     scale, lengths = robot.column_scale[columns], robot.row_lengths  # radians and robot lengths

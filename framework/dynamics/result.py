@@ -163,7 +163,7 @@ class InverseDynamics(ReadOnlyArrays):
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""
-        if order == 1 and self.robot.model.nq == self.robot.model.nv:
+        if order == 1 and not self.robot.has_balls:
             return self.offsets(np.atleast_1d(t), order)
         motion = self.motion(t)  # the derivative of a ball's offset is no angular velocity
         return motion.v if order == 1 else motion.a

@@ -218,19 +218,17 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     )
 
 
-def check_crossings(
-    robot: ParallelRobot, state: DeflectionSolution, geometry: str, crossings: tuple[SingularityCrossing, ...]
-) -> None:
+def check_crossings(robot: ParallelRobot, state: DeflectionSolution, result: InverseDynamics) -> None:
     """Raise NoLaw if the assembly mode changes between two nodes without a crossing.
 
     An elastic robot in rigid geometry is not checked: the forces are those of the undeformed robot.
     """
-    if geometry == "rigid" and robot.n_e:
+    if result.geometry == "rigid" and robot.n_e:
         return
     signs = mode_signs(robot, state.motion.linearised)[1]
     times = state.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
-        if not any(times[k] <= crossing.time <= times[k + 1] for crossing in crossings):
+        if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):
             raise NoLaw(
                 f"{robot.name}: the deflected robot meets a Type 2 singularity between t = "
                 f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not"

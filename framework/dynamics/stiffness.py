@@ -194,7 +194,7 @@ def platform_stiffness(
     if load is not None:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
     squares, shapes = _vibrations(H, free.M[0])
-    modes = np.zeros((len(shapes), robot.model.nv))
+    modes = np.zeros((len(shapes), robot.nv))
     modes[:, free.columns] = shapes @ free.Z[0].T
     stiffness = _condense(robot, H, free.X[0])
     return PlatformStiffness(
@@ -222,7 +222,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
+    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.nv)))
     size = np.inf
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)

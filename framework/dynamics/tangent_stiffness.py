@@ -129,7 +129,7 @@ def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multiplie
     The quadratic form D of `_drift` gives its bilinear form by B(a, b) = (D(a + b) - D(a) - D(b)) / 2.
     """
     i, j = np.triu_indices(steps.shape[2])
-    sums = np.zeros((len(steps), len(i), robot.model.nv))
+    sums = np.zeros((len(steps), len(i), robot.nv))
     sums[:, :, moving_columns(robot)] = (steps[:, :, i] + steps[:, :, j]).swapaxes(1, 2)
     drift = _drift(robot, frames, sums, multipliers, w)
     diagonal = drift[:, i == j] / 4.0  # D(a) = D(a + a) / 4

@@ -30,7 +30,7 @@ def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
     if not robot.n_e:
         return np.full(len(q), np.inf)
     scale = robot.column_scale
-    stiffness = np.zeros(robot.model.nv)
+    stiffness = np.zeros(robot.nv)
     stiffness[robot.elastic] = robot.stiffness
     loops = scaled_loops(robot, linearised_at(robot, q, None))
     frequency = np.empty(len(q))

@@ -227,7 +227,7 @@ class ReferenceMotion:
             method="stiff",  # takes long steps where fast vibrations are not excited
             tolerance=self.step_error,
             start=start,
-            start_velocity=np.zeros(robot.model.nv),
+            start_velocity=np.zeros(robot.nv),
             duration=motion.duration,
             events=(Event(remaining_distance, "lost", terminal=True, direction=-1),),
             samples=2,

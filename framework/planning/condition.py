@@ -124,7 +124,7 @@ class _DeflectedPoses:
     def __init__(self, branch: Branch, deflection: Deflection) -> None:
         """Start from the poses of the undeformed robot and deflect the springs."""
         self._branch = branch
-        self._spring_step = np.zeros((1, branch.robot.model.nv))
+        self._spring_step = np.zeros((1, branch.robot.nv))
         self._spring_step[:, branch.robot.elastic] = deflection.value
         # the last s (3,) at which `root_of_g` asked for poses, the iterate in the middle, and these poses
         self._closed: tuple[Array, ClosedStack] | None = None

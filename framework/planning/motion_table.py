@@ -143,7 +143,7 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     passive_names = [robot.coordinates.name_of(column) for column in robot.passive]
     passive = passive_names, length_units(robot.sliding[robot.passive])
     ball = turning = ""
-    if robot.model.nq > robot.model.nv:
+    if robot.has_balls:
         ball = "; of a ball, a component of the rotation vector about the axes of its origin"
         turning = "; of a ball, the angular velocity about axes of what it carries"
     return (

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import rigid_crossings
 from framework.errors import (
@@ -256,8 +257,8 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
     x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)  # denser samples beside each near miss
     times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
     times = np.concatenate([sampled_times, *times_beside])
-    limits = [motor.torque_limit for motor in plan.robot.description.actuators]
-    reference = 1.0 if None in limits else np.array(limits, dtype=float)
+    limits = motor_limits(plan.robot, "torque_limit", None)
+    reference = limits if np.isfinite(limits).all() else 1.0
     largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,)
     s_peak = plan.law(times[np.argmax(largest)])
     beside_peak = (miss for miss in near_misses if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width)

@@ -143,7 +143,7 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
 def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
     """Return the certificate, with lines for idle turns and rounded loops, if any."""
     robot, certificate = plan.robot, plan.certificate
-    is_deformed = robot.n_e and plan.geometry == "deformed"
+    is_deformed = plan.geometry == "deformed"
     settled = f", deflections settled to {certificate.change:.1e}" if is_deformed else ""
     passes = "pass" if certificate.passes == 1 else "passes"
     facts = [Fact("certificate", CERTIFICATE.format(certificate, passes=passes, settled=settled))]

@@ -12,6 +12,7 @@ from typing import IO
 import numpy as np
 
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -156,7 +157,7 @@ class CrossingPlan:
 
         The robot file limits torques and speeds of motors, the URDF positions of joints.
         """
-        exceeded: dict[str, list[str]] = {motor.joint: [] for motor in self.robot.description.actuators}
+        exceeded: dict[str, list[str]] = {joint: [] for joint in self.robot.actuator_names}
         for joint, excess in [*self._motor_excesses(), *self._position_excesses()]:
             exceeded.setdefault(joint, []).append(excess)
         return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
@@ -175,12 +176,12 @@ class CrossingPlan:
             ("speed", self.motor_angle(times, 1), peak_speeds, robot.speed_units),
         )
         for quantity, values, peaks, units in quantities:
+            limits = motor_limits(robot, f"{quantity}_limit", None)
             s_peaks = self.law(times[np.abs(values).argmax(axis=0)])  # (n_a,)
-            for k, motor in enumerate(robot.description.actuators):
-                limit = getattr(motor, f"{quantity}_limit")
-                if limit is not None and peaks[k] > limit:
-                    size, bound = format_distinct(peaks[k], limit)
-                    yield motor.joint, f"{quantity} {size} {units[k]} of {bound} at s = {s_peaks[k]:.4g}"
+            for k in np.flatnonzero(peaks > limits):
+                size, bound = format_distinct(peaks[k], limits[k])
+                excess = f"{quantity} {size} {units[k]} of {bound} at s = {s_peaks[k]:.4g}"
+                yield robot.actuator_names[k], excess
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield each joint with a position beyond the limits of the URDF, and the excess in words."""
@@ -316,7 +317,7 @@ def _find_condition(
     to_cross: PathToCross, request: Request, dynamics: InverseDynamics, k: int, time: float
 ) -> Condition8:
     """Compute condition (8) at crossing point k with the deflections at a time [s]."""
-    if request.geometry != "deformed" or not dynamics.robot.n_e:
+    if request.geometry != "deformed":
         _, condition = to_cross.undeformed_crossings[k]
         return condition
     deflection = Deflection.evaluate(dynamics.deflection, time)

@@ -45,36 +45,29 @@ class LeastLimits(NamedTuple):
     torque_peak: the least peak of torque found in the requested duration and within the speed limits, over
         the torque limits; None if no law was found, or without a torque limit.
     speed_peak: the least peak of speed found within the torque limits, over the speed limits, likewise.
-    torque, speed: limits (n_a,) a little above these peaks, motor side; None where the peak is None.
     together: raising one kind of limit is not enough. Both peaks are then of one law, for which the larger of
         the torque ratio and the squared speed ratio is least.
+    options: limits (n_a,) a little above these peaks, motor side, as options of a plan without margin;
+        several entries are alternatives.
     """
 
     torque_peak: float | None
     speed_peak: float | None
-    torque: Array | None
-    speed: Array | None
     together: bool
+    options: list[dict[str, Array]]
 
     @staticmethod
     def of(
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
         """Return the least limits for peaks of torque and speed over the limits of a specification."""
-        return LeastLimits(
-            torque,
-            speed,
-            None if torque is None else RAISED_RATIO * torque * specification.torque_limit,
-            None if speed is None else RAISED_RATIO * speed * specification.speed_limit,
-            together,
-        )
-
-    @property
-    def options(self) -> list[dict[str, Array]]:
-        """The raised limits as options of a plan without margin; several entries are alternatives."""
-        limits = {"torque_limit": self.torque, "speed_limit": self.speed}
-        options = {name: limit for name, limit in limits.items() if limit is not None}
-        return [options] if self.together else [{name: limit} for name, limit in options.items()]
+        limits = {}
+        if torque is not None:
+            limits["torque_limit"] = RAISED_RATIO * torque * specification.torque_limit
+        if speed is not None:
+            limits["speed_limit"] = RAISED_RATIO * speed * specification.speed_limit
+        options = [limits] if together else [{name: limit} for name, limit in limits.items()]
+        return LeastLimits(torque, speed, together, options)
 
 
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
