@@ -15,6 +15,7 @@ from framework.dynamics.forces import joint_forces
 from framework.dynamics.residuals import evaluate_motion
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.numerics.arrays import Array
 from framework.singularity.piecewise_measure import extremum_near
@@ -31,30 +32,30 @@ def unseen_near_miss(
         if miss.s in (0.0, 1.0):  # there the motion is at rest and the nodes are dense
             continue
         for t in find_instants(state.law, state.grid.edges, miss.s):
-            if not _is_resolved_near(searched, state, result, miss, t):
+            if not _is_resolved_near(searched.branch, state, result, miss, t):
                 return miss
     return None
 
 
 def _is_resolved_near(
-    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
+    branch: Branch, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
 ) -> bool:
     """Return whether the series of the torques is right at a near miss passed at `instant` [s].
 
     Torques are computed at the least |g|, and on both sides where |g| is twice as large.
     """
-    robot, edges = searched.branch.robot, state.grid.edges
+    robot, edges = branch.robot, state.grid.edges
     duration = edges[-1]
 
     def matrices(shares: Array) -> Array:
         """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
-        motion = evaluate_motion(searched.branch, result, shares * duration)[1]
+        motion = evaluate_motion(branch, result, shares * duration)[1]
         return type2_matrix(robot, motion.linearised)
 
     # the least |g| of the deflected robot, at another instant than for the robot at rest
     closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
     times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
-    motion = evaluate_motion(searched.branch, result, times)[1]
+    motion = evaluate_motion(branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
     torques = state.forces.joint_torque
     error = np.abs(computed - state.grid.fit(torques)(times)).max()

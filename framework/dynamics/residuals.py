@@ -45,10 +45,10 @@ def measure_residuals(branch: Branch, state: DeflectionSolution, result: Inverse
     Raises:
         NotAssembled: a loop equation that was dropped at the reference is open on a node.
     """
-    robot, nodes = branch.robot, state.grid.times
+    robot = branch.robot
     on_nodes = state.motion.linearised.loops.residual
-    _check_dropped_rows(robot, nodes, on_nodes, state.motion.q)
-    times = _instants(robot, nodes)
+    _check_dropped_rows(robot, state)
+    times = _instants(robot, state.grid.times)
     closed, motion = evaluate_motion(branch, result, times)
     platform_gap = closed.linearised.residual[:, : robot.n]
     gaps = np.concatenate([on_nodes, closed.linearised.loops.residual, platform_gap], axis=None)
@@ -162,14 +162,12 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
     return closed, branch.load_motion(motion, s[0])
 
 
-def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
-    """Raise NotAssembled if a loop equation that was dropped at the reference is open on a node.
-
-    `residual` (T, rows) holds the values of all loop equations.
-    """
+def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None:
+    """Raise NotAssembled if a loop equation that was dropped at the reference is open on a node."""
     scale, dropped = robot.row_lengths, robot.structure.dropped
     if not len(dropped):
         return
+    residual = state.motion.linearised.loops.residual  # (T, rows) of all loop equations
     scaled_gaps = np.abs(residual[:, dropped]) / scale[dropped]
     instant, k = divmod(int(scaled_gaps.argmax()), len(dropped))
     if scaled_gaps[instant, k] <= LOOP_GAP:
@@ -179,9 +177,9 @@ def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: 
     unit = "rad" if robot.rows.rotation[row] else "m"
     raise NotAssembled(
         f"{robot.name}: {robot.rows.names[row]}, which repeats other loop equations at the reference, is "
-        f"open by {gap:.3g} {unit} at t = {times[instant]:.6g} s: this motion tears the loop; give a "
-        f"reference on the motion's own way",
-        q=q[instant],
+        f"open by {gap:.3g} {unit} at t = {state.grid.times[instant]:.6g} s: this motion tears the loop; "
+        f"give a reference on the motion's own way",
+        q=state.motion.q[instant],
         residual=gap,
     )
 

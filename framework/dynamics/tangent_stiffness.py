@@ -118,8 +118,8 @@ def tangent_stiffness(
 
 def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
     """Compute the symmetric derivative (T, nv, nv) of the joint forces of weight by q (T, nq)."""
-    model, data = robot.model, scratch_of(robot).data
-    derivative = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
+    data = scratch_of(robot).data
+    derivative = np.array([pin.computeGeneralizedGravityDerivatives(robot.model, data, row) for row in q])
     return 0.5 * (derivative + derivative.swapaxes(1, 2))
 
 

@@ -29,14 +29,13 @@ def free_motor_frequency(robot: ParallelRobot, q: Array) -> Array:
 
     if not robot.n_e:
         return np.full(len(q), np.inf)
-    scale = robot.column_scale
     stiffness = np.zeros(robot.nv)
     stiffness[robot.elastic] = robot.stiffness
     loops = scaled_loops(robot, linearised_at(robot, q, None))
     frequency = np.empty(len(q))
     for k, tree_mass in enumerate(mass_matrices(robot, q)):
         null = np.linalg.svd(loops[k])[2][len(loops[k]) :].T  # (nv, d)
-        Z = scale[:, None] * null
+        Z = robot.column_scale[:, None] * null
         mass = Z.T @ (tree_mass + np.diag(robot.rotors)) @ Z
         springs = Z.T @ (stiffness[:, None] * Z)
         # mass is singular for massless parts, springs for rigid motions: mu = 1 / (omega^2 + shift) is

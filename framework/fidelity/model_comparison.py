@@ -198,7 +198,7 @@ class ReferenceMotion:
             t = self.times[reached]
             platform_error[reached] = self._platform_distance(run.configuration(t), motion.platform(t))
             if run.occurrences:
-                s = float(motion.law(np.array(run.duration)))
+                s = float(motion.law(run.duration))
                 lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {run.duration:.4g} s"
                 reason = f"{lost}, s = {s:.4g}"
         except NoAnswer as failure:

@@ -239,7 +239,7 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     # stiff springs add small terms, which are not rounding as long as s" has an effect
     if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
         values = remove_rounding(values, sizes, 0)
-    return Condition8(*map(float, values))
+    return Condition8(*values.tolist())
 
 
 def _unit_motions(

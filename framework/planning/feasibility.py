@@ -78,7 +78,7 @@ class Feasibility:
             discriminant = delta**2 - 4.0 * beta * gamma
             signs = (-1, 1) if discriminant > 0 else ()
             roots = [(-delta + sign * np.sqrt(discriminant)) / (2.0 * beta) for sign in signs]
-        return min((float(root) for root in roots if root > 0), default=None)
+        return min((root for root in roots if root > 0), default=None)
 
     @property
     def pace(self) -> float | None:

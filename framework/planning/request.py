@@ -105,7 +105,7 @@ class Request(PlanOptions):
     @property
     def goal(self) -> str:
         """The goal of an optimal law."""
-        return "peak_torque" if self.optimize is None else self.optimize
+        return self.optimize or "peak_torque"
 
     @property
     def may_be_optimal(self) -> bool:

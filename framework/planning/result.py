@@ -131,15 +131,10 @@ class CrossingPlan:
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
 
-    @property
-    def _times(self) -> Array:
-        """The instants (PEAK_SAMPLES,) [s] at which limits are checked."""
-        return np.linspace(0.0, self.duration, PEAK_SAMPLES)
-
     @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        return dict(zip(self.robot.actuator_names, map(float, self._peaks[0]), strict=True))
+        return dict(zip(self.robot.actuator_names, self._peaks[0].tolist(), strict=True))
 
     @property
     def neglected_friction(self) -> str:
@@ -169,7 +164,7 @@ class CrossingPlan:
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield each motor's joint beyond a limit of torque or speed, and the excess in words."""
-        robot, times = self.robot, self._times
+        robot, times = self.robot, np.linspace(0.0, self.duration, PEAK_SAMPLES)
         peak_torques, peak_speeds = self._peaks
         quantities = (
             ("torque", self.torque(times), peak_torques, robot.torque_units),
@@ -185,7 +180,7 @@ class CrossingPlan:
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield each joint with a position beyond the limits of the URDF, and the excess in words."""
-        times, limits = self._times, self.robot.limits
+        times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
         q = self.dynamics.configuration(times)
         s_worst = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
         s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))

@@ -57,7 +57,7 @@ class Specification(ReadOnlyArrays):
     @property
     def max_duration(self) -> float | None:
         """The largest admissible duration [s], if any."""
-        return self.duration if self.duration is not None else self.longest
+        return self.duration or self.longest
 
 
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:

@@ -158,4 +158,4 @@ def _search_timings(
         steps = np.tensordot(weights, laws - mean, axes=1)  # normal, with the covariance about the last mean
         mean = laws.mean(axis=0)
         drawn = mean + steps
-    return to_timings(laws[:1])[0], float(scores[0])
+    return to_timings(laws[:1])[0], scores[0]
