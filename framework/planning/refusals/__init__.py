@@ -2,8 +2,8 @@
 
 Each entry has the error, the reason, and below them the functions that decide, here or in lower packages; the
 prefix `framework.` is left out. Invalid options are refused before (`planning.options`, `planning.request`:
-InvalidInput). `refusal_proofs` has the numbers on which a refusal rests; `turning_back` refuses laws that run
-backwards or leave the path; `planning.plan` adds the remedy.
+InvalidInput). Open `refusal_proofs` for the numbers on which a refusal rests; `turning_back` refuses laws
+that run backwards or leave the path; `planning.plan` adds the remedy.
 
 On the path, springs at rest:
 
