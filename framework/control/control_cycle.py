@@ -20,9 +20,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
-from framework.dynamics.forces import spring_torques
+from framework.dynamics.forces import mass_matrices, spring_torques
 from framework.dynamics.pointwise_dynamics import type2_pose
-from framework.dynamics.stiffness import mass_matrices
 from framework.errors import finite_numbers
 from framework.kinematics.assembly import Configuration
 from framework.kinematics.attitude import RotationVector

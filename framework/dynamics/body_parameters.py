@@ -1,7 +1,7 @@
-"""The inertial parameters of a robot's bodies, by link, and the open tree's forces along them.
+"""The inertial parameters of a robot's bodies, and the derivatives of the open tree's forces by them.
 
 Each moving body has ten parameters (m, m c, I about the origin of its joint) on the axes of its link. Forces
-are linear in these, r = Y(q, v, a) pi with Y by pinocchio's `computeJointTorqueRegressor`.
+are linear in them, r = Y(q, v, a) pi, with Y from pinocchio's `computeJointTorqueRegressor`.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from framework.kinematics.tree_model import link_axes
 from framework.numerics.arrays import Array, IntArray, read_only
 
 INERTIAL = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_INERTIA_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # of the matrix I, in that order
+_INERTIA_ENTRIES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # indices of Ixx .. Izz in I
 
 
 @lru_cache(maxsize=64)
 def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
-    """Return names LINK.mass, LINK.mx .. LINK.Izz and values (p,) of all bodies that move.
+    """Return names LINK.mass, LINK.mx .. LINK.Izz and values (p,) of all moving bodies.
 
-    A body is the link behind a joint with all parts fixed to it: mass [kg], mass times the position of its
-    centre [kg m], inertia [kg m^2] about the joint's origin, on the link's axes.
+    A body is the link behind a joint, with all parts fixed to it. The values are mass [kg], mass times the
+    position of the centre of mass [kg m] and inertia [kg m^2] about the joint's origin, on the link's axes.
     """
     bodies = range(1, robot.model.njoints)
     names = [f"{link_of(robot.model, j)}.{parameter}" for j in bodies for parameter in INERTIAL]
@@ -34,30 +34,30 @@ def body_parameters(robot: Mechanism) -> tuple[tuple[str, ...], Array]:
 
 
 def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | None = None) -> Array:
-    """Compute Y (T, nv, 10 b), the derivatives of the open tree's forces by the parameters of bodies.
+    """Compute Y (T, nv, 10 b), the derivatives of the open tree's forces by inertial parameters.
 
-    `bodies` (b,) are the indices of their joints, all by default. Parameters are on the axes of links, where
-    pinocchio's are on the axes of joints.
+    Args:
+        bodies: (b,) the joints of the bodies, all by default.
     """
     model, data = robot.model, scratch_of(robot).data
     bodies = np.arange(1, model.njoints) if bodies is None else bodies
-    columns = (10 * (bodies[:, None] - 1) + np.arange(10)).ravel()
-    regressor = np.empty((len(motion.q), model.nv, len(columns)))
+    regressor = np.empty((len(motion.q), model.nv, len(bodies), 10))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        regressor[k] = pin.computeJointTorqueRegressor(model, data, q, v, a)[:, columns]
+        of_all = pin.computeJointTorqueRegressor(model, data, q, v, a)  # (nv, 10 (njoints - 1))
+        regressor[k] = of_all.reshape(model.nv, -1, 10)[:, bodies - 1]
+    # pinocchio's parameters are on the axes of joints
     transforms = _joint_to_link_transforms(robot)
     for i, body in enumerate(bodies.tolist()):
         if body in transforms:
-            columns_of_body = slice(10 * i, 10 * i + 10)
-            regressor[..., columns_of_body] = regressor[..., columns_of_body] @ transforms[body]
-    return regressor
+            regressor[:, :, i] = regressor[:, :, i] @ transforms[body]
+    return regressor.reshape(*regressor.shape[:2], -1)
 
 
 @lru_cache(maxsize=64)
 def _joint_to_link_transforms(robot: Mechanism) -> dict[int, Array]:
-    """Return the matrices (10, 10) from parameters on a link's axes to its joint's axes, by joint.
+    """Return, by joint, the matrix (10, 10) from parameters on link axes to joint axes.
 
-    Joints whose axes are those of their link are left out.
+    Joints whose axes coincide with those of the link have no entry.
     """
     axes = {j: link_axes(robot.model, j) for j in range(1, robot.model.njoints)}
     return {j: parameter_transform(pose) for j, pose in axes.items() if not pose.isIdentity(0.0)}
@@ -71,16 +71,16 @@ def link_of(model: pin.Model, j: int) -> str:
 
 
 def link_parameters(model: pin.Model, j: int) -> Array:
-    """Return the ten inertial parameters of joint j's body, about the joint's origin on the link's axes."""
+    """Return the inertial parameters (10,) of joint j's body, about the joint's origin on link axes."""
     return link_axes(model, j).actInv(model.inertias[j]).toDynamicParameters()
 
 
 def pseudo_inertia(parameters: Array) -> Array:
-    """Return the pseudo-inertia (..., 4, 4) of ten parameters (..., 10).
+    """Return the pseudo-inertia (..., 4, 4) of inertial parameters (..., 10).
 
-    It is [[S, m c], [(m c)', m]] with the second moments S = int r r' dm = tr(I) / 2 - I, and is positive
-    semidefinite for a body that can exist: Wensing, Kim and Slotine, IEEE Robotics and Automation Letters
-    3(1), 2018.
+    It is [[S, m c], [(m c)', m]] with the second moments S = int r r' dm = tr(I) / 2 - I. It is positive
+    semidefinite if and only if the body is physically possible (Wensing, Kim and Slotine, IEEE Robotics and
+    Automation Letters 3(1), 2018).
     """
     matrix = np.zeros((*parameters.shape[:-1], 4, 4))
     inertia = np.zeros((*parameters.shape[:-1], 3, 3))
@@ -94,7 +94,7 @@ def pseudo_inertia(parameters: Array) -> Array:
 
 
 def from_pseudo_inertia(matrix: Array) -> Array:
-    """Return the ten parameters (..., 10) of a pseudo-inertia (..., 4, 4), with I = tr(S) - S."""
+    """Return the inertial parameters (..., 10) of a pseudo-inertia (..., 4, 4), with I = tr(S) - S."""
     second_moments = matrix[..., :3, :3]
     trace = np.trace(second_moments, axis1=-2, axis2=-1)
     inertia = trace[..., None, None] * np.eye(3) - second_moments
@@ -106,8 +106,8 @@ def from_pseudo_inertia(matrix: Array) -> Array:
 def parameter_transform(placement: pin.SE3) -> Array:
     """Return the matrix (10, 10) from parameters on a frame to parameters on its reference frame.
 
-    `placement` is the pose H of the frame in its reference: the pseudo-inertia becomes H P H'. Columns are
-    the images of unit parameters.
+    With H = `placement`, the pose of the frame in its reference, the pseudo-inertia P becomes H P H'. The
+    columns of the matrix are the images of unit parameters.
     """
     H = placement.homogeneous
     return from_pseudo_inertia(H @ pseudo_inertia(np.eye(10)) @ H.T).T

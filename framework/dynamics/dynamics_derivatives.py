@@ -1,11 +1,12 @@
-"""Exact derivatives of the inverse dynamics along the motion of the closed robot.
+"""Exact derivatives of the inverse dynamics along motions that keep the loops closed.
 
-With T = dq/dv of the motions that close the loops, G = n T_a the motors' speeds for unit twists and lambda
-the loop forces (`forces`), the torque t of the motors that moves the bodies is G' t = T' r, and
+T = dq/dv are the joint rates for unit twists v of the platform, G = n T_a the motors' speeds for them (n the
+gear ratio), and lambda the loop forces (`forces`). The motor torques t that move the bodies solve
+G' t = T' r, and their changes solve
 
-    G' dt = T' d(r - J' lambda)          at fixed lambda,
+    G' dt = T' d(r - J' lambda)          at fixed lambda.
 
-so dt needs the change of the open tree's forces (`force_changes`) along the change of the joints' motion
+dt needs the change of the open tree's forces (`force_changes`) along the change of the joints' motion
 (`motion_changes`), and one solution with G', which is singular at Type 2. With redundant motors t is the
 solution of least norm, t = G k, and dt = dG k + G dk.
 """
@@ -37,10 +38,10 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_onl
 
 @dataclass(frozen=True, eq=False)
 class DynamicsDerivatives(ReadOnlyArrays):
-    """Motor torques of one instant and their derivatives; of T instants T is the first axis of all arrays.
+    """Motor torques at one instant and their derivatives; at T instants, T is the first axis of all arrays.
 
-    Torques are on the motor side, with rotors, armature, damping and springs on joints. The platform's
-    coordinates x, their rates and their accelerations vary one at a time.
+    Torques are on the motor side, with rotors, armature, and damping and springs of joints. Each derivative
+    varies one of the platform's coordinates x, their rates and their accelerations, and keeps the others.
     """
 
     torque: Array  # (n_a,) [N m, N] as `dynamics_at` gives it
@@ -52,12 +53,12 @@ class DynamicsDerivatives(ReadOnlyArrays):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the p inertial parameters of all bodies, see `body_parameters`."""
+        """The names of the p inertial parameters of all bodies, see `body_parameters`."""
         return body_parameters(self._robot)[0]
 
     @cached_property
     def regressor(self) -> Array:
-        """Derivatives (n_a, p) of the torques by the parameters, computed on first use."""
+        """The derivatives (n_a, p) of the torques by the parameters, computed on first use."""
         G, rates = motor_speeds(self._robot, self._motion.linearised)
         wrenches = rates.swapaxes(1, 2) @ tree_regressor(self._robot, self._motion)
         stack = least_motor_torques(self._robot, G.swapaxes(1, 2), wrenches)
@@ -74,9 +75,8 @@ def dynamics_derivatives(
 ) -> DynamicsDerivatives:
     """Compute the derivatives of the torques of `dynamics_at` at an assembled configuration q (nq,).
 
-    They are those of the closed robot: with x all joints move, in their working mode. An elastic robot keeps
-    the deflections of q, as in `dynamics_at`. Wrenches of the world keep their components on base axes and
-    move with their frames.
+    When x varies, all joints follow with closed loops. An elastic robot keeps the deflections of q, as in
+    `dynamics_at`. External wrenches keep their components on base axes and move with their frames.
 
     Args:
         q, dx, ddx, wrenches: as for `dynamics_at`, a stack of T instants included.
@@ -84,15 +84,16 @@ def dynamics_derivatives(
     Raises:
         InvalidInput: as `dynamics_at`; or damping or armature of balls drives an idle turn.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
-        SingularPose: the motors do not hold the robot there (Type 2), where torques and their derivatives
-            have a pole; `forward_derivatives` is regular there.
+        SingularPose: the pose is singular of Type 2, where torques and their derivatives have a pole;
+            `forward_derivatives` is regular there.
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
     require_turns_at_rest(robot)
     motion = prescribed.motion
     require_hold(robot, motion.linearised, prescribed.x)
-    changes = coordinate_changes(robot, motion, robot.structure.idle, prescribed[:3])
-    motions = changes.q[:, : robot.n]  # of unit rates of the platform's coordinates
+    rates = prescribed.x, prescribed.dx, prescribed.ddx
+    changes = coordinate_changes(robot, motion, robot.structure.idle, rates)
+    motions = changes.q[:, : robot.n]  # joint rates for unit rates of the platform's coordinates, T'
     speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
     r = tree_forces(robot, motion)
     joint_torque = robot.gear_ratio * least_motor_torques(robot, speeds, motions @ r[..., None])[..., 0]
@@ -106,26 +107,22 @@ def dynamics_derivatives(
         slopes[0, ..., : robot.n] += dG_k
         wrench_slopes[0, ..., : robot.n] -= speeds @ dG_k
     slopes += least_motor_torques(robot, speeds, wrench_slopes)
-    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
-    return DynamicsDerivatives(
-        torque=motor_torque(robot, motion, joint_torque)[prescribed.entry],
-        torque_x=slopes[0],
-        torque_dx=slopes[1],
-        torque_ddx=slopes[2],
-        _robot=robot,
-        _motion=motion,
-    )
+    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # by x, dx, ddx, without idle joints
+    torque = motor_torque(robot, motion, joint_torque)[prescribed.entry]
+    return DynamicsDerivatives(torque, slopes[0], slopes[1], slopes[2], robot, motion)
 
 
 def _redundant_torque_changes(
     robot: ParallelRobot, motion: Motion, x: Array, speeds: Array, joint_torque: Array
 ) -> Array:
-    """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n).
+    """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n), at constant k.
 
-    t = G k are the motors' speeds for the rates k of x: dG k is their change at constant k. `speeds` are G'.
+    The torques t = G k, with G' = `speeds`, are numerically the motors' speeds for rates k of x. So dG k is
+    the change of motor speeds at constant rates.
     """
-    k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ (joint_torque / robot.gear_ratio)[..., None])[..., 0]
-    nothing = np.zeros_like(k)
-    motion_at_k = motion_at(robot, ClosedStack(motion.q, x, motion.linearised), k, nothing)
-    changes = coordinate_changes(robot, motion_at_k, robot.structure.idle, (x, k, nothing))
+    torque = joint_torque / robot.gear_ratio
+    k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ torque[..., None])[..., 0]
+    at_rest = np.zeros_like(k)
+    motion_at_k = motion_at(robot, ClosedStack(motion.q, x, motion.linearised), k, at_rest)
+    changes = coordinate_changes(robot, motion_at_k, robot.structure.idle, (x, k, at_rest))
     return (robot.gear_ratio * changes.v[:, : robot.n, robot.actuated]).swapaxes(1, 2)

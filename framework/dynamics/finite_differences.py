@@ -1,9 +1,9 @@
 """Raw sampling: the torque formula evaluated instant by instant, without a certificate.
 
-Torques come from finite differences in time and a division by a determinant, however small. Near a Type 2
-singularity that is met without condition (8) they have spikes whose height depends on the distance of the
-nearest sample, as in Fig. 3(b) of Briot and Arakelian 2010. They serve figures and comparisons only; use
-`inverse_dynamics` for torques.
+Rates of motors and springs are finite differences in time, and the torque formula divides by a determinant,
+however small. Near a Type 2 singularity without condition (8) the torques have spikes whose height depends on
+the distance of the nearest sample, as in Fig. 3(b) of Briot and Arakelian 2010. These torques serve figures
+and comparisons only; use `inverse_dynamics` otherwise.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from framework.numerics.arrays import Array
 
 
 class FiniteDifferenceTorques(NamedTuple):
-    """Samples of an uncertified motion."""
+    """Samples of a motion without a certificate."""
 
     time: Array  # (T,) [s]
     torque: Array  # (T, n_a) [N m], motor side
     motor_angle: Array  # (T, n_a) [rad], motor side
     deflection: Array  # (T, n_e) [m, rad]
-    motion: Motion  # of these torques, its loops closed
+    motion: Motion  # with closed loops
 
 
 def finite_difference_torques(
@@ -44,10 +44,10 @@ def finite_difference_torques(
     passes: int = 4,
     branch: Branch | None = None,
 ) -> FiniteDifferenceTorques:
-    """Compute torques at equidistant instants; velocities of motors and springs by finite differences.
+    """Compute torques at equidistant instants, with rates of motors and springs by finite differences.
 
     Args:
-        passes: evaluations of forces and deflections in turn (deformed geometry only).
+        passes: number of evaluations of deflections from forces, with deformed geometry.
         branch: the result of `track_path`, if at hand.
 
     Raises:
@@ -62,9 +62,9 @@ def finite_difference_torques(
     q_e = np.zeros((samples, robot.n_e))
     motion = motion_with_deflections(branch, times, law, (q_e, q_e, q_e))  # springs at rest
     forces = joint_forces(robot, motion)
-    # with rigid geometry one pass moves the motors by the deflections, and forces stay those of the rigid
-    # robot
-    pass_count = passes if robot.n_e and geometry == "deformed" else min(robot.n_e, 1)
+    # With rigid geometry a single pass moves the motors by the deflections, and the forces stay those of the
+    # rigid robot.
+    pass_count = passes if geometry == "deformed" else min(robot.n_e, 1)
     for k in range(pass_count):
         q_e = -forces.spring_force / robot.stiffness
         motion = motion_with_deflections(branch, times, law, (q_e, *_differentiate_twice(q_e, times)))
@@ -77,8 +77,6 @@ def finite_difference_torques(
 
 
 def _differentiate_twice(values: Array, times: Array) -> tuple[Array, Array]:
-    """Return first and second time derivatives of values (T, k) by differences of second order."""
-    if not values.size:
-        return values, values
+    """Compute two time derivatives of values (T, k) by differences of second order."""
     first = np.gradient(values, times, axis=0, edge_order=2)
     return first, np.gradient(first, times, axis=0, edge_order=2)

@@ -1,16 +1,14 @@
 """Changes of the forces that motors and loops balance, for small changes of a motion.
 
-With r the forces of the open tree, less those of the world, and constant loop forces lambda,
+With the forces r of the open tree, less the external ones, and constant loop forces lambda,
 
     d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
 
-Motions that keep the loops closed do no work with dlambda. dr/dq, dr/dv and M are pinocchio's
-(`computeRNEADerivatives`), d(J' lambda)/dq dq is that of `loop_force_changes`.
+lambda may stay constant because J' dlambda does no work along motions that keep the loops closed. dr/dq,
+dr/dv and M come from pinocchio's `computeRNEADerivatives`, d(J' lambda)/dq dq from `loop_force_changes`.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,38 +23,36 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
 
 
-class ForceSlopes(NamedTuple):
-    """Derivatives (T, nv, nv) of the forces r of the open tree (`tree_forces`)."""
+def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
+    """Compute the derivatives of `tree_forces` by q, v and a, each (T, nv, nv).
 
-    by_q: Array  # along pinocchio's tangent at q
-    by_v: Array
-    mass: Array  # with armature, without rotors
-
-
-def force_slopes(robot: ParallelRobot, motion: Motion) -> ForceSlopes:
-    """Compute the derivatives of `tree_forces`: bodies, armature, joint springs, damping, wrenches."""
-    model, data, nv = robot.model, scratch_of(robot).data, robot.model.nv
-    by_q, by_v, mass = np.empty((3, len(motion.q), nv, nv))
+    Derivatives by q are along the tangent space of pinocchio's configurations. Those by a are the mass matrix
+    with armature, without rotors.
+    """
+    data, nv = scratch_of(robot).data, robot.nv
+    by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        pin.computeRNEADerivatives(model, data, q, v, a)
-        by_q[k], by_v[k], mass[k] = data.dtau_dq, data.dtau_dv, data.M
+        pin.computeRNEADerivatives(robot.model, data, q, v, a)
+        by_q[k], by_v[k], by_a[k] = data.dtau_dq, data.dtau_dv, data.M
     if robot.joint_stiffness.any():
         by_q += forces_on_joints_slope(robot, robot.neutral, motion.q, robot.joint_stiffness)
-    by_v[:, range(nv), range(nv)] += robot.joint_damping
+    by_v += np.diag(robot.joint_damping)
     for wrench in motion.wrenches:
         by_q -= wrench_slope(robot, motion.linearised.frames.screws, wrench)
-    return ForceSlopes(by_q, by_v, mass)
+    return by_q, by_v, by_a
 
 
 def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, changes: MotionChanges) -> Array:
-    """Compute d(r - J' lambda) (3, T, k, nv) for steps of positions, rates and accelerations.
+    """Compute d(r - J' lambda) (3, T, k, nv) for k steps of positions, of rates and of accelerations.
 
-    `multipliers` (T, m) are the constant lambda of the independent loop equations.
+    `multipliers` (T, m) are the constant lambda of the independent loop equations. A step of positions also
+    changes rates and accelerations, and a step of rates changes accelerations.
     """
-    linearised, slopes, dq = motion.linearised, force_slopes(robot, motion), changes.q
-    wrenches = linearised.wrenches[:, robot.n :]
+    linearised, dq = motion.linearised, changes.q
+    by_q, by_v, mass = force_slopes(robot, motion)
+    wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
     of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
-    forces = changes.accelerations @ slopes.mass
-    forces[:2] += np.stack([changes.v, dq]) @ slopes.by_v.swapaxes(1, 2)
-    forces[0] += dq @ slopes.by_q.swapaxes(1, 2) - of_loops
+    forces = changes.accelerations @ mass  # rows are changes: transposed matrices from the right
+    forces[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)
+    forces[0] += dq @ by_q.swapaxes(1, 2) - of_loops
     return forces

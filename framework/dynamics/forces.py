@@ -1,15 +1,15 @@
-"""Generalised forces of the open tree, and their balance by loops, springs and motors.
+"""Generalised forces of the open tree, and the loop, spring and motor forces that balance them.
 
-With r = RNEA(q, v, a) of the tree, less the joint forces of the wrenches of the world, and the loop
-equations' Jacobian J,
+With r the inverse dynamics of the tree (RNEA) less the generalised forces of external wrenches, and J the
+Jacobian of the loop equations,
 
-    passive    0           = r_p - P' lambda           P = J's passive columns
+    passive    0           = r_p - P' lambda           P: the passive columns of J
     elastic    -K q_e      = r_e - J_e' lambda         the paper's Eq. (3b)
     actuated   tau_joint   = r_a - J_a' lambda         Eq. (3a) without the rotors
 
-At a Type 2 singularity P eta = 0, so lambda exists only if eta . r_p = 0: condition (8) with the inertia
-of all bodies, legs included, and the wrenches of the world. With massless legs eta . r_p = t_s . W_p, the
-paper's form.
+At a Type 2 singularity P eta = 0, so lambda exists only if eta . r_p = 0. This is condition (8) with the
+inertia of all bodies, legs included, and with external wrenches. With massless legs eta . r_p = t_s . W_p,
+the form in the paper.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class Forces(NamedTuple):
     """Forces at T instants; joint side of the gears, rotors not included."""
 
     joint_torque: Array  # (T, n_a) [N m] or [N]
-    spring_force: Array  # (T, n_e) force of the springs on the elastic coordinates, -K q_e
+    spring_force: Array  # (T, n_e) force -K q_e of the springs on the elastic coordinates
 
 
 class JointMotion(Protocol):
-    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints, and wrenches."""
+    """Positions q (T, nq), velocities v and accelerations a (T, nv) of all joints; external wrenches."""
 
     @property
     def q(self) -> Array: ...
@@ -50,9 +50,9 @@ class JointMotion(Protocol):
 
 
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
-    """Compute the generalised forces r (T, nv) of the open tree: inverse dynamics less wrenches of the world.
+    """Compute the generalised forces r (T, nv) of the open tree: inverse dynamics less external wrenches.
 
-    Included are gravity, armature, and springs and damping of the joints. Without `elastic_inertia` the rates
+    They include gravity, armature, and springs and damping of the joints. Without `elastic_inertia` the rates
     of deflections cause no forces.
     """
     inertial = _inertial_motion(robot, motion)
@@ -65,8 +65,8 @@ def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
 
 
 def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench, ...] = ()) -> Array:
-    """Compute `tree_forces` (T, nv) at rest at q (T, nq): gravity and joint springs, less wrenches."""
-    forces: Array = np.empty((len(q), robot.model.nv))
+    """Compute `tree_forces` (T, nv) at rest at q (T, nq): gravity and joint springs less wrenches."""
+    forces = np.empty((len(q), robot.nv))
     data = scratch_of(robot).data
     for k in range(len(q)):
         forces[k] = pin.computeGeneralizedGravity(robot.model, data, q[k])
@@ -76,26 +76,23 @@ def static_forces(robot: ParallelRobot, q: Array, wrenches: tuple[AppliedWrench,
 
 
 def _subtract_wrenches(forces: Array, wrenches: tuple[AppliedWrench, ...]) -> Array:
-    """Subtract the generalised forces of wrenches of the world from forces (T, nv), in place."""
+    """Subtract the generalised forces of external wrenches from forces (T, nv), in place."""
     for wrench in wrenches:
         forces -= wrench.generalised
     return forces
 
 
 def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
-    """Compute the share of `tree_forces` (T, nv) that accelerates bodies and armature.
+    """Compute the inertial part of `tree_forces` (T, nv), of bodies and armature.
 
-    It is linear in accelerations and quadratic in rates. Differences of `tree_forces` with and without motion
-    would lose digits against gravity for a small or fast robot.
+    It is linear in accelerations and quadratic in rates. The difference of `tree_forces` with and without
+    motion would lose digits where gravity is much larger or smaller.
     """
     return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
 
 
 def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
-    """Return the motion whose rates cause inertial forces: without rates of deflections if so modelled.
-
-    See `ParallelRobot.elastic_inertia`.
-    """
+    """Return the motion that causes inertial forces, at constant deflections without `elastic_inertia`."""
     if robot.n_e and not robot.elastic_inertia:
         return freeze_deflections(robot, motion.q, motion.v, motion.a)
     return motion
@@ -104,17 +101,27 @@ def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
 def _rnea(robot: ParallelRobot, model: pin.Model, motion: JointMotion) -> Array:
     """Compute the inverse dynamics (T, nv) of the tree's bodies by the recursive Newton-Euler algorithm.
 
-    `model` is the robot's model or its copy without gravity.
+    `model` is the robot's model, or the copy of it without gravity.
     """
     data = scratch_of(robot).data
-    forces: Array = np.empty((len(motion.q), model.nv))
+    forces = np.empty((len(motion.q), model.nv))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         forces[k] = pin.rnea(model, data, q, v, a)
     return forces
 
 
+def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
+    """Compute the mass matrices (T, nv, nv) of the open tree at q (T, nq), rotors not included."""
+    model, data = robot.model, scratch_of(robot).data
+    upper = np.empty((len(q), model.nv, model.nv))
+    for k in range(len(q)):
+        upper[k] = pin.crba(model, data, q[k])
+    upper = np.triu(upper)  # pinocchio fills the upper triangle only
+    return upper + np.triu(upper, 1).swapaxes(1, 2)
+
+
 def spring_torques(robot: ParallelRobot, q: Array, stiffness: Array) -> Array:
-    """Compute the torques (T, nv) that hold springs of stiffness (nv,) at q (T, nq): K (q - rest)."""
+    """Compute the torques K (q - rest) (T, nv) that hold springs of stiffness (nv,) at q (T, nq)."""
     offset = difference(robot, robot.neutral, q)
     return forces_on_joints(robot, robot.neutral, q, stiffness * (offset - robot.joint_rest))
 
@@ -127,29 +134,33 @@ def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
 def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> Forces:
     """Compute the forces of motors and springs that balance forces r (T, nv) of the open tree.
 
-    First a wrench w on the platform balances r with free motors, then the same wrench balances unit torques
-    of each motor; the torques tau follow from equal wrenches:
+    With free motors, a platform wrench w would balance r. A wrench M e_k would balance a unit torque of motor
+    k alone. The motor torques tau are those for which both wrenches are equal:
 
         F' [w; lambda_0] = r        F' [M; Lambda] = unit torques of the motors        M tau = w
 
     F = d[platform ; closures]/dq along actuated and passive joints is regular at Type 2 and already factored.
-    M (n, n_a) = (dq_a/dx)' is singular at Type 2: exactly there 0 is divided by 0 and the torque is infinite.
-    With redundant motors the sum of squares of tau_joint / gear ratio is least. The loop forces are
+    M (n, n_a) = (dq_a/dx)' is singular at Type 2, and only there the torques are infinite, or 0 / 0. With
+    redundant motors the sum of squares of tau_joint / gear ratio is least. The loop forces are
     lambda = lambda_0 - Lambda tau, and the springs take r_e - J_e' lambda.
     """
-    columns = robot.moving  # the actuated ones first
+    columns = robot.moving  # actuated, then passive
     right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
     right_sides[0] = r.take(columns, axis=1)
     right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
-    balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m) [w; lambda] of each
+    balancing = linearised.factors.solve_transposed(right_sides)  # (1 + n_a, T, n + m): [w; lambda]
     w, M = balancing[0, :, : robot.n], balancing[1:, :, : robot.n].transpose(1, 2, 0)
-    torque = _solve_motor_torques(robot, M, w)
+    if robot.n_a == robot.n:
+        torque = solve(M, w)
+    else:  # least in norm on the motor side
+        geared = M * robot.gear_ratio
+        torque = robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
     if not robot.n_e:
         return Forces(torque, np.zeros((len(r), 0)))
-    with np.errstate(invalid="ignore"):  # an infinite torque makes NaN
+    with np.errstate(invalid="ignore"):  # an infinite torque gives NaN
         # [w; lambda_0] - [M; Lambda] tau
         multipliers = balancing[0] - np.einsum("atk,ta->tk", balancing[1:], torque)
-    multipliers[:, : robot.n] = 0.0  # no wrench on the platform
+    multipliers[:, : robot.n] = 0.0  # w - M tau is rounding
     to_springs = linearised.jacobian[:, :, robot.elastic].swapaxes(1, 2)  # (T, n_e, n + m)
     return Forces(torque, r[:, robot.elastic] - matvec(to_springs, multipliers))
 
@@ -159,31 +170,20 @@ def loop_multipliers(
 ) -> Array:
     """Solve r - S' tau_joint = X' w + J' lambda for [w; lambda] (T, n + m).
 
-    r (T, nv) are forces of the open tree, w the wrench that would have to hold the platform, lambda the
-    forces of the independent loop equations.
+    r (T, nv) are the forces of the open tree, w is the platform wrench missing for balance, and lambda are
+    the forces of the independent loop equations.
     """
     right_side = r.take(robot.moving, axis=1)
     right_side[:, : robot.n_a] -= joint_torque
     return linearised.factors.solve_transposed(right_side)
 
 
-def _solve_motor_torques(robot: ParallelRobot, M: Array, w: Array) -> Array:
-    """Solve M tau = w for joint torques tau (T, n_a) [N m or N], of least norm if redundant.
-
-    M (T, n, n_a) and w (T, n) are those of `balanced_forces`.
-    """
-    if robot.n_a > robot.n:
-        geared = M * robot.gear_ratio
-        return robot.gear_ratio * least_motor_torques(robot, geared, w[..., None])[..., 0]
-    return solve(M, w)
-
-
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
-    """Solve matrix (T, n, n_a) @ torques = wrenches (..., T, n, k) for the least torques.
+    """Solve matrix (T, n, n_a) @ torques = wrenches (..., T, n, k) for torques of least norm.
 
-    With matrix' = Q R the solution of least norm of redundant motors is Q R'^-1 wrenches. Rows of forces are
-    multiplied by the robot's length, so that all rows are moments: forces of a small robot would lose digits
-    beside its moments.
+    With matrix' = Q R the solution for redundant motors is Q R'^-1 wrenches. Rows of forces are multiplied by
+    the robot's length, so that all rows are moments: otherwise the forces of a small robot would lose digits
+    beside the moments.
     """
     if robot.n_a == robot.n:
         return solve(matrix, wrenches)
@@ -193,10 +193,10 @@ def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) ->
 
 
 def motor_torque(robot: ParallelRobot, motion: Motion, joint_torque: Array) -> Array:
-    """Compute the torque (T, n_a) [N m] on the motor side: rotor inertia and joint torque through the gear.
+    """Compute the motors' torques (T, n_a) [N m] on the motor side from joint torques and rotor inertia.
 
-    tau = I_a n ddq_a + tau_joint / n, Eqs. (3a) and (11c), with n the gear ratio and ddq_a on the
-    joint side.
+    tau = I_a n ddq_a + tau_joint / n, Eqs. (3a) and (11c) of the paper, with the gear ratio n and ddq_a on
+    the joint side.
     """
     n = robot.gear_ratio
     return robot.rotor_inertia * n * motion.a[:, robot.actuated] + joint_torque / n

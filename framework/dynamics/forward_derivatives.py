@@ -1,12 +1,13 @@
-"""Exact derivatives of the forward dynamics along state and torques, regular at Type 2.
+"""Exact derivatives of the forward dynamics by state and torques, regular at Type 2.
 
-Along the coordinates y of the closed robot (the platform's and the deflections), with T = dq/dy of the
-motions that close the loops and lambda the loop forces,
+The closed robot has coordinates y, those of the platform and the deflections. T = dq/dy are the joint rates
+for unit rates of y with closed loops, and lambda the loop forces. The equations of motion and their changes
+at fixed lambda are
 
-    T' (r + rotors + springs - S' n tau) = 0,        so        T' d(r - J' lambda + ...) = T' S' n dtau
+    T' (r + rotors + springs - S' n tau) = 0,        T' d(r - J' lambda + ...) = T' S' n dtau.
 
-at fixed lambda. The derivatives of the left side by y", y', y and tau come from `force_changes`; the block of
-y" is the inertia, and no divisor vanishes at a Type 2 singularity.
+`force_changes` gives the derivatives of the left side by y, y' and y". The derivative by y" is the inertia,
+which is regular at a Type 2 singularity.
 """
 
 from __future__ import annotations
@@ -31,16 +32,16 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 
 @dataclass(frozen=True, eq=False)
 class ForwardDerivatives(ReadOnlyArrays):
-    """Accelerations of one state under motor torques, and their derivatives; of T states T comes first.
+    """Accelerations of one state under motor torques, and their derivatives; of T states, T comes first.
 
-    The d coordinates y are the platform's x (n,), of an elastic robot followed by the deflections (n_e,).
-    Positions, rates and torques vary one at a time; torques are on the motor side, motor accelerations on the
-    joint side of the gears.
+    The d coordinates y are the platform's x (n,) and, for an elastic robot, the deflections (n_e,). Each
+    derivative varies one of positions, rates and torques. Torques are on the motor side, motor accelerations
+    on the joint side of the gears.
     """
 
-    acceleration: Array  # (d,) of y
-    acceleration_y: Array  # (d, d) along y
-    acceleration_dy: Array  # (d, d) along its rates
+    acceleration: Array  # (d,) y"
+    acceleration_y: Array  # (d, d) by y
+    acceleration_dy: Array  # (d, d) by y'
     acceleration_torque: Array  # (d, n_a) per N m, N
     motor: Array  # (n_a,) accelerations of the motors' joints
     motor_y: Array  # (n_a, d)
@@ -61,11 +62,12 @@ def forward_derivatives(
 
     Args:
         q, v, torque, wrenches: as for `forward_dynamics`, a stack of T states included.
-        turning: frames whose wrenches turn with them, as on the axes of a tool; others stay as they are.
+        turning: frames whose wrenches turn with them, as on the axes of a tool; other wrenches keep their
+            components on base axes.
 
     Raises:
         InvalidInput: as `forward_dynamics`; a platform that does not determine the joints; a motion without
-            mass, whose acceleration torques of one instant do not tell.
+            mass, for which torques do not determine the acceleration.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
     """
     expect_robot(robot)
@@ -77,49 +79,50 @@ def forward_derivatives(
             f"acceleration; give the links of the springs mass, or leave the springs out"
         )
     motion = instant._motion
-    wrenches_that_turn = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
-    motion = motion.with_wrenches(tuple(wrenches_that_turn))
-    x, dx, ddx = platform_rates_of(robot, motion)
-    others = np.concatenate([robot.elastic, robot.structure.idle])  # that the platform does not determine
-    changes = coordinate_changes(robot, motion, others, (x, dx, ddx))
+    wrenches_on_motion = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
+    motion = motion.with_wrenches(tuple(wrenches_on_motion))
+    rates = platform_rates_of(robot, motion)
+    others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
+    changes = coordinate_changes(robot, motion, others, rates)
     force_change = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
+
     d = robot.n + robot.n_e
-    slopes = _coordinate_slopes(robot, changes.q[:, : robot.n + len(others)], force_change, d)
-    motor = _motor_slopes(changes.accelerations[..., robot.actuated], slopes, d)
-    entry, y_slopes = entry_of(q), slopes[:, :d]  # without idle joints
-    return ForwardDerivatives(
-        acceleration=np.concatenate([ddx, motion.a[:, robot.elastic]], axis=1)[entry],
-        acceleration_y=y_slopes[entry, ..., :d],
-        acceleration_dy=y_slopes[entry, ..., d : 2 * d],
-        acceleration_torque=y_slopes[entry, ..., 2 * d :],
-        motor=motion.a[entry, ..., robot.actuated],
-        motor_y=motor[entry, ..., :d],
-        motor_dy=motor[entry, ..., d : 2 * d],
-        motor_torque=motor[entry, ..., 2 * d :],
+    slopes = _coordinate_slopes(robot, changes.q, force_change, d)
+    motor_slopes = _motor_slopes(changes.accelerations[..., robot.actuated], slopes, d)
+    ends = [d, 2 * d]  # of the columns by y and by dy; the others are by torque
+    arrays = (  # in the order of the fields, for all instants
+        np.concatenate([rates[2], motion.a[:, robot.elastic]], axis=1),
+        *np.split(slopes[:, :d], ends, axis=2),  # without idle joints
+        motion.a[:, robot.actuated],
+        *np.split(motor_slopes, ends, axis=2),
     )
+    entry = entry_of(q)
+    return ForwardDerivatives(*(array[entry] for array in arrays))
 
 
 def _coordinate_slopes(robot: ParallelRobot, motions: Array, force_change: Array, d: int) -> Array:
     """Compute the derivatives (T, k, 2 d + n_a) of y" and idle accelerations by y, dy and torque.
 
-    T' `force_change` (3, T, k, nv) are the changes of generalised forces by steps of y, y' and y"; the last
-    is the inertia, which is solved. T' are the `motions` (T, k, nv) of unit rates.
+    Args:
+        motions: T' (T, k, nv), the joint rates for unit rates of y and of idle joints.
+        force_change: (3, T, k, nv) changes of the generalised forces by unit steps of y, dy and y".
+        d: number of coordinates y.
     """
-    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)
+    by_y, by_dy, inertia = motions @ force_change.swapaxes(2, 3)  # each (T, k, k)
     by_torque = robot.gear_ratio * motions[..., robot.actuated]
     right_side = np.concatenate([-by_y[..., :d], -by_dy[..., :d], by_torque], axis=2)
     return np.linalg.solve(inertia, right_side)
 
 
 def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
-    """Compute derivatives (T, n_a, 2 d + n_a) of motor accelerations by y, dy and torque.
+    """Compute the derivatives (T, n_a, 2 d + n_a) of motor accelerations by y, dy and torque.
 
-    They are partial derivatives, and those by y" times the derivatives of y".
+    By the chain rule: the partial derivatives by y and dy, and those by y" times the derivatives of y".
 
     Args:
         changes: (3, T, k, n_a) partial derivatives by the k entries of y, dy and y".
         slopes: (T, k, 2 d + n_a) derivatives of y" by y, dy and torque.
-        d: number of independent coordinates.
+        d: number of coordinates y.
     """
     by_y, by_dy, by_ddy = changes.swapaxes(2, 3)
     motor = by_ddy @ slopes
@@ -131,7 +134,7 @@ def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
 def _force_changes(
     robot: ParallelRobot, motion: Motion, joint_torque: Array, changes: MotionChanges
 ) -> Array:
-    """Compute `force_changes` (3, T, k, nv) under joint torques (T, n_a), with rotors and springs."""
+    """Compute `force_changes` (3, T, k, nv) with rotors and springs, under joint torques (T, n_a)."""
     r = tree_forces(robot, motion)
     multipliers = loop_multipliers(robot, motion.linearised, r, joint_torque)[:, robot.n :]
     changed = force_changes(robot, motion, multipliers, changes)
@@ -143,13 +146,13 @@ def _force_changes(
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
     """Compute the platform's coordinates x and their derivatives dx, ddx, each (T, n), of a motion.
 
-    The twist is v = E(x) dx, and its rate E ddx + E' dx: solve both with E.
+    The twist is v = E(x) dx with the rate E ddx + E' dx. Both equations are solved with E.
     """
     platform = robot.platform
     x = platform.coordinates(motion.linearised.frames)
     twist, twist_rate = platform_twists(robot, motion)
     E = platform.rate_matrix(x)
     dx = np.asarray(np.linalg.solve(E, twist[..., None])[..., 0])
-    quadratic_terms = platform.twist(x, dx)[1]
+    quadratic_terms = platform.twist(x, dx)[1]  # E' dx
     ddx = np.asarray(np.linalg.solve(E, (twist_rate - quadratic_terms)[..., None])[..., 0])
     return x, dx, ddx

@@ -1,7 +1,7 @@
-"""Forward dynamics: accelerations under motor torques, and the forces in loops and joints, of states.
+"""Forward dynamics: accelerations under motor torques, and the forces in loops and joints.
 
-The accelerations are those of the simulation (`simulation.accelerations`), regular at Type 2; the forces in
-loops and joints are computed as for a prescribed motion (`Instant`).
+The accelerations come from the simulation (`simulation.accelerations`) and are regular at Type 2. The forces
+in loops and joints are computed as for a prescribed motion (`Instant`).
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ def forward_dynamics(
 
         M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
 
-    in all coordinates, so that nothing is singular at Type 2. For rigid robots it inverts `dynamics_at`. For
-    elastic robots `dynamics_at` takes springs as rigid, while here their deflections in q cause forces. In
-    the result `a` is NaN for a motion without mass (an elastic robot of massless links), `torque` is the
-    argument, and `spring_force` is -K times the deflections.
+    These equations are in all coordinates and regular at Type 2. For rigid robots this function inverts
+    `dynamics_at`. For elastic robots `dynamics_at` takes springs as rigid, while here their deflections in q
+    cause forces. In the result `a` is NaN for a motion without mass (an elastic robot with massless links),
+    `torque` is the argument, and `spring_force` is -K times the deflections.
 
     Args:
         q: assembled, of `assemble` or `forward_kinematics`; or a stack of T states (T, nq), and all results
@@ -51,7 +51,7 @@ def forward_dynamics(
             alone and in a stack, to the last bit.
         v: (nv,) or (T, nv) [rad/s, m/s], of `dynamics_at(robot, q, dx=...)` or a plan.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: of the world, as for `dynamics_at`.
+        wrenches: external, as for `dynamics_at`.
 
     Raises:
         InvalidInput: q or v opens the loops; an argument of the wrong shape, or an unknown frame; parts
@@ -59,13 +59,14 @@ def forward_dynamics(
     """
     expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
-    count, nv = len(closed.q), robot.model.nv
-    rates = stacked_rows("v", v, nv, count)
+    count = len(closed.q)
+    rates = stacked_rows("v", v, robot.nv, count)
     torques = stacked_rows(f"torque ({', '.join(robot.actuator_names)})", torque, robot.n_a, count)
     _check_rates(robot, closed, rates)
-    unaccelerated = Motion(closed.q, rates.copy(), np.zeros((count, nv)), closed.linearised)
+    at_rest = np.zeros((count, robot.nv))
+    unaccelerated = Motion(closed.q, rates.copy(), at_rest, closed.linearised)
     unaccelerated = apply_wrenches(robot, unaccelerated, stack_wrenches(robot, wrenches, count))
-    applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=np.zeros((count, nv)))
+    applied = sum((wrench.generalised for wrench in unaccelerated.wrenches), start=at_rest)
     solution = accelerations(_equations_of(robot, threading.get_ident()), closed.q, rates, torques, applied)
     motion = replace(unaccelerated, a=solution.a)
     deflections = robot.coordinates.positions(closed.q)[:, robot.elastic]
@@ -75,18 +76,18 @@ def forward_dynamics(
     )
     entry = entry_of(q)
     instant = instant_of(robot, motion, tree_forces(robot, motion), forces, entry)
-    determined = np.where(solution.undetermined, np.nan, solution.a)
-    return replace(instant, torque=torques[entry], a=determined[entry])
+    acceleration = np.where(solution.undetermined, np.nan, solution.a)
+    return replace(instant, torque=torques[entry], a=acceleration[entry])
 
 
 @lru_cache(maxsize=16)  # megabytes each
 def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
-    """Return the equations of a robot for one thread, with working memory."""
+    """Return the equations of motion of a robot, with working memory for one thread."""
     return EquationsOfMotion.of(robot)
 
 
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
-    """Refuse joint rates (T, nv) that open the loops: J v must be zero but for rounding."""
+    """Refuse joint rates v (T, nv) that open the loops: J v must be zero but for rounding."""
     speeds = v / robot.column_scale
     loop_rates = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
     opening = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))

@@ -1,14 +1,15 @@
-"""Motor torques along a path under a given motion law, through Type 2 singularities, with proof.
+"""Certified motor torques along a path under a given motion law, through Type 2 singularities.
 
-Torques, motor angles and deflections are functions of time on Chebyshev nodes. Where the motion meets
-a Type 2 singularity they are a quotient 0/0 if the law respects condition (8), t_s . W_p = 0, and have
-a pole if it does not. The first is no event for interpolation between nodes; the second is found on the
-singular instant itself, and by coefficients that do not fall.
+Torques, motor angles and deflections are Chebyshev series in time. At a Type 2 singularity the torques are
+a quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
+smooth, and no node lies at the singular instant, so the series interpolate it without special treatment. A
+pole is detected in two ways: by t_s . W_p at the singular instant, and by coefficients that do not decay.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -43,7 +44,7 @@ from framework.errors import (
     NotAssembled,
     NotConverged,
     UnboundedTorque,
-    choose_from,
+    check_choice,
     expect_call,
 )
 from framework.kinematics.continuation.tracking import Branch
@@ -69,9 +70,9 @@ from framework.tolerances import (
 
 GEOMETRIES = ("rigid", "deformed")
 SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
-FEW = 20  # nodes of a panel of the law's own, tried first
-UNSETTLED = 1e-2  # change of the deflections over the largest one, from which on they are not used
-STALLED = 0.5  # change of the deflections over that of the last grid, from which on a finer grid is no help
+FEW = 20  # nodes a panel, tried before SIZES if the law has panels of its own
+UNSETTLED = 1e-2  # relative change of the deflections, above which they are discarded
+STALLED = 0.5  # ratio of that change to the change on the last grid, above which finer grids do not help
 
 
 def inverse_dynamics(
@@ -92,22 +93,21 @@ def inverse_dynamics(
             default for elastic robots.
         tolerance: tail of the torques that counts as resolved.
         friction: "driven" adds the dry friction of driven joints by the sign of their speed, "none" does not.
-        wrenches: of the world, by URDF link or joint, see `plan_crossing`.
+        wrenches: external, by URDF link or joint, see `plan_crossing`.
 
     Raises:
-        InvalidInput: geometry, friction or a frame unknown, law leaves [0, 1] or is not finite, path does not
-            fit.
-        UnboundedTorque: the law violates condition (8) at a singular instant: no torque is returned.
+        InvalidInput: geometry, friction or a frame is unknown; the law leaves [0, 1] or is not finite; the
+            path does not fit the robot.
+        UnboundedTorque: the law violates condition (8) at a singular instant.
         NoLaw: the motion stops on the locus, or meets a singularity that no law can cross.
         NotConverged: torques or deflections cannot be resolved to the tolerance.
         LoadedJoint: the motion would load a joint that nothing holds.
-        NotAssembled: it would tear a loop equation that was dropped at the reference as redundant.
+        NotAssembled: the motion would open a loop equation that was dropped at the reference as redundant.
         OutOfReach, Type1Singularity, SingularPath: see `locate_singularities`.
     """
     geometry = checked_geometry(robot, geometry)
     check_law(law)
-    if friction not in FRICTIONS:
-        raise InvalidInput(choose_from("friction", friction, FRICTIONS))
+    check_choice("friction", friction, FRICTIONS)
     searched = search_path(robot, path).under(ExternalWrenches.of(wrenches))
     return resolve_law(searched, law, geometry=geometry, tolerance=tolerance, friction=friction)
 
@@ -115,19 +115,16 @@ def inverse_dynamics(
 def resolve_law(
     searched: SearchedPath, law: MotionLaw, *, geometry: str, tolerance: float, friction: str
 ) -> InverseDynamics:
-    """Compute the torques of a given law by passes, or else with deflections of `restoration`."""
-    resolve_given = partial(
+    """Compute the torques of a fixed law by passes, else with deflections of `restoration`."""
+    resolve_law_with = partial(
         resolve, searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction
     )
     try:
-        return resolve_given()
+        return resolve_law_with(known=None)
     except (NotConverged, UnboundedTorque):
-        if geometry == "rigid":
-            raise
-        try:
-            return resolve_given(known=deflections_of(searched.branch, law))
-        except NoAnswer:
-            pass  # the first error tells more
+        if geometry != "rigid":
+            with suppress(NoAnswer):  # the first error tells more
+                return resolve_law_with(known=deflections_of(searched.branch, law))
         raise
 
 
@@ -138,15 +135,13 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
         InvalidInput: the geometry is unknown.
     """
     expect_robot(robot)
-    if geometry is None:
-        return "deformed" if robot.n_e else "rigid"
-    if geometry not in GEOMETRIES:
-        raise InvalidInput(choose_from("geometry", geometry, GEOMETRIES))
+    geometry = "deformed" if geometry is None else geometry
+    check_choice("geometry", geometry, GEOMETRIES)
     return geometry if robot.n_e else "rigid"
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise InvalidInput unless a tail below the tolerance excludes a pole (at most RESOLVABLE_TAIL)."""
+    """Raise InvalidInput unless 0 < tolerance <= RESOLVABLE_TAIL, so that smaller tails exclude a pole."""
     if not (is_number(tolerance) and 0 < tolerance <= RESOLVABLE_TAIL):
         raise InvalidInput(f"tolerance: must lie in (0, {RESOLVABLE_TAIL:g}], got {tolerance!r}")
 
@@ -160,9 +155,11 @@ def resolve(
     friction: str,
     known: KnownDeflections | None = None,
 ) -> InverseDynamics:
-    """Compute torques on grids of growing size until their series are resolved.
+    """Compute torques on finer and finer grids until their series are resolved.
 
-    Deflections are those `known`, if any; else they are solved for.
+    Args:
+        choose_law: returns the law at given deflections; at None, the law for springs at rest.
+        known: deflections to use; None to solve for them.
 
     Raises:
         As `inverse_dynamics`.
@@ -176,7 +173,7 @@ def resolve(
     unseen: NearMiss | None = None
     for size in (FEW, *SIZES) if len(edges_of(law)) else SIZES:
         state = refinement.solve(size)
-        if state.change > UNSETTLED:  # nothing to build on: once more on the next grid
+        if state.change > UNSETTLED:  # no start for the next grid, which tries again from rest
             if refinement.obstacles > 1:
                 break
             continue
@@ -193,7 +190,7 @@ def resolve(
             if unseen is None:
                 return _check_result(searched.branch, state, result, friction)
     least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
-    if known is None:  # else passes may find bounded torques under this law
+    if known is None:  # other deflections than the known ones may have bounded torques under this law
         check_bounded(robot, refinement.crossings, refinement.allowed_residual)
     if state.change > RESOLVABLE_TAIL < least:
         raise unsettled_error(robot, state)
@@ -202,33 +199,34 @@ def resolve(
 
 @dataclass
 class _Refinement:
-    """The computation of a motion's torques grid after grid: the start on the next grid, and the past."""
+    """The state of the computation between grids: the start on the next grid, and the results so far."""
 
     searched: SearchedPath
     choose_law: LawChoice
     geometry: str
     tolerance: float
     known: KnownDeflections | None
-    law: MotionLaw  # to begin with on the next grid
+    law: MotionLaw  # first law on the next grid
     crossings_at_rest: tuple[SingularityCrossing, ...]  # of the undeformed robot
-    crossings: tuple[SingularityCrossing, ...]  # of the robot as deformed on the last grid
-    start: TimeFunction | None = None  # deflections to begin with on the next grid; None: at rest
+    crossings: tuple[SingularityCrossing, ...]  # with the deflections of the last grid
+    start: TimeFunction | None = None  # first deflections on the next grid; None: at rest
     passes: int = 0  # on all grids together
     obstacles: int = 0  # number of grids on which the iteration met an obstacle
-    certificates: list[Certificate] = field(default_factory=list)
+    certificates: list[Certificate] = field(default_factory=list)  # one for each grid with a result
 
     @property
     def allowed_residual(self) -> float:
-        """Residual of condition (8) above which torques have a pole, however far deflections are resolved."""
+        """The residual of condition (8) above which torques have a pole, despite errors of deflections."""
         change = self.certificates[-1].change if self.certificates and self.geometry != "rigid" else 0.0
         return max(RESOLVABLE_TAIL, change)
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether finer grids are not going to reduce the change of the deflections to the tolerance."""
+        """Whether finer grids will not reduce the change of the deflections to the tolerance."""
         changes = [certificate.change for certificate in self.certificates]
-        stalls = len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
-        return changes[-1] > self.tolerance and (self.known is not None or stalls)
+        if changes[-1] <= self.tolerance:
+            return False
+        return self.known is not None or (len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3])
 
     def solve(self, size: int) -> DeflectionSolution:
         """Solve for forces and deflections on a grid of `size` nodes a panel.
@@ -287,76 +285,67 @@ class _Refinement:
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
         Configurations are stored as tangent offsets from the branch's origin, smooth functions of time.
         """
-        branch, grid = self.searched.branch, state.grid
+        branch, grid, motion = self.searched.branch, state.grid, state.motion
         robot = branch.robot
-        torques = grid.fit(motor_torque(robot, state.motion, state.forces.joint_torque))
-        q, s = state.motion.q, state.law(grid.times)
+        torques = grid.fit(motor_torque(robot, motion, state.forces.joint_torque))
+        q, s = motion.q, state.law(grid.times)
         if not branch.is_continued(s).any():  # continued configurations have a smooth spin already
             q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
         offsets = difference(robot, branch.origin, q)
         joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
-        motor_angles = grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated])
+        certificate = Certificate(
+            nodes=len(grid.times),
+            tail=_largest_tail(robot, grid, state, torques),
+            passes=self.passes,
+            change=state.change,
+            end_speed=_end_speed(robot, motion.v),
+            monotone=bool(np.all(np.diff(s) > -1e-14)),
+        )
         result = InverseDynamics(
             robot=robot,
             path=branch.path,
             law=state.law,
             geometry=self.geometry,
             torques=torques,
-            motor_angles=motor_angles,
+            motor_angles=grid.fit(robot.gear_ratio * joint_positions[:, robot.actuated]),
             deflections=state.deflections,
-            deflection_rates=tuple(
-                grid.fit(rates[:, robot.elastic]) for rates in (state.motion.v, state.motion.a)
-            ),
+            deflection_rates=(grid.fit(motion.v[:, robot.elastic]), grid.fit(motion.a[:, robot.elastic])),
             offsets=grid.fit(offsets),
             origin=branch.origin,
             crossings=self.crossings,
             wrenches=branch.wrenches,
-            certificate=Certificate(
-                nodes=len(grid.times),
-                tail=_largest_tail(robot, grid, state, torques),
-                passes=self.passes,
-                change=state.change,
-                max_closure_error=0.0,
-                max_residual_torque=0.0,
-                max_held_torque=0.0,
-                end_speed=_end_speed(robot, state),
-                monotone=bool(np.all(np.diff(s) > -1e-14)),
-            ),
+            certificate=certificate,
         )
+        self.certificates.append(certificate)
         if not state.plain:  # plain passes are as quick from rest, and free of the errors of this grid
             self.start, self.law = result.deflections, state.law
         if self.geometry != "rigid":
             self.crossings = tuple(deformed_crossing(result, crossing) for crossing in self.crossings)
-        self.certificates.append(result.certificate)
         return replace(result, crossings=self.crossings)
 
 
 def _check_result(
     branch: Branch, state: DeflectionSolution, result: InverseDynamics, friction: str
 ) -> InverseDynamics:
-    """Check crossings and idle joints of a resolved motion; return the result with dry friction.
+    """Check crossings and idle joints of a resolved motion; return the result with dry friction added.
 
     Raises:
         UnboundedTorque, NoLaw, LoadedJoint: see `inverse_dynamics`.
     """
-    check_bounded(branch.robot, result.crossings, CONDITION_RESIDUAL)
-    check_crossings(branch.robot, state, result.geometry, result.crossings)
+    robot = branch.robot
+    check_bounded(robot, result.crossings, CONDITION_RESIDUAL)
+    check_crossings(robot, state, result)
     certificate = replace(result.certificate, max_held_torque=check_idle_joints(branch, state, result))
-    return replace(result, certificate=certificate, friction=_planned_friction(result, friction))
-
-
-def _planned_friction(result: InverseDynamics, friction: str) -> PlannedFriction | None:
-    """Return the dry friction of driven joints along a motion, None without friction."""
-    actuated, size = result.robot.actuated, motor_friction(result.robot, friction)
-
-    def speed(t: Array) -> Array:
-        return result.robot.gear_ratio * result.velocity(t)[:, actuated]
-
-    return PlannedFriction.from_speed(size, speed, result.duration)
+    planned_friction = PlannedFriction.from_speed(
+        motor_friction(robot, friction),
+        lambda t: robot.gear_ratio * result.velocity(t)[:, robot.actuated],
+        result.duration,
+    )
+    return replace(result, certificate=certificate, friction=planned_friction)
 
 
 def check_law(law: MotionLaw) -> None:
-    """Raise InvalidInput unless a law has a duration and stays on the path."""
+    """Raise InvalidInput unless a law has a positive duration and stays on the path."""
     expect_call("law", law, ("duration",), "a Law")
     duration = law.duration
     if not (np.isfinite(duration) and duration > 0):
@@ -369,13 +358,13 @@ def check_law(law: MotionLaw) -> None:
 
 
 def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
-    """Whether the series through the law's values at the nodes agrees with the law between the nodes.
+    """Return whether the series through the law's values at the nodes agrees with the law elsewhere.
 
     Raises:
         InvalidInput: a derivative of the law is not that of the series.
     """
     if isinstance(law, ExactLaw):
-        return True  # a law of this package; the closure error between nodes checks the law, too
+        return True  # a law of this package; the closure error between nodes checks it, too
     times = np.linspace(0.0, law.duration, 16 * len(grid.times))
     values = np.asarray(law(grid.times))[:, None]
     series_values = grid.fit(values)(times)[:, 0]
@@ -383,13 +372,13 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
         return False
     for order, derivative in enumerate(grid.differentiate(values), start=1):
         difference = np.abs(np.asarray(law(grid.times, order)) - derivative[:, 0]).max()
-        if not difference <= WRONG_DERIVATIVE * max(float(np.abs(derivative).max()), law.duration**-order):
+        if not difference <= WRONG_DERIVATIVE * max(np.abs(derivative).max(), law.duration**-order):
             raise InvalidInput(f"law: law(t, {order}) is not the derivative of law(t) of that order")
     return True
 
 
 def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
-    """Compute the tail of a function (k) without components that are zero but for `rounding` (k,)."""
+    """Compute the tail of a function's k components, without components below `rounding` (k,)."""
     size = np.abs(function.coefficients).max(axis=(0, 1))
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
@@ -397,8 +386,8 @@ def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
 def _largest_tail(
     robot: ParallelRobot, grid: TimeGrid, state: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
-    """Compute the tail of the motor torques or of the caused deflections, the larger one."""
-    # rounding of motor torques (n_a,) [N m] that are zero, as at constant speed
+    """Compute the larger of the tails of the motor torques and of the caused deflections."""
+    # rounding of torques (n_a,) [N m] that are zero, as at constant speed: of the robot's kinetic energy
     torque_rounding = 1e-15 * robot.mass * (robot.length / state.law.duration) ** 2 / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
     return max(
@@ -407,11 +396,11 @@ def _largest_tail(
     )
 
 
-def _end_speed(robot: ParallelRobot, state: DeflectionSolution) -> float:
-    """Compute the largest motor speed at the ends of the motion over the largest of the motion."""
-    speeds = np.abs(robot.gear_ratio * state.motion.v[:, robot.actuated])
-    peak = float(speeds.max(initial=0.0))
-    return float(speeds[[0, -1]].max(initial=0.0)) / peak if peak > 0 else 0.0
+def _end_speed(robot: ParallelRobot, v: Array) -> float:
+    """Compute the largest motor speed at both ends of a motion v (T, nv) over the largest at all times."""
+    speeds = np.abs(robot.gear_ratio * v[:, robot.actuated])
+    peak = speeds.max(initial=0.0)
+    return float(speeds[[0, -1]].max(initial=0.0) / peak) if peak > 0 else 0.0
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

@@ -1,12 +1,13 @@
-"""Equilibria of many configurations under a growing load, motors locked, by continuation.
+"""Equilibria of many configurations under a growing load with locked motors, by continuation.
 
-The equilibria under a growing share of weight and wrench draw a curve, which is followed by its length: a
-step goes along the tangent, and Newton's method leads back to the curve beside it, the share being one of the
-unknowns (Keller 1977), so that a curve that is flat or steep in the share is followed alike. A step counts
-if the correction is small beside it, if the share grows as the tangents at both ends have it, and if the
-tangent stiffness stays positive definite. So the equilibrium reached is the one that the unloaded
-configuration leads to without a jump. Where the share turns back (a fold: snap-through) the turning point is
-found by a direct root; a bifurcation (buckling), by steps that halve.
+The equilibria under a growing share of weight and wrench form a curve. It is followed by pseudo-arclength
+continuation (Keller 1977): a predictor step along the tangent, then a correction to the curve by Newton's
+method with the share among the unknowns. Curves that are flat or steep in the share are followed alike.
+
+A step is accepted if the correction is small, if the gain of the share agrees with the tangents at both ends,
+and if the tangent stiffness stays positive definite. So the equilibrium reached is connected with the
+unloaded configuration without a jump. Where the share turns back (a fold: snap-through) the turning point is
+solved for directly. A bifurcation (buckling) is bracketed by halving the steps.
 """
 
 from __future__ import annotations
@@ -43,20 +44,22 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArray
 from framework.numerics.ordered_sums import dot, matmul, matvec, solve
 from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
 
-MAX_CORRECTION_RATIO = 0.25  # of a step, as along other branches: more may be another equilibrium
-MAX_SHARE_GAP = 0.1  # of what the steeper tangent gains: two folds of a cubic between two points leave 1 / 6
-UNCHECKED_MOTION = 1e-7  # [rad, lengths] a motion with no room for a fold
-MAX_STEPS = 1000  # along the curve; most robots take one, and 0.1 rad each lead beyond what springs bear
-MAX_ITERATIONS = 8  # of Newton's method a step
+MAX_CORRECTION_RATIO = 0.25  # of a step, as on other curves; a larger correction may reach another branch
+# Error of the predicted gain over the gain along the steeper tangent. Two folds of a cubic between the ends
+# of a step leave an error of 1 / 6.
+MAX_SHARE_GAP = 0.1
+UNCHECKED_MOTION = 1e-7  # [rad, lengths] steps below this are too short for a fold
+MAX_STEPS = 1000  # along the curve; most robots take one, and steps of 0.1 rad soon exceed any deflection
+MAX_ITERATIONS = 8  # of Newton's method in a step
 
 
 class LoadReason(IntEnum):
-    """The outcome for one configuration: the load is carried, or why not."""
+    """The outcome for one configuration: the load is carried, or the reason why not."""
 
     CARRIED = 0
-    GIVES_WAY = 1  # the stiffness is lost before the whole load is on: it snaps through, or buckles
+    GIVES_WAY = 1  # snaps through or buckles: the stiffness is lost before the whole load is applied
     TOO_SOFT = 2  # deflections beyond `MAX_DEFLECTION`
-    OTHER_MODE = 3  # carried, but by way of Type 2 into another assembly mode
+    OTHER_MODE = 3  # carried, but in another assembly mode, reached through Type 2
     NOT_CONVERGED = 4
 
 
@@ -71,37 +74,37 @@ LOAD_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class LoadedStack(ReadOnlyArrays):
-    """T configurations under the load; one with another reason than `CARRIED` bears a share only."""
+    """T configurations under the load, or under a share where the reason is not `CARRIED`."""
 
     q: Array  # (T, nq)
     reason: NDArray[np.uint8]  # (T,) `LoadReason`
     share: Array  # (T,) of the load that was reached
-    free: CompliantMotions  # at q, with the stiffness under load in place of that of the springs
+    free: CompliantMotions  # at q; K is the stiffness under load instead of that of the springs
 
 
 class _Points(NamedTuple):
-    """T configurations on the curve, with their tangents."""
+    """T equilibria on the curve, with their tangents."""
 
     q: Array  # (T, nq)
     share: Array  # (T,) of the load
-    rate: Array  # (T, f) of the moving columns with respect to the share, radians and lengths of the robot
+    rate: Array  # (T, f) derivative of the moving joints by the share [rad, lengths]
 
 
 class _Prediction(NamedTuple):
-    """T steps along the tangents."""
+    """T predictor steps along the tangents."""
 
     step: Array  # (T, f) [rad, lengths]
-    tangent: Array  # (T, f) of unit length
-    share: Array  # (T,) of the load
+    tangent: Array  # (T, f) unit vector
+    share: Array  # (T,) of the load after the step
     is_whole: BoolArray  # (T,) whether that is the whole load
     size: Array  # (T,) [rad, lengths] largest entry of the step
 
 
 class _Corrected(NamedTuple):
-    """T steps led back to the curve by Newton's method."""
+    """T steps corrected to the curve by Newton's method."""
 
     points: _Points
-    length: Array  # (T,) [rad, lengths] along the tangent
+    length: Array  # (T,) [rad, lengths] of the corrected step along the tangent
     converged: BoolArray  # (T,)
     is_stable: BoolArray  # (T,) whether the stiffness is positive definite
 
@@ -112,15 +115,15 @@ class _StepEnds(NamedTuple):
     points: _Points
     size: Array  # (T,) [rad, lengths] of the predicted step
     accepted: BoolArray  # (T,)
-    is_unstable: BoolArray  # (T,) whether only a stiffness that is not positive definite forbids the step
-    has_fold: BoolArray  # (T,) whether the share has turned back, too
+    is_unstable: BoolArray  # (T,) whether the step is refused only as the stiffness is not positive definite
+    has_fold: BoolArray  # (T,) whether the share has also turned back
 
 
 def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = None) -> LoadedStack:
     """Follow equilibria under growing weight and wrench from unloaded assembled configurations q (T, nq).
 
     Args:
-        wrench: of the world ON the platform, see `platform_stiffness`.
+        wrench: external, ON the platform, see `platform_stiffness`.
 
     Raises:
         InvalidInput: a robot without springs; a wrench without a potential.
@@ -154,7 +157,7 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
 
 
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
-    """Return the reason (T,) to stop after each step, NOT_CONVERGED to go on."""
+    """Return the reason (T,) to stop after each step; NOT_CONVERGED to continue."""
     reasons = np.full(len(ends.size), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     share = ends.points.share
     reasons[ends.accepted & (share == 1.0)] = LoadReason.CARRIED
@@ -166,7 +169,7 @@ def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
 def _loaded_stack(
     robot: ParallelRobot, q: Array, reached: _Points, reason: NDArray[np.uint8], load: Load
 ) -> LoadedStack:
-    """Return the stack reached from q (T, nq), with its stiffness and changes of assembly mode."""
+    """Return the stack reached from q (T, nq), with stiffness and changes of assembly mode."""
     start, end = (linearised_at(robot, poses, None) for poses in (q, reached.q))
     changes_mode = mode_signs(robot, end)[1] != mode_signs(robot, start)[1]
     reason[changes_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
@@ -176,10 +179,10 @@ def _loaded_stack(
 
 
 def _curve_tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
-    """Compute rates (T, f) by the share along the curve; return whether the stiffness is positive definite.
+    """Compute the derivatives (T, f) by the share, and whether the stiffness H is positive definite (T,).
 
-    H dz/dshare = -drive on the null space of the closures, by eigenvalues of H. Eigenvalues of the size of
-    rounding are replaced by rounding.
+    H dz/dshare = -drive on the null space of the closures is solved by the eigenvalues of H. Eigenvalues
+    below rounding are replaced by rounding.
     """
     values, vectors = np.linalg.eigh(H)  # (T, d), (T, d, d)
     rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
@@ -189,11 +192,11 @@ def _curve_tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArr
 
 
 def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -> _StepEnds:
-    """Find the equilibria a step (T,) [rad, lengths] further on the curve, or under the whole load.
+    """Find the equilibria one step (T,) [rad, lengths] further on the curve.
 
-    The whole load is taken where it is nearer than the step. Where the curve leads beyond the whole load,
-    the next step leads back. Between its ends a step has no fold unseen if the share grows by the mean of its
-    slopes along the tangent at both ends.
+    A step ends at the whole load if that is nearer. If the curve leads beyond the whole load, the next step
+    leads back. A step hides no fold if the share grows by the mean of the slopes at both ends, times the
+    length of the step.
     """
     ahead = _predict_steps(start, step)
     end = _correct_steps(robot, start, ahead, load)
@@ -207,28 +210,33 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
         turns_back = slope * end_slope < 0.0
     on_curve = end.converged & (is_straight | (ahead.size <= UNCHECKED_MOTION))
     is_unstable = on_curve & ~end.is_stable
-    return _StepEnds(end.points, ahead.size, on_curve & end.is_stable, is_unstable, is_unstable & turns_back)
-
-
-def _predict_steps(start: _Points, step: Array) -> _Prediction:
-    """Compute steps of size (T,) [rad, lengths] along the tangents, as far as the whole load."""
-    remaining = 1.0 - start.share
-    size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)
-    cut = np.minimum(1.0, step / np.maximum(size_to_end, step))
-    motion = start.rate * (remaining * cut)[:, None]
-    length = np.linalg.norm(motion, axis=1, keepdims=True)
-    is_whole = cut == 1.0
-    share = np.where(is_whole, 1.0, start.share + cut * remaining)
-    return _Prediction(
-        motion, motion / np.where(length > 0.0, length, 1.0), share, is_whole, size_to_end * cut
+    return _StepEnds(
+        end.points,
+        ahead.size,
+        accepted=on_curve & end.is_stable,
+        is_unstable=is_unstable,
+        has_fold=is_unstable & turns_back,
     )
 
 
-def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
-    """Lead steps back to the curve by Newton's method.
+def _predict_steps(start: _Points, step: Array) -> _Prediction:
+    """Compute steps of at most `step` (T,) [rad, lengths] along the tangents, up to the whole load."""
+    remaining = 1.0 - start.share
+    size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)
+    fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the way to the whole load
+    motion = start.rate * (remaining * fraction)[:, None]
+    length = np.linalg.norm(motion, axis=1, keepdims=True)
+    tangent = motion / np.where(length > 0.0, length, 1.0)
+    is_whole = fraction == 1.0
+    share = np.where(is_whole, 1.0, start.share + fraction * remaining)
+    return _Prediction(motion, tangent, share, is_whole, size_to_end * fraction)
 
-    A step under the whole load keeps its share; another one keeps the joints' motion along the tangent, and
-    takes one more iteration, to rounding, as a tangent at a soft place needs.
+
+def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
+    """Correct predicted steps to the curve by Newton's method.
+
+    A step to the whole load keeps the share. Any other step keeps the joints' motion along the tangent. It
+    gets one more iteration, to rounding, which the tangent needs where the robot is soft.
     """
     end = _Points(_move_joints(robot, start.q, ahead.step), ahead.share, np.zeros_like(ahead.step))
     length = np.linalg.norm(ahead.step, axis=1)
@@ -238,6 +246,7 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
     for _ in range(MAX_ITERATIONS):
         state = balance(robot, end.q[live], load.select(live)._replace(share=end.share[live]))
         step, gain = _newton_step(state, ahead.tangent[live], ahead.is_whole[live])
+
         size = np.abs(step).max(axis=1)
         correction[live] += size
         on_branch = correction[live] <= np.maximum(MAX_CORRECTION_RATIO * ahead.size[live], UNCHECKED_MOTION)
@@ -245,6 +254,7 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
         end.q[live] = _move_joints(robot, end.q[live], step)
         end.share[live] += np.where(on_branch, gain, 0.0)
         length[live] += dot(ahead.tangent[live], step)
+
         is_small = size < NEWTON_STEP
         done = on_branch & is_small & (ahead.is_whole[live] | was_small[live])
         was_small[live] = is_small
@@ -261,13 +271,13 @@ def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, loa
 def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[Array, Array]:
     """Compute Newton's step (T, f) to the curve, and the change (T,) of the share.
 
-    On the null space of the closures [H drive; border' 0] [dz; dshare] = [-slope; 0], with the tangent as the
-    border; under the whole load the last row is dshare = 0.
+    On the null space of the closures it solves [H drive; border' 0] [dz; dshare] = [-slope; 0] with the
+    tangent as the border. Under the whole load the last row is dshare = 0.
     """
     along = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
     bordered = np.block([[state.H, state.drive[:, :, None]], [along[:, None], is_whole[:, None, None]]])
     right = np.append(-state.slope, np.zeros((len(along), 1)), axis=1)
-    with np.errstate(all="ignore"):  # what is singular, or no number, ends there
+    with np.errstate(all="ignore"):  # a singular system gives infinite steps, which end the iteration
         step = solve(bordered, right)
         return state.closing + matvec(state.null, step[:, :-1]), step[:, -1]
 
@@ -276,9 +286,9 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
     """Find the turning points of the share ahead of points on the curve."""
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute F (T, f): the slope of the energy along the null space Z of the closures, the loops across.
+        """Compute F (T, f): the slope of the energy along the null space Z, the loop errors across Z.
 
-        The matrix of F is the stiffness along Z and 1 across: 1 + Z (H / size - 1) Z'.
+        The Jacobian of F is the scaled stiffness along Z and 1 across Z: 1 + Z (H / size - 1) Z'.
         """
         state = balance(robot, q, load._replace(share=share))
         size = np.abs(state.H).max(axis=(1, 2))[:, None]
@@ -288,11 +298,11 @@ def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
         drive, slope = matvec(null, state.drive / size), matvec(null, state.slope / size)
         return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
 
-    columns, still = moving_columns(robot), np.zeros((len(start.q), robot.model.nv))
+    columns, still = moving_columns(robot), np.zeros((len(start.q), robot.nv))
     return Curves(robot, columns, still, evaluate).find_turning_points(start.q, start.share)
 
 
 def _move_joints(robot: ParallelRobot, q: Array, step: Array) -> Array:
-    """Return configurations (T, nq) after steps (T, f) [rad, lengths of the robot] of the moving columns."""
+    """Return configurations (T, nq) after steps (T, f) [rad, robot lengths] of the moving columns."""
     columns = moving_columns(robot)
     return integrate_columns(robot, q, columns, step * robot.column_scale[columns])

@@ -1,8 +1,8 @@
 """Dry friction of driven joints along a planned motion, with the sign of the planned speed.
 
-Dry friction f of its joint adds f sign(dq_a/dt) / gear ratio to the torque of a motor. Along a path that
-advances the sign is that of dq_a/ds. It jumps where a motor reverses, so this share is no Chebyshev series
-and is added to the series of the rest. At a standstill it is zero.
+Dry friction f of a motor's joint adds f sign(dq_a/dt) / gear ratio to the motor's torque. If the law
+advances, the sign is that of dq_a/ds. This part jumps where a motor reverses, so it is not part of the
+Chebyshev series of the torques but added to them. At a standstill it is zero.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.tolerances import AT_REST
 
 FRICTIONS = ("driven", "none")
-SPEED_SAMPLES = 1001  # instants for the speed's sign; two reversals between samples are not seen
+SPEED_SAMPLES = 1001  # instants at which signs are sampled; two reversals between samples stay unseen
 
 
 def motor_friction(robot: ParallelRobot, friction: str) -> Array:
-    """Return the dry friction (n_a,) [N m or N], motor side, of plans with friction "driven" or "none"."""
+    """Return the dry friction (n_a,) [N m or N] of the motors, motor side; zero for "none"."""
     if friction == "none":
         return np.zeros(robot.n_a)
     return robot.joint_friction[robot.actuated] / np.abs(robot.gear_ratio)
@@ -36,11 +36,11 @@ def speed_signs(speeds: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PlannedFriction(ReadOnlyArrays):
-    """The torque of dry friction as a function of time, constant on intervals.
+    """The torque of dry friction as a function of time, piecewise constant.
 
-    instants: for each motor the ascending ends (k,) [s] of its intervals: both ends of the motion, and where
-        the motor reverses, stops or starts.
-    between: for each motor the torque (k - 1,) on its intervals, motor side [N m or N].
+    instants: for each motor the ascending ends (k,) [s] of the intervals: both ends of the motion, and the
+        instants at which the motor reverses, stops or starts.
+    between: for each motor the torque (k - 1,) on the intervals, motor side [N m or N].
     """
 
     instants: tuple[Array, ...]
@@ -48,20 +48,17 @@ class PlannedFriction(ReadOnlyArrays):
 
     @staticmethod
     def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
-        """Return friction of `size` (n_a,) along motor speeds (T, n_a) at t (T,); None without friction."""
+        """Make friction of `size` (n_a,) for motor speeds speed(t) (T, n_a); None without friction."""
         if not size.any():
             return None
         t = np.linspace(0.0, duration, SPEED_SAMPLES)
         sampled_signs = speed_signs(speed(t))
-        instants, between = [], []
-        for k, friction in enumerate(size):
-            ends, interval_signs = _constant_sign_intervals(t, sampled_signs[:, k], speed, k)
-            instants.append(ends)
-            between.append(friction * interval_signs)
-        return PlannedFriction(tuple(instants), tuple(between))
+        intervals = [_constant_sign_intervals(t, signs, speed, k) for k, signs in enumerate(sampled_signs.T)]
+        instants, interval_signs = zip(*intervals, strict=True)
+        return PlannedFriction(instants, tuple(map(np.multiply, interval_signs, size)))
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Return the torque (T, n_a) [N m] at t (T,), (n_a,) at a scalar; 0 at a change of sign."""
+        """Evaluate the torque (T, n_a) [N m] at t (T,), (n_a,) at a scalar; 0 at a change of sign."""
         times = np.asarray(t, dtype=float)
         values = []
         for instants, between in zip(self.instants, self.between, strict=True):
@@ -76,12 +73,13 @@ def _constant_sign_intervals(
 ) -> tuple[Array, Array]:
     """Return the ends (k,) [s] of intervals of constant sign, and the signs (k - 1,), from samples at t.
 
-    The first and last samples, where the motion starts and stops smoothly, may be zero: they belong to their
-    neighbours' interval. So does a single zero sample; two and more are a standstill of sign 0.
+    The motion starts and stops smoothly, so the first and last samples may be zero; they belong to the
+    adjacent interval. So does a single zero sample. Two or more are a standstill, an interval of sign 0.
     """
-    from scipy.optimize import brentq  # takes time to import, and most robots have no dry friction
+    from scipy.optimize import brentq  # slow to import, and most robots have no dry friction
 
     def motor_speed(instant: float) -> float:
+        """Evaluate the speed of the motor at an instant [s]."""
         return float(speed(np.array([instant]))[0, motor])
 
     moving = np.flatnonzero(sign)

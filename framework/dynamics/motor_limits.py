@@ -1,4 +1,4 @@
-"""Limits of the motors, of the robot file or stated beside the robot."""
+"""Limits of the motors' torques and speeds, from the robot file or stated for a plan."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 
-# Of all motors; of each, None or infinite where a motor has no limit; or of some, by joint.
+# One limit for all motors; one for each, None or infinite for motors without a limit; or limits by joint.
 Limit = float | Sequence[float | None] | Mapping[str, float | None] | Array | None
 
 
 def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
-    """Return the limits of all motors (n_a,), motor side, infinite for unlimited motors.
+    """Return the limits (n_a,) of all motors, motor side, infinite for unlimited motors.
 
     Args:
-        name: `torque_limit` [N m, or N where a motor slides] or `speed_limit` [rad/s, m/s].
+        name: `torque_limit` [N m, or N for sliding motors] or `speed_limit` [rad/s, m/s].
         stated: one positive number for all motors; or one for each in the order of `robot.actuator_names`; or
             some by joint, the others as in the robot file; or None for the limits of the robot file. A motor
             whose entry is None or infinite has no limit.
@@ -26,15 +26,14 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     Raises:
         InvalidInput: another number of limits, a joint without a motor, or a limit that is not positive.
     """
-    in_file = [getattr(actuator, name) for actuator in robot.description.actuators]
+    in_file = {motor.joint: getattr(motor, name) for motor in robot.description.actuators}
     if stated is None:
-        return _unlimited_where_none(in_file)
+        return _unlimited_where_none(list(in_file.values()))
     if isinstance(stated, Mapping):
-        limits = dict(zip(robot.actuator_names, in_file, strict=True))
         for joint in stated:
-            if joint not in limits:
-                raise InvalidInput(f"{name}: {choose_from('motor', joint, limits)}")
-        values = list({**limits, **stated}.values())
+            if joint not in in_file:
+                raise InvalidInput(f"{name}: {choose_from('motor', joint, in_file)}")
+        values = list({**in_file, **stated}.values())
     else:
         values = [stated] if np.ndim(stated) == 0 else list(stated)  # type: ignore[arg-type]
     try:
@@ -51,16 +50,17 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
 
 
 def is_limited(stated: Limit) -> bool:
-    """Whether stated limits, as for `motor_limits`, bound any motor: None and infinity do not."""
+    """Return whether stated limits, as for `motor_limits`, bound any motor: None and infinity do not."""
     values = stated.values() if isinstance(stated, Mapping) else np.atleast_1d(np.array(stated, object))
     return any(value is not None and value != np.inf for value in values)
 
 
 def shortest_form(limits: Array) -> tuple[float | None, ...]:
-    """Return limits (n_a,) as one number if all are the same, with None for infinity."""
+    """Return limits (n_a,) as a tuple, of one number if all are equal, with None for infinity."""
     values = tuple(limit if np.isfinite(limit) else None for limit in limits.tolist())
     return values[:1] if len(set(values)) == 1 else values
 
 
 def _unlimited_where_none(limits: Sequence[float | None]) -> Array:
+    """Convert limits to an array, None to infinity."""
     return np.array([np.inf if limit is None else limit for limit in limits], dtype=float)

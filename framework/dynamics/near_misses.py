@@ -1,8 +1,8 @@
 """Check that the torques of a motion are resolved at near misses of the singular locus.
 
-Beside a singularity torques may rise like 1/|g|, over a stretch of the path in which |g| doubles. Nodes
-farther apart do not resolve it, however small the tail of their series is. So the torques are computed again
-from the motion where |g| is least and where it has doubled. They have to agree with the series to the
+Beside a singularity torques may rise like 1/|g| over a stretch of the path in which |g| doubles. Nodes that
+are farther apart do not resolve this peak, however small the tail of the series. So the torques are computed
+again from the motion where |g| is least and where it has doubled. They must agree with the series to the
 tolerance of a resolved torque, plus the rounding of g.
 """
 
@@ -15,6 +15,7 @@ from framework.dynamics.forces import joint_forces
 from framework.dynamics.residuals import evaluate_motion
 from framework.dynamics.result import InverseDynamics
 from framework.dynamics.singularity_crossings import find_instants
+from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.numerics.arrays import Array
 from framework.singularity.piecewise_measure import extremum_near
@@ -26,44 +27,44 @@ from framework.tolerances import RESOLVABLE_TAIL
 def unseen_near_miss(
     searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics
 ) -> NearMiss | None:
-    """Return the first near miss where the torques differ from their series, else None."""
+    """Find the first near miss at which the torques differ from their series, if any."""
     for miss in searched.near_misses:
-        if miss.s in (0.0, 1.0):  # the motion is at rest, and nodes are densest
+        if miss.s in (0.0, 1.0):  # there the motion is at rest and the nodes are dense
             continue
         for t in find_instants(state.law, state.grid.edges, miss.s):
-            if not _is_resolved_near(searched, state, result, miss, t):
+            if not _is_resolved_near(searched.branch, state, result, miss, t):
                 return miss
     return None
 
 
 def _is_resolved_near(
-    searched: SearchedPath, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
+    branch: Branch, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
 ) -> bool:
-    """Whether the series of the torques is right at a near miss that the law passes at `instant` [s].
+    """Return whether the series of the torques is right at a near miss passed at `instant` [s].
 
-    Torques are computed at the least |g| and where |g| is twice as large on both sides.
+    Torques are computed at the least |g|, and on both sides where |g| is twice as large.
     """
-    robot, edges = searched.branch.robot, state.grid.edges
-    start, duration = edges[0], edges[-1] - edges[0]
+    robot, edges = branch.robot, state.grid.edges
+    duration = edges[-1]
 
-    def matrices(share: Array) -> Array:
+    def matrices(shares: Array) -> Array:
         """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
-        times = start + share * duration
-        return type2_matrix(robot, evaluate_motion(searched.branch, result, times)[1].linearised)
+        motion = evaluate_motion(branch, result, shares * duration)[1]
+        return type2_matrix(robot, motion.linearised)
 
-    # the instant of the least |g| of the deflected robot, which is not that of the robot at rest
-    closest = extremum_near(matrices, (edges - start) / duration, (instant - start) / duration, miss.size)
-    shares = np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
-    times = start + duration * shares
-    motion = evaluate_motion(searched.branch, result, times)[1]
+    # the least |g| of the deflected robot, at another instant than for the robot at rest
+    closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
+    times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
+    motion = evaluate_motion(branch, result, times)[1]
     computed = joint_forces(robot, motion).joint_torque
-    expected = state.grid.fit(state.forces.joint_torque)(times)
+    torques = state.forces.joint_torque
+    error = np.abs(computed - state.grid.fit(torques)(times)).max()
     allowed = RESOLVABLE_TAIL + closest.rounding / max(abs(closest.g), closest.rounding)
-    return bool(np.abs(computed - expected).max() <= allowed * np.abs(state.forces.joint_torque).max())
+    return bool(error <= allowed * np.abs(torques).max())
 
 
 def describe_near_miss(searched: SearchedPath, miss: NearMiss) -> str:
-    """Return the advice about a near miss: its place, |g| and a remedy."""
+    """Return the place of a near miss, its |g| and a remedy, in words."""
     robot, x = searched.branch.robot, searched.branch.path(miss.s)
     return (
         f"at s = {miss.s:.9g}, {robot.place(x)} the path misses a singularity by "

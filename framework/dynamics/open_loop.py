@@ -1,13 +1,13 @@
-"""The error of a platform under inexact torques, without feedback or with that of its motors alone.
+"""The error of the platform under inexact torques, without feedback or with feedback of the motors alone.
 
-With G' tau the wrench of the motors and W(x, dx/dt, d2x/dt2) the one that the motion requires, the offset d
-of the platform from its path follows, to first order,
+With the wrench G' tau of the motors and the wrench W(x, dx/dt, d2x/dt2) that the motion requires, the error d
+of the platform satisfies, to first order,
 
     M d" = -(W - G' tau) - dW/d(dx/dt) d' - d(W - G' tau)/dx d,        M = dW/d(d2x/dt2).
 
-The first term is the lack of torque on the path. Where the last repels, weight or the torques themselves
-drive the platform away, the faster the farther it is: without feedback a robot that stands on its legs falls
-over. No divisor vanishes at a Type 2 singularity.
+The first term is the wrench missing on the path. If the last term repels, weight or the torques themselves
+drive the platform away, the faster the larger the error: without feedback a robot that stands on its legs
+falls over. These equations are regular at a Type 2 singularity.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
 from framework.numerics.arrays import Array
 
-GROWTH_INSTANTS = 65  # at which the rate of growth is computed and integrated over the motion
-DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] for a difference of wrenches
-# Exponents of growth below which the growth is 1 but for rounding, and above which it overflows.
+GROWTH_INSTANTS = 65  # instants of the quadrature of the growth rate over the motion
+DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] of the difference quotient of wrenches
+# Exponents below which the growth is 1 but for rounding, and above which it overflows.
 MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
 
 
@@ -38,9 +38,9 @@ class MotorControl(NamedTuple):
 
     @staticmethod
     def of(inertia: Array, frequency: Array | float, damping: float = 1.0) -> MotorControl:
-        """Return the gains of motors with the natural `frequency` w [rad/s] and a damping ratio.
+        """Return the gains for the natural `frequency` w [rad/s] and a damping ratio.
 
-        k_p = w^2 I and k_d = 2 damping w I, with I (n_a,) the inertia that each moves [kg m^2, kg].
+        k_p = w^2 I and k_d = 2 damping w I, with the inertia I (n_a,) that each motor moves [kg m^2, kg].
         """
         return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * damping * frequency * inertia)
 
@@ -69,7 +69,7 @@ class ErrorDynamics(NamedTuple):
 
 
 def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Compute the dynamics of the platform's error at t (T,), at constant deflections, by differences.
+    """Compute the dynamics of the platform's error at t (T,) by differences, at constant deflections.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
@@ -81,11 +81,11 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
 
     def missing_wrench(closed: ClosedStack, dx: Array, ddx: Array) -> Array:
         """Compute W - G' tau (T, n)."""
-        world = result.wrenches.evaluate(robot, closed.linearised.frames, s)
-        motion = motion_at(robot, closed, dx, ddx).with_wrenches(world)
+        external = result.wrenches.evaluate(robot, closed.linearised.frames, s)
+        motion = motion_at(robot, closed, dx, ddx).with_wrenches(external)
         return platform_wrench(robot, motion).missing_wrench(torque)
 
-    # W is linear in d2x/dt2 and quadratic in dx/dt: differences of any size are exact
+    # W is linear in d2x/dt2 and quadratic in dx/dt: central differences of any size are exact
     inertia = _central_slopes(lambda step: missing_wrench(on_path, dx, ddx + step), np.ones(robot.n))
     by_rate = _central_slopes(
         lambda step: missing_wrench(on_path, dx + step, ddx), robot.platform_scale / result.duration
@@ -99,15 +99,15 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
 
 
 def _central_slopes(function: Callable[[Array], Array], sizes: Array) -> Array:
-    """Compute derivatives (T, n, n) along each coordinate by central differences of sizes (n,)."""
+    """Compute the derivatives (T, n, n) by each coordinate, by central differences of sizes (n,)."""
     steps = zip(np.diag(sizes), sizes, strict=True)
     return np.stack([(function(step) - function(-step)) / (2.0 * size) for step, size in steps], axis=2)
 
 
 def repelling_rates(result: InverseDynamics, times: Array) -> Array:
-    """Compute the largest growth rate (T,) [1/s] of an error of the platform; 0 if none grows.
+    """Compute the largest growth rate (T,) [1/s] of an error of the platform; 0 if no error grows.
 
-    For solutions e^(rt) of d" = own d, r^2 is an eigenvalue of `own`.
+    The solutions e^(rt) of d" = own d have eigenvalues r^2 of `own`.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
@@ -117,10 +117,10 @@ def repelling_rates(result: InverseDynamics, times: Array) -> Array:
 
 
 def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array) -> Array:
-    """Compute the platform's error (T, n) [m, rad] under torques that miss a wrench W - G' tau (T, n).
+    """Compute the platform's error (T, n) [m, rad] for a missing wrench W - G' tau (T, n).
 
-    The state y = (d, d') follows y' = A y + f from rest on the path, with f = (0, `forced` times the wrench).
-    It is integrated by the trapezoidal rule with steps h,
+    The state y = (d, d') satisfies y' = A y + f with f = (0, `forced` times the wrench), and starts at rest
+    on the path. It is integrated by the trapezoidal rule with steps h,
 
         (1 - h/2 A_k) y_k = (1 + h/2 A_(k-1)) y_(k-1) + h/2 (f_(k-1) + f_k).
 
@@ -129,22 +129,21 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array
         missing_wrench: W - G' tau at these instants [N, N m].
     """
     count, n = missing_wrench.shape
-    half_step = 0.5 * float(times[1] - times[0])
-    half_f, A = np.zeros((count, 2 * n)), np.zeros((count, 2 * n, 2 * n))  # half_f: h/2 f
+    half_step = 0.5 * (times[1] - times[0])
+    y, half_f = np.zeros((2, count, 2 * n))  # half_f: h/2 f
     half_f[:, n:] = half_step * np.einsum("tij,tj->ti", dynamics.forced, missing_wrench)
-    A[:, :n, n:] = np.eye(n)
-    A[:, n:, :n] = dynamics.own
-    A[:, n:, n:] = dynamics.damped
-    identity = np.eye(2 * n)
-    forward, backward = identity + half_step * A, np.linalg.inv(identity - half_step * A)
-    y = np.zeros((count, 2 * n))
+    half_A = np.zeros((count, 2 * n, 2 * n))  # h/2 A
+    half_A[:, :n, n:] = half_step * np.eye(n)
+    half_A[:, n:, :n] = half_step * dynamics.own
+    half_A[:, n:, n:] = half_step * dynamics.damped
+    forward, backward = np.eye(2 * n) + half_A, np.linalg.inv(np.eye(2 * n) - half_A)
     for k in range(1, count):
         y[k] = backward[k] @ (forward[k - 1] @ y[k - 1] + half_f[k - 1] + half_f[k])
     return y[:, :n]
 
 
 def fall_exponent(result: InverseDynamics) -> float:
-    """Compute the integral of the repelling rate over a motion: its duration in time constants of the fall.
+    """Compute the integral of the repelling rate over a motion: the duration in time constants of the fall.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
@@ -154,10 +153,10 @@ def fall_exponent(result: InverseDynamics) -> float:
 
 
 def open_loop_growth(exponent: float) -> float:
-    """Compute the error at the end of a motion under a constant force, over the error of a free mass.
+    """Compute the final error under a constant force over that of a free mass.
 
-    It is 2 (cosh L - 1) / L^2 with L the `fall_exponent`, and 1 if no error grows: d" = r^2 d + f gives d =
-    f (cosh rt - 1) / r^2, a free mass f t^2 / 2.
+    With L = `fall_exponent` it is 2 (cosh L - 1) / L^2, and 1 if no error grows: d" = r^2 d + f has the
+    solution d = f (cosh rt - 1) / r^2, and a free mass has d = f t^2 / 2.
     """
     if exponent <= MIN_EXPONENT:
         return 1.0

@@ -1,18 +1,18 @@
 """The admissible wrenches and speeds of the platform at one pose, within the motors' limits.
 
-With G (n_a, n) the motor speeds for unit velocities v of the platform and tau the motor torques, the platform
-exerts on the world
+G (n_a, n) are the motor speeds for unit velocities v of the platform. With motor torques tau the platform
+exerts the wrench
 
     U = G' tau - W_g,        |tau_k| <= limit of motor k,
 
-a zonotope: W_g holds the weight of all bodies (and the springs on their joints) at rest. Admissible
-velocities v have |G v| <= speed limits. For a linkage whose platform is joints (an ankle with pitch and
-roll), U are the true limits of the joints' torques: they depend on the pose and on one another, while a robot
-file of the tree alone has a box. At a Type 2 singularity G t_s = 0: the wrenches have no width along t_s, and
-the speed has no limit along t_s.
+on its surroundings, where W_g balances the weight of all bodies and the springs on their joints at rest.
+These U form a zonotope. Admissible velocities v have |G v| <= speed limits. For a linkage whose platform is
+joints (an ankle with pitch and roll), U are the true limits of the joints' torques. They depend on the pose
+and on one another, while a file that describes the tree alone has a box of limits. At a Type 2 singularity
+G t_s = 0: the zonotope has no width along t_s, and the speed along t_s has no limit.
 
-All parts are rigid, springs keep their deflections, the robot has no contacts, motors reach their limit at
-every speed, and the limits hold at this pose alone.
+Assumptions: all parts are rigid, springs keep their deflections, there are no contacts, and motors reach
+their torque limit at every speed. The limits hold at this pose only.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from framework.numerics.polytope import Polytope, slabs, zonotope
 class PlatformLimits(ReadOnlyArrays):
     """The admissible wrenches U and speeds v of the platform at one pose.
 
-    Components of U are forces [N] and moments [N m] along those of v: the power is U . v. For a platform of
-    joints they are the joints' forces and torques.
+    U has forces [N] and moments [N m] along the components of v, so that the power is U . v. For a platform
+    of joints they are the joints' forces and torques.
     """
 
     robot: ParallelRobot
-    wrenches: Polytope | None  # U that motors at rest can give; None: a motor has no torque limit
-    speeds: Polytope | None  # v [m/s, rad/s]; None: a motor has no speed limit
-    weight: Array  # (n,) W_g, the wrench that holds the weight
+    wrenches: Polytope | None  # U at rest; None if a motor has no torque limit
+    speeds: Polytope | None  # v [m/s, rad/s]; None if a motor has no speed limit
+    weight: Array  # (n,) W_g, the wrench that balances the weight
 
     @property
     def polytopes(self) -> dict[str, Polytope]:
@@ -83,7 +83,7 @@ def platform_limits(
     rest = np.zeros((1, robot.n))
     motion = motion_at(robot, closed, rest, rest)
     weight = (tree_forces(robot, motion) @ rates[0])[0]
-    scale = robot.platform_scale  # in units of scale * U and v / scale the polytopes are well conditioned
+    scale = robot.platform_scale  # the polytopes of scale * U and of v / scale are well conditioned
     wrenches = speeds = None
     if np.isfinite(torque).all():
         scaled_wrenches = zonotope(-weight * scale, torque[:, None] * G[0] * scale)

@@ -1,14 +1,14 @@
 """The wrench on the platform that a motion requires, and the wrenches that the motors can exert.
 
-By virtual work along a twist v of the platform that closes the loops at constant deflections, the motor
-torques tau (motor side, rotors included) and the forces r of the open tree do the same work,
+Along a virtual twist v of the platform with closed loops and constant deflections, the motor torques tau
+(motor side, rotors included) and the forces r of the open tree do the same work,
 
-    v . W = tau . G v,        W = (dq/dv)' r + rotors,        G = (d motor speed)/dv,
+    v . W = tau . G v,        W = (dq/dv)' r + rotors,        G = (d motor speed)/dv.
 
-so W = G' tau is the wrench that the motion requires, legs included (W_p of the paper if the legs have no
-mass), and G' maps the box of motor torques onto the wrenches that the motors can exert: a zonotope. At a
-Type 2 singularity G t_s = 0: along t_s the zonotope has no width, and W must have no component along t_s,
-condition (8) of Briot and Arakelian 2010.
+So W = G' tau is the wrench that the motion requires, with the inertia of the legs (W_p of the paper if the
+legs have no mass). G' maps the box of motor torques onto the zonotope of wrenches that the motors can exert.
+At a Type 2 singularity G t_s = 0: the zonotope has no width along t_s, and W must have no component along
+t_s. This is condition (8) of Briot and Arakelian 2010.
 """
 
 from __future__ import annotations
@@ -37,38 +37,38 @@ class PlatformWrench(NamedTuple):
         return np.sum(self.required * twist, axis=1)
 
     def missing_wrench(self, torque: Array) -> Array:
-        """Compute the difference W - G' tau (T, n) of the required wrench from that of torques (T, n_a)."""
+        """Compute the wrench W - G' tau (T, n) that torques tau (T, n_a) lack."""
         return self.required - np.einsum("tan,ta->tn", self.motor_speed, torque)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
-        """Return the largest force (T,) of motors along a twist t (n,) or (T, n): |G t| . limits (n_a,)."""
+        """Compute the largest force |G t| . limits (T,) of motors along a twist t (n,) or (T, n)."""
         twists = np.broadcast_to(twist, self.required.shape)
         speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t
         return np.abs(speeds) @ torque_limit
 
     def band(self, twist: Array, torque_limit: Array) -> Array:
-        """Return the least and the largest force (T, 2) that motors exert on the bodies along a twist.
+        """Compute the least and the largest force (T, 2) that motors exert on the bodies along a twist.
 
-        From torques up to the limits (n_a,) the share of the rotors is subtracted. Where motors within their
-        limits can continue the motion, the band contains t_s . W_p of `wrench_curves`.
+        The motors have torques up to the limits (n_a,), less the torques of the rotors. Where motors within
+        their limits can continue the motion, the band contains t_s . W_p of `wrench_curves`.
         """
         reach, rotor_force = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
         return np.column_stack([-reach - rotor_force, reach - rotor_force])
 
     def vertices(self, torque_limit: Array) -> Array:
-        """Return the wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
+        """Compute the wrenches (T, 2^n_a, n) of all motors at plus or minus their limits (n_a,).
 
-        Their convex hull is the set of wrenches that the motors can exert.
+        The convex hull of these wrenches is the set that the motors can exert.
         """
         corners = np.array(list(product((-1.0, 1.0), repeat=len(torque_limit)))) * torque_limit
         return np.einsum("ca,tan->tcn", corners, self.motor_speed)  # G' tau of each corner
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n), and the joint rates (T, nv, n), for unit twists along the platform's axes."""
+    """Compute G (T, n_a, n) and the joint rates dq/dv (T, nv, n) for unit twists on the platform's axes."""
     count = len(linearised.residual)
     unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
-    rates = joint_rates(robot, linearised, unit_twists, np.zeros((count, robot.n_e))).transpose(1, 2, 0)
+    rates = joint_rates(robot, linearised, unit_twists).transpose(1, 2, 0)
     return robot.gear_ratio[:, None] * rates[:, robot.actuated], rates
 
 
@@ -86,16 +86,16 @@ def platform_wrench(robot: ParallelRobot, motion: Motion) -> PlatformWrench:
 
 
 class Hold(NamedTuple):
-    """The torques of motors at rest that hold a platform wrench."""
+    """The torques of motors at rest that balance a platform wrench."""
 
     motor_speed: Array  # (n_a, n) G, as in PlatformWrench
-    torque: Array | None  # (n_a,) [N m] motor side; None if no torque, or more than one, holds the wrench
+    torque: Array | None  # (n_a,) [N m] motor side; None if not unique
 
 
 def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
-    """Compute G at an assembled configuration q (nq,), and the motor torques tau that hold a wrench (n,).
+    """Compute G and the motor torques tau that balance a wrench W (n,) at an assembled q (nq,).
 
-    W = G' tau has one solution if G is square and regular.
+    W = G' tau has a unique solution if G is square and regular.
 
     Raises:
         InvalidInput: q is not assembled.

@@ -1,17 +1,17 @@
 """Pointwise dynamics on a Type 2 singularity: the limit of the torques, for a motion given to third order.
 
-It serves `pointwise_dynamics` alone. The torques of a plan are series whose nodes avoid the singular instant
-(`inverse_dynamics`).
+This module serves `pointwise_dynamics` alone. The torques of a plan are series whose nodes avoid the singular
+instant (`inverse_dynamics`).
 
-At the singular instant M tau = w (see `forces`) is 0 = 0 along t_s if condition (8), t_s . W_p = 0, holds,
-and has no solution if it does not. On both sides tau(t) = M(t)^-1 w(t) is one function with a removable
-singularity. By l'Hopital its value depends on the time derivatives of M and w, and so, through w, on the jerk
-of the platform, but on no higher derivative. Hence the motion
+At the singular instant M tau = w (see `forces`) reads 0 = 0 along t_s if condition (8), t_s . W_p = 0, holds,
+and has no solution otherwise. If it holds, tau(t) = M(t)^-1 w(t) has a removable singularity. By l'Hopital's
+rule the limit depends on the time derivatives of M and w: through w on the jerk of the platform, but on no
+higher derivative. Hence the motion
 
     x(t) = x + x' t + x" t^2 / 2 + x''' t^3 / 6
 
-is followed on one short Chebyshev panel about the instant, with no node at the instant. The series of tau
-gives the limit, as along a whole plan; how fast the coefficients fall is the certificate.
+is followed on one short Chebyshev panel around the instant, which is no node. The series of tau gives the
+limit, as along a whole plan, and the decay of the coefficients is the certificate.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from framework.singularity.bordered_system import root_of_g
 from framework.singularity.type2 import UNCROSSABLE, uncontrolled_motion
 from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
-MAX_ROOT_OFFSET = 0.01  # of half a panel, from the singular pose to the root of g: a farther one is another
-PANEL_NODES = 24  # an even number, so that none is at its middle
+MAX_ROOT_OFFSET = 0.01  # of half a panel: a root of g farther from the instant is another singularity
+PANEL_NODES = 24  # an even number, so that no node is in the middle
 MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to its ends
 MAX_HALVINGS = 8  # of the panel, after which the torques count as not resolved
-SIDE_OFFSET = 0.1  # of half a panel, where the motors must hold the robot again, in another assembly mode
+SIDE_OFFSET = 0.1  # of half a panel: on both sides there the motors must hold the robot
 
 
 def forces_through_singularity(
@@ -52,69 +52,70 @@ def forces_through_singularity(
 ) -> Forces:
     """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
 
-    The motion is continued in time by its Taylor polynomial of third order. Torques beside the singularity
-    are regular; their interpolation at t = 0 is the limit.
+    The motion is continued in time by the Taylor polynomial of third order. The torques beside the
+    singularity are regular; interpolated at t = 0 they give the limit.
 
     Args:
         closed: the singular configuration, T = 1.
         rates: first, second and third time derivatives of the platform coordinates, each (n,).
-        wrenches: of the world, (6,) by frame, constant in base axes.
+        wrenches: external, (6,) by frame, constant on base axes.
 
     Raises:
         SingularPose: a singularity of another kind; condition (8) does not hold (`wrench` is then t_s . W_p);
             the motion does not cross the locus; the torques on both sides cannot be resolved.
     """
-    place = f"{robot.name}: at {robot.place(closed.x[0])}"
+    x = closed.x[0]
+    place = f"{robot.name}: at {robot.place(x)}"
     uncontrolled = uncontrolled_motion(robot, closed.linearised)
     if uncontrolled.kind != "type_2" or uncontrolled.corank > 1:
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
-        raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=closed.x[0])
+        raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=x)
     singular = motion_at(robot, closed, rates[0][None], rates[1][None])
     half_panel = _half_panel_duration(robot, singular, rates[2])
     if not np.isfinite(half_panel):
         raise SingularPose(
             f"{place} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
-            platform=closed.x[0],
+            platform=x,
         )
 
     def motion_at_times(t: Array) -> Motion:
+        """Compute the continued motion at t (T,) [s]."""
         motion = _taylor_motion(robot, singular, closed.x, np.array(rates), t)
         return apply_wrenches(robot, motion, wrenches)
 
-    instant = _crossing_instant(robot, motion_at_times, half_panel, place, closed.x[0])
-    crossing = motion_at_times(np.array([instant]))
-    _check_condition(robot, crossing, tree_forces(robot, crossing)[0], place)
-    torques, least_tail = _interpolate_torques(robot, motion_at_times, half_panel)
-    if torques is None:
-        raise SingularPose(
-            f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
-            f"another singularity is very near",
-            platform=closed.x[0],
-        )
-    return torques
+    instant = _crossing_instant(robot, motion_at_times, half_panel, place, x)
+    _check_condition(robot, motion_at_times(np.array([instant])), place)
+    return _interpolate_torques(robot, motion_at_times, half_panel, place, x)
 
 
 def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
-    """Compute the motion at t (T,) [s] with the Taylor polynomial of the platform about the singular pose.
+    """Compute the motion at t (T,) [s] by the Taylor polynomial of the platform about the singular pose.
 
-    `rates` (3, n) are its time derivatives at t = 0, where the platform is at x (1, n). The loops are closed
-    from a guess of second order for all joints.
+    `rates` (3, n) are the time derivatives of the platform's x (1, n) at t = 0. The loops are closed from a
+    guess of second order for all joints.
     """
-    powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)
+    powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)  # (T, 3)
     dx = rates[0] + powers[:, :2] @ rates[1:]
     ddx = rates[1] + powers[:, :1] @ rates[2:]
-    steps = powers[:, :1] * singular.v + powers[:, 1:2] * singular.a
-    guess = integrate(robot, np.repeat(singular.q, len(t), axis=0), steps)
+    joint_steps = powers[:, :1] * singular.v + powers[:, 1:2] * singular.a
+    guess = integrate(robot, np.repeat(singular.q, len(t), axis=0), joint_steps)
     return motion_at(robot, close_loops(robot, x + powers @ rates, guess), dx, ddx)
 
 
 def _interpolate_torques(
-    robot: ParallelRobot, motion_at_times: Callable[[Array], Motion], half_panel: float
-) -> tuple[Forces | None, float]:
-    """Interpolate torques and spring forces at t = 0; return None if unresolved, and the least tail.
+    robot: ParallelRobot,
+    motion_at_times: Callable[[Array], Motion],
+    half_panel: float,
+    place: str,
+    x: Array,
+) -> Forces:
+    """Interpolate torques and spring forces at t = 0.
 
     The panel from -half_panel to half_panel [s] is halved until the series is resolved.
+
+    Raises:
+        SingularPose: the series is not resolved.
     """
     least_tail = np.inf
     for _ in range(MAX_HALVINGS):
@@ -123,31 +124,35 @@ def _interpolate_torques(
         try:
             motion = motion_at_times(grid.times)
         except NotAssembled:
-            continue  # a shorter motion stays within reach
+            continue  # a shorter motion may stay within reach
         forces = balanced_forces(robot, motion.linearised, tree_forces(robot, motion))
         series = coefficients(np.concatenate(forces, axis=1))
         least_tail = min(least_tail, tail(series))
         if tail(series) <= TORQUE_TAIL:
             value = evaluate(np.zeros(1), series)
-            return Forces(value[:, : robot.n_a], value[:, robot.n_a :]), least_tail
-    return None, least_tail
+            return Forces(value[:, : robot.n_a], value[:, robot.n_a :])
+    raise SingularPose(
+        f"{place} the torques near the Type 2 singularity are not resolved (tail {least_tail:.2g}): "
+        f"another singularity is very near",
+        platform=x,
+    )
 
 
 def _half_panel_duration(robot: ParallelRobot, motion: Motion, jerk: Array) -> float:
-    """Return the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL; infinite at rest.
+    """Compute the time t [s] in which no joint moves more than MAX_JOINT_TRAVEL; infinite at rest.
 
-    |v| t, |a| t^2/2 and |jerk| t^3/6 are each at most that travel. The jerk is the platform's.
+    Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk is that of the platform.
     """
     scale = robot.column_scale
-    scaled = [motion.v[0] / scale, motion.a[0] / scale, jerk / robot.platform_scale]
+    scaled = (motion.v[0] / scale, motion.a[0] / scale, jerk / robot.platform_scale)
     if not np.any(scaled[0]):
-        return float("inf")
-    largest = [float(np.abs(values).max(initial=0.0)) for values in scaled]
-    return min(
-        (factorial(order) * MAX_JOINT_TRAVEL / value) ** (1 / order)
-        for order, value in enumerate(largest, start=1)
-        if value > 0
-    )
+        return np.inf
+    duration = np.inf
+    for order, rates in enumerate(scaled, start=1):
+        largest = np.abs(rates).max()
+        if largest > 0:
+            duration = min(duration, (factorial(order) * MAX_JOINT_TRAVEL / largest) ** (1 / order))
+    return duration
 
 
 def _crossing_instant(
@@ -163,9 +168,10 @@ def _crossing_instant(
         SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
     """
     if robot.n_a > robot.n:
-        return 0.0  # g of redundant motors has a double root
+        return 0.0  # with redundant motors g has a double root
 
     def matrices(t: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at t (T,)."""
         return type2_matrix(robot, motion_at_times(t).linearised)
 
     root = root_of_g(matrices, 0.0, low=-half_panel, high=half_panel)
@@ -182,25 +188,25 @@ def _crossing_instant(
     return root.place
 
 
-def _check_condition(robot: ParallelRobot, motion: Motion, forces: Array, place: str) -> None:
+def _check_condition(robot: ParallelRobot, motion: Motion, place: str) -> None:
     """Raise SingularPose if a motion (T = 1) violates condition (8), eta . r = 0.
 
-    `forces` (nv,) are r of the open tree, eta the uncontrolled motion.
+    eta is the uncontrolled motion, r are the forces of the open tree.
     """
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
-    terms = forces * uncontrolled.motion
-    rate = float(np.abs(motion.v / robot.column_scale).max())
-    escape_rate = float(np.abs(uncontrolled.motion / robot.column_scale).max())
-    # without forces all terms are rounding: count at least the centripetal force of the whole robot
+    terms = tree_forces(robot, motion)[0] * uncontrolled.motion
+    rate = np.abs(motion.v / robot.column_scale).max()
+    escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
+    # if all terms are rounding, compare with the centripetal force of the whole robot
     centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
-    size = max(float(np.abs(terms).sum()), centripetal)
+    size = max(np.abs(terms).sum(), centripetal)
     wrench = float(terms.sum())
-    if abs(wrench) > CONDITION_RESIDUAL * size:
-        unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
-        x = robot.platform.coordinates(motion.linearised.frames)[0]
-        raise SingularPose(
-            f"{place} the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where "
-            f"condition (8) asks for zero: no torque is large enough",
-            platform=x,
-            wrench=wrench,
-        )
+    if abs(wrench) <= CONDITION_RESIDUAL * size:
+        return
+    unit = "N" if np.any(uncontrolled.twist[robot.translations]) else "N m"
+    raise SingularPose(
+        f"{place} the robot is in a Type 2 singularity and t_s . W_p = {wrench:.6g} {unit}, where "
+        f"condition (8) asks for zero: no torque is large enough",
+        platform=robot.platform.coordinates(motion.linearised.frames)[0],
+        wrench=wrench,
+    )

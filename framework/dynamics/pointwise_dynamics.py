@@ -1,7 +1,7 @@
 """The dynamics of one instant: loads of motors, loops and joints, and the reflected inertia.
 
-The input is a pose, rates and accelerations of the platform, and wrenches of the world. Motor torques follow
-from the independent loop equations (`forces`), on a Type 2 singularity as a limit
+The input is a pose, rates and accelerations of the platform, and external wrenches. Motor torques follow from
+the independent loop equations (`forces`); on a Type 2 singularity they are a limit
 (`pointwise_at_singularity`). Loads of loops and joints (`reactions`), inertia and velocity matrices are
 computed on first use. `forward_dynamics` returns the same record from torques.
 """
@@ -15,9 +15,8 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
-from framework.dynamics.forces import Forces, balanced_forces, motor_torque, tree_forces
+from framework.dynamics.forces import Forces, balanced_forces, mass_matrices, motor_torque, tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.dynamics.pointwise_at_singularity import forces_through_singularity
 from framework.dynamics.reactions import (
@@ -37,7 +36,6 @@ from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, 
 from framework.kinematics.loop_matrices import clearance, find_near_type2
 from framework.kinematics.motion_rates import Motion, motion_at, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.velocity_matrices import VelocityMatrices, matrices_and_rates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, freeze, read_only
 from framework.tolerances import RANK_LOST
@@ -45,9 +43,9 @@ from framework.tolerances import RANK_LOST
 
 @dataclass(frozen=True, eq=False)
 class Instant(ReadOnlyArrays):
-    """State and loads of a robot at one instant; wrenches are (force, moment) (6,) in base axes [N, N m].
+    """State and loads of a robot at one instant; wrenches are (force, moment) (6,) on base axes [N, N m].
 
-    At a stack of T instants the first axis of every array is T. Springs have the deflections of q;
+    For a stack of T instants the first axis of every array is T. Springs have the deflections of q;
     `spring_force` is the force that balance needs at these deflections.
     """
 
@@ -55,55 +53,53 @@ class Instant(ReadOnlyArrays):
     q: Array  # (nq,)
     v: Array  # (nv,)
     a: Array  # (nv,)
-    torque: Array  # (n_a,) motor side [N m]: rotor inertia and joint torque through the gear
-    joint_torque: Array  # (n_a,) joint side, rotors not included [N m, N]
+    torque: Array  # (n_a,) motor side [N m], rotors included
+    joint_torque: Array  # (n_a,) joint side [N m, N], rotors not included
     spring_force: Array  # (n_e,) [N, N m]
     _motion: Motion = field(repr=False)  # of T instants, T = 1 for one
     _forces: Array = field(repr=False)  # (T, nv) r of `tree_forces`
 
     @cached_property
     def clearance(self) -> Array | float:
-        """The least singular value of P: 0 at Type 2, infinite without passive joints."""
+        """The least singular value of the passive columns P; infinite without passive joints."""
         values = clearance(self.robot, self._motion.linearised)
         return read_only(values) if self.q.ndim == 2 else float(values[0])
 
     @cached_property
     def loop_forces(self) -> Mapping[str, Array]:
-        """Wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
+        """The wrench of each closure [a, b], BY b's body ON a's body at a's origin; NaN if undetermined."""
         return self._unstack_each(closure_wrenches(self.robot, self._loop_loads))
 
     @cached_property
     def coupling_torques(self) -> Mapping[str, Array | float]:
-        """Torque of each coupling ON its first joint [N m, N]; NaN if undetermined.
+        """The torque of each coupling ON the first joint [N m, N]; NaN if undetermined.
 
-        It is minus `ratio` times the torque on the second joint.
+        The torque on the second joint is minus `ratio` times this torque.
         """
-        torques = coupling_torques(self.robot, self._loop_loads)
-        return MappingProxyType({name: self._unstack(torque) for name, torque in torques.items()})
+        return self._unstack_each(coupling_torques(self.robot, self._loop_loads))
 
     @cached_property
     def reactions(self) -> Mapping[str, Array]:
-        """Wrench of each joint, BY the parent body ON the child body at its origin; NaN if undetermined.
+        """The wrench of each joint, BY the parent body ON the child body at the joint; NaN if undetermined.
 
-        The part along the joint's axis comes from a motor (rotor not included), a spring, damping or a
-        coupling.
+        The component along the joint's axis is exerted by a motor (rotor not included), a spring, damping or
+        a coupling.
         """
         return self._unstack_each(joint_reactions(self.robot, self._motion, self._loop_loads))
 
     @cached_property
     def platform_inertia(self) -> Array:
-        """Inertia M_x (n, n) of all bodies and rotors along the platform's twist v.
-
-        The kinetic energy is v' M_x v / 2.
-        """
-        return self._unstack(_platform_inertia(self.robot, self._motion))
+        """The inertia M_x (n, n) of all bodies and rotors: the kinetic energy is v' M_x v / 2."""
+        mass = mass_matrices(self.robot, self._motion.q) + np.diag(self.robot.rotors)
+        rates = motor_speeds(self.robot, self._motion.linearised)[1]  # (T, nv, n) of unit twists
+        return self._unstack(rates.swapaxes(1, 2) @ mass @ rates)
 
     @cached_property
     def motor_inertia(self) -> Array:
-        """Inertia (n_a, n_a) of all bodies and rotors along the motors' joints.
+        """The inertia (n_a, n_a) of all bodies and rotors along the motors' joints.
 
-        It is S' M_x S with S = dx/dq_a and M_x = `platform_inertia`. NaN with redundant motors, and at Type
-        2, where some motion of the platform moves no motor.
+        It is S' M_x S with S = dx/dq_a and M_x = `platform_inertia`. NaN with redundant motors, and at
+        Type 2, where the platform can move with motors at rest.
         """
         robot = self.robot
         inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
@@ -117,20 +113,17 @@ class Instant(ReadOnlyArrays):
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """Twist v (n,) of the platform, see `kinematics.platform`: (linear, angular) of its frame.
-
-        It is not dx if the frame turns about several axes.
-        """
+        """The platform's twist v (n,), see `kinematics.platform`; for several axes of rotation not dx."""
         return self._unstack(platform_twists(self.robot, self._motion)[0])
 
     @cached_property
     def platform_acceleration(self) -> Array:
-        """Time derivative (n,) of `platform_velocity`."""
+        """The time derivative (n,) of `platform_velocity`."""
         return self._unstack(platform_twists(self.robot, self._motion)[1])
 
     @property
     def velocity_matrices(self) -> VelocityMatrices:
-        """A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
+        """The matrices A, B, C of A v = B dq_a + C dq_e, see `framework.velocity_matrices`."""
         return self._matrices[0]
 
     @property
@@ -141,18 +134,16 @@ class Instant(ReadOnlyArrays):
     @property
     def indeterminate(self) -> tuple[str, ...]:
         """Names of wrench components that no equation determines: `tip: force z`, `elbow: moment x`."""
-        parts = [f"{kind} {axis}" for kind in ("force", "moment") for axis in "xyz"]
-        return tuple(
-            f"{name}: {part}"
-            for wrenches in (self.loop_forces, self.reactions)
-            for name, wrench in wrenches.items()
-            for part, values in zip(parts, wrench.T, strict=True)
-            if np.isnan(values).any()
-        )
+        components = [f"{kind} {axis}" for kind in ("force", "moment") for axis in "xyz"]
+        names = []
+        for name, wrench in [*self.loop_forces.items(), *self.reactions.items()]:
+            is_undetermined = np.isnan(np.atleast_2d(wrench)).any(axis=0)  # (6,)
+            names += [f"{name}: {components[k]}" for k in np.flatnonzero(is_undetermined)]
+        return tuple(names)
 
     @cached_property
     def _loop_loads(self) -> LoopLoads:
-        """Multipliers of all loop equations that balance the robot, at T instants."""
+        """The multipliers of all loop equations that balance the robot, at T instants."""
         torque = np.atleast_2d(self.joint_torque)
         loads = loop_loads(self.robot, self._motion.linearised, self._forces, torque)
         freeze(loads)
@@ -165,7 +156,7 @@ class Instant(ReadOnlyArrays):
         return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
 
     def _unstack(self, stack: Array) -> Array:
-        """Return a stack (T, ...) for T instants, its only item for one instant."""
+        """Return a stack (T, ...) for T instants, the only item for one instant."""
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
     def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
@@ -188,16 +179,16 @@ def dynamics_at(
         q: of `assemble` or `forward_kinematics`; or a stack of T instants (T, nq), and all results then have
             T as their first axis.
         dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
-        wrenches: of the world, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) in
-            base axes [N, N m]; or (T, 6). They are assumed constant.
+        wrenches: external, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) on base
+            axes [N, N m]; or (T, 6). They are assumed constant.
         dddx: third derivatives (n,), or (T, n), used only on a Type 2 singularity.
 
     Raises:
         InvalidInput: q leaves the loops open; an argument of the wrong shape, or an unknown frame; a platform
             that does not determine the joints.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
-        SingularPose: the motors do not hold the robot (Type 2). There the torque is a limit. It is computed
-            if dddx is given and the motion crosses the locus and meets condition (8).
+        SingularPose: the pose is singular of Type 2. There the torque is a limit, which is computed if dddx
+            is given and the motion crosses the locus and meets condition (8).
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
     motion, count = prescribed.motion, len(prescribed.x)
@@ -213,28 +204,27 @@ def dynamics_at(
             )
         limit = forces_through_singularity(
             robot,
-            ClosedStack(motion.q[k : k + 1], prescribed.x[k : k + 1], motion.linearised.select(k)),
+            ClosedStack(motion.q[[k]], prescribed.x[[k]], motion.linearised.select(k)),
             rates=(prescribed.dx[k], prescribed.ddx[k], jerk[k]),
             wrenches={frame: wrench[k] for frame, wrench in prescribed.wrenches.items()},
         )
-        for stack, value in zip(forces, limit, strict=True):
-            stack[k] = value[0]
+        forces.joint_torque[k], forces.spring_force[k] = limit.joint_torque[0], limit.spring_force[0]
     return instant_of(robot, motion, r, forces, prescribed.entry)
 
 
 def motor_inertia(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the inertia (n_a,) [kg m^2, kg] that each motor moves alone at a pose q (nq,), motor side.
+    """Compute the inertia (n_a,) [kg m^2, kg] that each motor moves by itself at q (nq,), motor side.
 
     Raises:
         As `dynamics_at`.
     """
     speeds, _ = motor_speeds(robot, assembled_at(robot, q).linearised)
     dx_dmotor = np.linalg.pinv(speeds[0])
-    return np.asarray(np.diag(dx_dmotor.T @ dynamics_at(robot, q).platform_inertia @ dx_dmotor))
+    return np.diag(dx_dmotor.T @ dynamics_at(robot, q).platform_inertia @ dx_dmotor)
 
 
 class PrescribedMotion(NamedTuple):
-    """The prescribed motion at T instants, with the wrenches of the world."""
+    """The prescribed motion at T instants, with external wrenches."""
 
     x: Array  # (T, n)
     dx: Array  # (T, n)
@@ -268,19 +258,19 @@ def prescribed_motion(
 
 
 def entry_of(q: ArrayLike) -> int | slice:
-    """Return the index of results: 0 for a configuration q (nq,), all for a stack (T, nq)."""
+    """Return the index into results: 0 for a configuration q (nq,), all for a stack (T, nq)."""
     return 0 if np.ndim(getattr(q, "q", q)) == 1 else slice(None)
 
 
 def require_hold(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> None:
-    """Raise SingularPose if the motors do not hold the robot at one of the platform's poses x (T, n)."""
+    """Raise SingularPose if one of the platform's poses x (T, n) is singular of Type 2."""
     singular = find_near_type2(robot, linearised)
     if len(singular):
-        raise type2_pose(robot, x[int(singular[0])], "and its derivatives have a pole there")
+        raise type2_pose(robot, x[singular[0]], "and its derivatives have a pole there")
 
 
 def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
-    """Return the error of a pose x (n,) at Type 2; `torque` ends the sentence "torque ..." of its message."""
+    """Return the error for a pose x (n,) at Type 2; `torque` continues the message "torque ..."."""
     return SingularPose(
         f"{robot.name}: at {robot.place(x)} the motors do not hold the robot (Type 2): torque {torque}",
         platform=x,
@@ -288,9 +278,11 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return one motion of a stack with its forces.
+    """Return the entry of a stack of motions, with forces.
 
-    r (T, nv) are the forces of the open tree [N m or N], `forces` those in balance with r.
+    Args:
+        r: (T, nv) forces of the open tree [N m or N].
+        forces: of motors and springs, in balance with r.
     """
     freeze((motion, r))
     return Instant(
@@ -307,18 +299,5 @@ def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, e
 
 
 def stack_rates(name: str, values: ArrayLike | None, width: int, count: int) -> Array:
-    """Return rates (count, width), see `stacked_rows`; zeros by default."""
+    """Return rates (count, width) as `stacked_rows` does; zeros by default."""
     return np.zeros((count, width)) if values is None else stacked_rows(name, values, width, count)
-
-
-def _platform_inertia(robot: ParallelRobot, motion: Motion) -> Array:
-    """Compute the inertia (T, n, n) of bodies and rotors along the platform's twist.
-
-    It is R' (M + rotors) R with the joint rates R (T, nv, n) of unit twists.
-    """
-    model, data = robot.model, scratch_of(robot).data
-    upper = np.triu([pin.crba(model, data, q) for q in motion.q])  # pinocchio fills the upper triangle
-    mass = upper + np.triu(upper, 1).swapaxes(1, 2)
-    mass += np.diag(robot.rotors)
-    rates = motor_speeds(robot, motion.linearised)[1]
-    return rates.swapaxes(1, 2) @ mass @ rates

@@ -1,15 +1,16 @@
 """Wrenches in loops and joints.
 
-With r the forces of the open tree (RNEA, less the wrenches of the world), S the motors' columns, J the
-Jacobian of all loop equations, redundant ones too,
+With the forces r of the open tree (RNEA less external wrenches), the motors' columns S, and the Jacobian J of
+all loop equations, redundant ones included,
 
     r = S tau_joint + J' lambda.
 
 lambda is unique only if J' has no null space. Wrenches of loops and joints that change along the null space
-are indeterminate in a rigid robot, and are NaN instead of one choice of many.
+are indeterminate in a rigid robot. They are NaN instead of one arbitrary choice.
 
-The wrench in a joint is that of the inertia of all bodies behind it, less the wrenches of world and loops on
-them: a sum of wrenches about the base's origin, each counted for the joints that carry its body.
+The wrench in a joint is the inertial wrench of all bodies behind the joint, less the external wrenches and
+the loop wrenches on these bodies. It is computed as a sum about the base's origin, to which each wrench
+contributes if the joint carries its body.
 """
 
 from __future__ import annotations
@@ -38,38 +39,37 @@ from framework.tolerances import RANK_ROUNDING
 
 
 class LoopLoads(NamedTuple):
-    """All loop equations as unit wrenches, with their multipliers."""
+    """The unit wrenches of all loop equations (rows), and the multipliers that balance the robot."""
 
     wrench: Array  # (T, rows, 6) of a unit multiplier on the second body, at the second frame's origin
     position: Array  # (T, rows, 3) of that origin
     displacement: Array  # (T, rows, 3) from the origin of the first frame to that of the second
-    multipliers: Array  # (T, rows) of least norm that balance the robot
-    free: Array  # (T, rows, rows) each row a vector of multipliers in the null space of J', or zeros
+    multipliers: Array  # (T, rows) of least norm
+    free: Array  # (T, rows, rows) each row a vector in the null space of J', or zeros
 
 
-Wrenches = Mapping[str, Array]  # by URDF link or joint (T, 6): ON its body, at its frame's origin, base axes
+Wrenches = Mapping[str, Array]  # by URDF link or joint: (T, 6) ON the body, at the frame's origin, base axes
 
 
 def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | None, count: int) -> Wrenches:
-    """Stack wrenches, (6,) or (T, 6) each, for T = `count` configurations.
+    """Stack wrenches, each (6,) or (T, 6), for T = `count` configurations.
 
     Raises:
         InvalidInput: an unknown frame, or not 6 finite numbers.
     """
     expect_wrenches(wrenches)
-    for frame in wrenches or {}:
+    stacked = {}
+    for frame, wrench in (wrenches or {}).items():
         check_frame(robot, frame)
-    return {
-        frame: stacked_rows(f"wrenches: {frame}", wrench, 6, count)
-        for frame, wrench in (wrenches or {}).items()
-    }
+        stacked[frame] = stacked_rows(f"wrenches: {frame}", wrench, 6, count)
+    return stacked
 
 
 def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array:
-    """Return numbers (count, width) from as many or from one row (width,) for all.
+    """Return rows (count, width) from as many rows, or from one row (width,) for all.
 
     Raises:
-        InvalidInput: numbers are not finite, or their shape is another.
+        InvalidInput: numbers are not finite, or the shape is another.
     """
     values = finite_numbers(name, entries, width, stacks=True)
     if values.ndim == 2 and len(values) != count:
@@ -78,24 +78,24 @@ def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array
 
 
 def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> Motion:
-    """Return the motion with wrenches of the world, (6,) or (T, 6) each, as its load."""
+    """Return the motion with external wrenches, each (6,) or (T, 6)."""
     frames = motion.linearised.frames
     applied = (applied_wrench(robot, frames, frame, wrench) for frame, wrench in wrenches.items())
     return motion.with_wrenches(tuple(applied))
 
 
 def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
-    """Solve r (T, nv) = S' tau_joint + J' lambda for all rows of J.
+    """Solve r (T, nv) = S' tau_joint + J' lambda for the multipliers of all rows of J.
 
-    The row of J for a loop equation is the power of its unit wrench along the screws of the joints that move
-    one of its bodies: positive for the second body, negative for the first.
+    The row of J for a loop equation contains the power of its unit wrench along the screw of each joint that
+    moves one of the two bodies: positive for the second body, negative for the first.
     """
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
     wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
     signs = frames.carried[rows.second] - frames.carried[rows.first]
     screws = frames.screws.swapaxes(1, 2)[:, :, columns]
     jacobian = matmul(move_wrench(wrench, position), screws) * signs[:, columns]
-    jacobian = jacobian + rows.coupling_jacobian(robot.model.nv)[:, columns]
+    jacobian += rows.coupling_jacobian(robot.nv)[:, columns]
     loop_forces = r[:, columns].copy()
     loop_forces[:, : robot.n_a] -= joint_torque
     scale, lengths = robot.column_scale[columns], robot.row_lengths  # radians and robot lengths
@@ -105,10 +105,10 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
 
 
 def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
-    """Solve J' lambda = forces (T, f) for least lambda (T, rows), and span the null space of J'.
+    """Solve J' lambda = forces (T, f) for lambda (T, rows) of least norm; span the null space.
 
-    With J = U S V' it is U S^-1 V' forces over the nonzero singular values. The other columns of U span the
-    null space. They are rows of the second array (T, rows, rows); its other rows are zero.
+    With J = U S V', lambda = U S^-1 V' forces over the nonzero singular values. The other columns of U span
+    the null space of J'. They are rows of the second result (T, rows, rows), whose other rows are zero.
     """
     U, singular_values, V_rows = np.linalg.svd(J)
     count = singular_values.shape[1]
@@ -121,10 +121,10 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
 
 
 def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the wrench (T, 6) of each closure, by its name; NaN: indeterminate.
+    """Compute the wrench (T, 6) of each closure, by name; NaN if indeterminate.
 
-    A closure of frames [a, b] exerts its wrench BY b's body ON a's body, at a's origin: minus the sum of the
-    unit wrenches of its rows times their multipliers.
+    A closure of frames [a, b] has the wrench BY b's body ON a's body, at a's origin: minus the sum of the
+    closure's unit wrenches times their multipliers.
     """
     unit_wrenches = move_wrench(loops.wrench, loops.displacement)  # at the origins of the first frames
     wrenches, first_row = {}, 0
@@ -138,9 +138,9 @@ def closure_wrenches(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 
 
 def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the torque of each coupling on its first joint (T,) [N m, N], by name; NaN: indeterminate.
+    """Compute the torque (T,) [N m, N] of each coupling on the first joint, by name; NaN if indeterminate.
 
-    The torque on its second joint is this times minus the ratio.
+    The torque on the second joint is minus the ratio times this torque.
     """
     rows = np.flatnonzero(robot.rows.coupled)
     freedom = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
@@ -150,10 +150,10 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
 
 
 def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> dict[str, Array]:
-    """Compute the wrench (T, 6) in each joint, by its name; NaN: indeterminate.
+    """Compute the wrench (T, 6) in each joint, by name; NaN if indeterminate.
 
     It is exerted BY the parent body of the joint ON the child body, at the joint's origin: the wrench in the
-    open tree less the wrenches of loops and world on all bodies that the joint carries.
+    open tree, less the loop wrenches and external wrenches on all bodies that the joint carries.
     """
     model = robot.model
     reactions, position = _tree_reactions(robot, motion)
@@ -168,7 +168,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     for load in motion.wrenches:
         loads += carried_by_joint[load.joint][:, None] * load.wrench[:, None]
     reactions -= move_wrench(loads, -position)
-    # in each joint j, the wrench (6,) of each vector k of free multipliers: sum over rows m
+    # the wrench in joint j of each null-space vector k: sum over rows m
     free = np.einsum("mj,tkm,tmi->tjki", signs, loops.free, about_base)
     free = move_wrench(free, -position[:, :, None])
     return {
@@ -183,21 +183,23 @@ def _tree_reactions(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array]
     Wrenches [N, N m] are about the joint's origin, on the axes of the base; origins (T, joints, 3) [m].
     """
     scratch, count = scratch_of(robot), len(motion.q)
-    poses, forces = np.empty((count, *scratch.joints.shape)), np.empty((count, *scratch.forces.shape))
+    poses = np.empty((count, *scratch.joints.shape))  # of the joints: rotation (9 entries), origin
+    forces = np.empty((count, *scratch.forces.shape))  # in the joints, on their own axes
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.forwardKinematics(robot.model, scratch.data, q)
         pin.rnea(robot.model, scratch.data, q, v, a)
         poses[k], forces[k] = scratch.joints, scratch.forces
-    on_base_axes = matvec(rotation_matrices(poses)[:, :, None], forces.reshape(*forces.shape[:2], 2, 3))
+    rotations = rotation_matrices(poses)[:, :, None]
+    on_base_axes = matvec(rotations, forces.reshape(*forces.shape[:2], 2, 3))  # forces and moments apart
     return on_base_axes.reshape(forces.shape), poses[..., 9:]
 
 
 def _mark_indeterminate(robot: ParallelRobot, wrench: Array, free: Array) -> Array:
     """Replace indeterminate components of wrenches (T, 6) by NaN.
 
-    `free` (T, k, 6) are the wrenches of unit multipliers in the null space of J': a component that one of
-    them changes is indeterminate.
+    `free` (T, k, 6) are the wrenches of unit vectors in the null space of J'. A component to which one of
+    these wrenches contributes is indeterminate.
     """
-    moment_arms = np.repeat([1.0, robot.length], 3)  # moments are compared as forces
+    moment_arms = np.repeat([1.0, robot.length], 3)  # convert moments to forces
     freedom = np.abs(free / moment_arms).max(axis=1, initial=0.0) * robot.length
     return np.where(freedom > RANK_ROUNDING, np.nan, wrench)

@@ -1,4 +1,4 @@
-"""The errors for deflections that do not converge and for torques that no grid resolves, with remedies."""
+"""The errors for deflections that do not converge and torques that no grid resolves, with remedies."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ def unresolved_error(
 ) -> NotConverged:
     """Return the error for a motion that the finest grid, `size` nodes a panel, does not resolve.
 
-    `enough` is the least tail and change of all grids, `unseen` a near miss that no grid resolved.
+    Args:
+        enough: the least tolerance that some grid met.
+        unseen: a near miss that no grid resolved, if any.
     """
     robot, certificate = searched.branch.robot, result.certificate
     near_miss = unseen or min(searched.near_misses, key=lambda miss: miss.width, default=None)

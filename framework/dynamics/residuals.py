@@ -1,14 +1,15 @@
-"""The residuals of all equations along the whole motion, on the nodes of time and between them.
+"""The residuals of all equations along the whole motion, on the nodes in time and between them.
 
 The motion is computed from the loop equations that are independent at the reference, with the idle joints at
-rest or turned by `kinematics.idle_turns`. This module evaluates all loop equations, and the torques beside
-motors and springs that the planned motion would need: zero, if it is right. With r the inverse dynamics of
-the tree, J the loop equations' Jacobian, S the motors' columns and tau_joint their torques on the joint side,
+rest or turned by `kinematics.idle_turns`. This module evaluates all loop equations, and the residual torques:
+those that the planned motion would need in addition to motors and springs. They vanish if the motion is
+right. With the inverse dynamics r of the tree, the Jacobian J of the loop equations, the motors' columns S
+and joint torques tau_joint,
 
     r - S' tau_joint = J' lambda + X' w        along the actuated and passive joints
-    idle             = r - J' lambda           along the idle ones
+    idle             = r - J' lambda           along the idle joints
 
-X is the platform's Jacobian and w a wrench that would have to hold it; [X; J] is regular at Type 2.
+X is the platform's Jacobian and w the platform wrench missing for balance; [X; J] is regular at Type 2.
 """
 
 from __future__ import annotations
@@ -39,32 +40,33 @@ from framework.tolerances import EXPORT_ROUNDING, HELD_IDLE, LOOP_GAP
 
 
 def measure_residuals(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> Certificate:
-    """Return the certificate with the largest loop gap and residual torque, on nodes and half-way between.
+    """Return the certificate with the largest loop gap and residual torque, on and between nodes.
 
     Raises:
         NotAssembled: a loop equation that was dropped at the reference is open on a node.
     """
-    robot, nodes = branch.robot, state.grid.times
+    robot = branch.robot
     on_nodes = state.motion.linearised.loops.residual
-    _check_dropped_rows(robot, nodes, on_nodes, state.motion.q)
-    times = _instants(robot, nodes)
+    _check_dropped_rows(robot, state)
+    times = _instants(robot, state.grid.times)
     closed, motion = evaluate_motion(branch, result, times)
     platform_gap = closed.linearised.residual[:, : robot.n]
-    gaps = (on_nodes, closed.linearised.loops.residual, platform_gap)
-    residual = _residual_torques(robot, motion, _joint_torques(state, times))
+    gaps = np.concatenate([on_nodes, closed.linearised.loops.residual, platform_gap], axis=None)
+    torques = state.grid.fit(state.forces.joint_torque)(times)
+    residual = _residual_torques(robot, motion, torques)
     residual[:, robot.structure.idle] = 0.0  # see `check_idle_joints`
     return replace(
         result.certificate,
-        max_closure_error=max(float(np.abs(gap).max(initial=0.0)) for gap in gaps),
-        max_residual_torque=float(np.abs(residual).max(initial=0.0)),
+        max_closure_error=float(np.abs(gaps).max()),
+        max_residual_torque=float(np.abs(residual).max()),
         rounded_gap=_rounded_gap(robot, state.motion.q),
     )
 
 
 def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
-    """Compute the largest gap of rounded loops along q (T, nq) [m or rad].
+    """Compute the largest gap [m or rad] of rounded loops along q (T, nq).
 
-    A rounded loop repeats other loop equations at the reference but for the rounding of its file.
+    A rounded loop repeats other loop equations at the reference, but for the rounding of numbers in the file.
 
     Raises:
         NotAssembled: the gap is larger than rounding explains.
@@ -84,7 +86,8 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
 def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
     """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
 
-    No motor gives it. The joint would turn, and motor torques would change by the same order of size.
+    No motor supplies it, so the real joint would turn, and the motors' torques would change by the same order
+    of size.
 
     Raises:
         LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
@@ -94,12 +97,11 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
         return 0.0
     times, scale = _instants(robot, state.grid.times), robot.column_scale
     motion = evaluate_motion(branch, result, times)[1]
-    torques = _joint_torques(state, times)
-    loads = _residual_torques(robot, motion, torques)[:, idle]
-    worst = int(np.argmax(np.abs(loads * scale[idle])))
-    instant, k = divmod(worst, len(idle))
+    torques = state.grid.fit(state.forces.joint_torque)(times)
+    loads = _residual_torques(robot, motion, torques)[:, idle]  # (T, idle)
+    instant, k = divmod(int(np.abs(loads * scale[idle]).argmax()), len(idle))
     load, column = float(loads[instant, k]), int(idle[k])
-    largest_torque = float(np.abs(torques * scale[robot.actuated]).max())
+    largest_torque = np.abs(torques * scale[robot.actuated]).max()
     if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
         return float(np.abs(loads).max())
     joint = robot.coordinates.name_of(column)
@@ -114,11 +116,10 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
 
 
 def _remedy(robot: ParallelRobot, column: int) -> str:
-    """Return advice: how to hold this idle coordinate, or how to remove its load."""
-    model = robot.model
+    """Return advice on how to hold an idle coordinate, or how to remove the load."""
+    model, name = robot.model, robot.coordinates.name_of(column)
     joint = carried_axis(robot, column).joint
     if not is_ball(model.joints[joint]):
-        name = robot.coordinates.name_of(column)
         return (
             f"lock it (locked: {{{name}: VALUE}} in a robot file, --lock {name} of `crossing convert`), give "
             f"it a motor, or leave out the inertia behind it"
@@ -126,7 +127,7 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
     frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
     ends = f"[{model.frames[frame.parentFrame].name}, {link_of(model, joint)}]"
     return (
-        f"lock {robot.coordinates.name_of(column)} (--lock of `crossing convert`), or that turn of the ball "
+        f"lock {name} (--lock of `crossing convert`), or that turn of the ball "
         f"{model.names[joint]} by a closure {{frames: {ends}, axes: [rz]}} (or "
         f"rx, ry: along the part that turns), or leave out its inertia about that line, and the "
         f"springs of the balls that it turns, and what is unlike about their axes"
@@ -134,19 +135,20 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
 
 
 def _instants(robot: ParallelRobot, nodes: Array) -> Array:
-    """Return the instants half-way between the nodes; with idle joints the nodes too.
+    """Return the instants half-way between the nodes and, with idle joints, the nodes.
 
-    On the nodes the equations of all other joints are solved, so only instants between them are a check.
+    On the nodes the equations of all joints but the idle ones are solved, so that only the instants between
+    the nodes are a check.
     """
     middle = 0.5 * (nodes[1:] + nodes[:-1])
     return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
 
 
 def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Evaluate the result's series at instants (T,): configurations, and the motion that causes the forces.
+    """Evaluate the result's series at instants (T,): the poses, and the motion that causes the forces.
 
-    Nothing is solved, so both show the errors of the series. With rigid geometry the forces are those of the
-    motion without deflections.
+    The loops are not closed again, so that both show the errors of the series. With rigid geometry the second
+    is the motion without deflections.
     """
     robot, s = branch.robot, law_derivatives(result.law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
@@ -160,39 +162,33 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
     return closed, branch.load_motion(motion, s[0])
 
 
-def _joint_torques(state: DeflectionSolution, times: Array) -> Array:
-    """Compute torques (T, n_a) of the motors on the joint side, without the rotors."""
-    return state.grid.fit(state.forces.joint_torque)(times)
-
-
-def _check_dropped_rows(robot: ParallelRobot, times: Array, residual: Array, q: Array) -> None:
-    """Raise NotAssembled if a loop equation that was dropped at the reference is open on a node.
-
-    `residual` (T, rows) holds the values of all loop equations.
-    """
+def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None:
+    """Raise NotAssembled if a loop equation that was dropped at the reference is open on a node."""
     scale, dropped = robot.row_lengths, robot.structure.dropped
     if not len(dropped):
         return
-    instant, k = divmod(int(np.argmax(np.abs(residual[:, dropped]) / scale[dropped])), len(dropped))
-    row = dropped[k]
-    gap = abs(float(residual[instant, row]))
-    if gap <= LOOP_GAP * scale[row]:
+    residual = state.motion.linearised.loops.residual  # (T, rows) of all loop equations
+    scaled_gaps = np.abs(residual[:, dropped]) / scale[dropped]
+    instant, k = divmod(int(scaled_gaps.argmax()), len(dropped))
+    if scaled_gaps[instant, k] <= LOOP_GAP:
         return
+    row = dropped[k]
+    gap = float(abs(residual[instant, row]))
     unit = "rad" if robot.rows.rotation[row] else "m"
     raise NotAssembled(
         f"{robot.name}: {robot.rows.names[row]}, which repeats other loop equations at the reference, is "
-        f"open by {gap:.3g} {unit} at t = {times[instant]:.6g} s: this motion tears the loop; give a "
-        f"reference on the motion's own way",
-        q=q[instant],
+        f"open by {gap:.3g} {unit} at t = {state.grid.times[instant]:.6g} s: this motion tears the loop; "
+        f"give a reference on the motion's own way",
+        q=state.motion.q[instant],
         residual=gap,
     )
 
 
 def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
-    """Compute the forces (T, nv) missing for balance with joint torques (T, n_a) of the motors.
+    """Compute the generalised forces (T, nv) missing for balance with motor torques (T, n_a), joint side.
 
-    They are X' w along the actuated and passive joints, and r - J' lambda along idle ones, as in the module's
-    docstring. Elastic columns stay zero.
+    They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see this file's
+    docstring). Elastic columns stay zero.
     """
     forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.structure.idle
     multipliers = loop_multipliers(robot, motion.linearised, forces, torque)

@@ -1,4 +1,4 @@
-"""The result of inverse dynamics: torques, motor angles and deflections as functions of time, certified."""
+"""The result of inverse dynamics: torques, motor angles and deflections as functions of time."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.chebyshev import TimeFunction
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """The numbers by which a result proves its torques.
+    """The numbers that prove the torques of a result.
 
-    nodes: Chebyshev nodes in time, all panels together.
-    tail: largest of the last Chebyshev coefficients of torques and deflections over the largest one.
-        A pole leaves coefficients of the size of its residue, which do not fall with more nodes.
+    nodes: number of Chebyshev nodes in time, on all panels together.
+    tail: largest of the last Chebyshev coefficients of torques and deflections over the largest coefficient.
+        A pole leaves coefficients of the size of its residue, which do not decay with more nodes.
     passes: evaluations of forces at given deflections, on all grids together.
-    change: change of deflections or spring forces by one more pass, over the largest; 0 with rigid geometry,
-        which has no iteration.
-    max_closure_error: largest loop or platform equation of the coordinates as functions of time [m or rad],
-        on the nodes and half-way between them, redundant loop equations included.
+    change: relative change of deflections or spring forces by one more pass; 0 with rigid geometry, which has
+        no iteration.
+    max_closure_error: largest residual of a loop or platform equation [m or rad], on the nodes and half-way
+        between them, redundant loop equations included.
     max_residual_torque: largest torque beside motors and springs that the planned motion would need in a
-        joint, half-way between the nodes [N m or N]; without idle joints.
+        joint, half-way between the nodes [N m or N]; idle joints are not counted.
     max_held_torque: largest torque that the planned motion would need in an idle joint, such as the spin of a
-        rod about its own line [N m or N]. Torques of motors have errors of the same order of size. 0 without
-        idle joints; at most `tolerances.HELD_IDLE` of a motor's largest torque on the joint side.
-    end_speed: largest motor speed at both ends over the largest one of the motion. Zero when the law is
-        smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
-    monotone: s' > 0 at all instants between the ends.
+        rod about its own line [N m or N]. The motors' torques have errors of the same order of size. 0
+        without idle joints; at most `tolerances.HELD_IDLE` of a motor's largest torque on the joint side.
+    end_speed: largest motor speed at both ends over the largest of the motion. Zero if the law is smooth
+        enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
+    monotone: whether s' > 0 at all instants between the ends.
     rounded_gap: largest gap [m or rad] of loop equations that are left out because they repeat others but for
-        rounding; 0 without such.
+        rounding; 0 without any.
     """
 
     nodes: int
     tail: float
     passes: int
     change: float
-    max_closure_error: float
-    max_residual_torque: float
-    max_held_torque: float
+    max_closure_error: float = 0.0
+    max_residual_torque: float = 0.0
+    max_held_torque: float = 0.0
     end_speed: float
     monotone: bool
     rounded_gap: float = 0.0
@@ -64,9 +64,9 @@ class Certificate:
 class SingularityCrossing(ReadOnlyArrays):
     """An instant at which the motion is in a Type 2 singularity.
 
-    `wrench` is t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies; `scale`
-    is the largest sum of the sizes of its terms along the motion, at least mass length / duration^2.
-    Condition (8) holds if wrench / scale is rounding.
+    `wrench` is t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies. `scale`
+    is the largest sum of the absolute values of its terms along the motion, at least
+    mass length / duration^2. Condition (8) holds if wrench / scale is rounding.
     """
 
     time: float
@@ -85,7 +85,7 @@ class SingularityCrossing(ReadOnlyArrays):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class InverseDynamics(ReadOnlyArrays):
-    """Torques of a motion as functions of time, with the certificate."""
+    """The torques of a motion as functions of time, with the certificate."""
 
     robot: ParallelRobot
     path: Path
@@ -100,7 +100,7 @@ class InverseDynamics(ReadOnlyArrays):
     crossings: tuple[SingularityCrossing, ...]
     certificate: Certificate
     friction: PlannedFriction | None = None  # dry, of the driven joints
-    wrenches: ExternalWrenches = NO_WRENCHES  # of the world, along the path
+    wrenches: ExternalWrenches = NO_WRENCHES  # along the path
 
     def __repr__(self) -> str:
         """Return robot, geometry, duration, crossings and tail in one line."""
@@ -117,19 +117,19 @@ class InverseDynamics(ReadOnlyArrays):
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,).
 
-        They include dry friction of the driven joints if the plan does, and then jump where a motor reverses.
+        If the plan includes dry friction of the driven joints, the torques jump where a motor reverses.
         """
         smooth = self.torques(t, order)
         return smooth if self.friction is None or order > 0 else smooth + self.friction(t)
 
     def torque_without_friction(self, t: ArrayLike) -> Array:
-        """Evaluate the smooth share of `torque`, which drives a robot without dry friction."""
+        """Evaluate the smooth part of `torque`, which drives a robot without dry friction."""
         return self.torques(t)
 
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).
 
-        Accelerations are computed by `motion`, as a second derivative of a series loses digits at its ends.
+        Accelerations come from `motion`: the second derivative of a series loses digits at the ends.
         """
         if order != 2:
             return self.motor_angles(t, order)
@@ -152,10 +152,7 @@ class InverseDynamics(ReadOnlyArrays):
         return integrate(self.robot, self.origin, self.offsets(np.atleast_1d(t)))
 
     def motion(self, t: ArrayLike) -> Motion:
-        """Compute positions, rates and accelerations of all joints at t (T,), with the wrenches of the world.
-
-        The loops are closed to rounding.
-        """
+        """Compute the motion of all joints at t (T,), loops closed to rounding, with external wrenches."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
         s = law_derivatives(self.law, times)
         x, dx, ddx = time_derivatives(self.path, s)
@@ -166,7 +163,7 @@ class InverseDynamics(ReadOnlyArrays):
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
         """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv)."""
-        if order == 1 and self.robot.model.nq == self.robot.model.nv:
+        if order == 1 and not self.robot.has_balls:
             return self.offsets(np.atleast_1d(t), order)
         motion = self.motion(t)  # the derivative of a ball's offset is no angular velocity
         return motion.v if order == 1 else motion.a

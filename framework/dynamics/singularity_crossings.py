@@ -1,4 +1,4 @@
-"""The instants at which a motion is in a Type 2 singularity, and t_s . W_p there."""
+"""The instants at which a motion is in a Type 2 singularity, with t_s . W_p."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
 LAW_ROOT_ROUNDING = 1e-12  # residual in s of a root of the law
 MAX_NEWTON_STEPS, NEWTON_RESIDUAL = 3, 1e-15  # to a root of the law; residual in s that ends them
-SAMPLES = 17  # of a motion, for the size of its forces
-MAX_CROSSINGS_ON_PANEL = 3  # of a law without panels: for more 512 nodes are slower or too few
-EDGE_CLEARANCE = 0.1  # of a panel: an edge nearer to a crossing is moved, as edges are nodes
+SAMPLES = 17  # instants of a motion at which the size of the forces is measured
+MAX_CROSSINGS_ON_PANEL = 3  # of a law without panels; with more, 512 nodes are slow or not enough
+EDGE_CLEARANCE = 0.1  # of a panel's width: edges are nodes, so an edge nearer to a crossing is shifted
 
 
 def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
-    """Return the edges [s] of panels on which all functions of time are smooth, ascending.
+    """Return the ascending edges [s] of panels on which all functions of time are smooth.
 
     Edges are the ends of the motion and of the law's panels, and the instants of the branch's knots. Every
-    edge is a node, and no node may be at a crossing, an instant of `clear_of` [s]: an edge of the law near
-    such an instant is moved beside the instant. A law without panels gets one panel for each of many
-    crossings, so that the number of nodes grows in proportion to the crossings.
+    edge is a node, and no node may be at a crossing (`clear_of` [s]). So an edge of the law near a crossing
+    is shifted aside. A law without panels and with many crossings gets a panel for each of them, so that the
+    number of nodes is proportional to the number of crossings.
     """
     edges = np.array([0.0, law.duration])
     law_edges = edges_of(law)
@@ -46,7 +46,7 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
         edges = law_edges.copy()
         for t in clear_of:
             k = int(np.argmin(np.abs(edges - t)))
-            width = np.diff(edges)[max(k - 1, 0) : k + 1].min()  # of the narrower panel beside the edge
+            width = np.diff(edges)[max(k - 1, 0) : k + 1].min()  # of the narrower panel at this edge
             if 0 < k < len(edges) - 1 and abs(edges[k] - t) < EDGE_CLEARANCE * width:
                 edges[k] = t + 3.0 * EDGE_CLEARANCE * width
     else:
@@ -58,9 +58,10 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
 
 
 def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
-    """Find all t (k,) [s] with law(t) = s, ascending; `edges` bound the panels on which the law is smooth.
+    """Find all instants (k,) [s] with law(t) = s, ascending.
 
-    Roots of the law's Chebyshev series are improved by Newton's method on the law itself.
+    The law is smooth on panels between `edges` [s]. Newton's method on the law itself refines the roots of
+    the law's Chebyshev series.
     """
     grid = TimeGrid(edges, 65)
     function = grid.fit(np.asarray(law(grid.times))[:, None])
@@ -77,16 +78,16 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
             residual = np.asarray(law(t)) - s
             if np.abs(residual).max() < NEWTON_RESIDUAL:
                 break
-        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # a minimum just above s is no root
+        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # excludes a minimum just above s
     times = np.sort(np.concatenate(roots))
-    is_new = np.concatenate(([True], np.diff(times) > SAME_PLACE * (edges[-1] - edges[0])))
-    return times[is_new[: len(times)]]
+    is_new = np.diff(times, prepend=-np.inf) > SAME_PLACE * (edges[-1] - edges[0])
+    return times[is_new]
 
 
 def rigid_crossings(
     branch: Branch, points: tuple[SingularPoint, ...], law: MotionLaw
 ) -> tuple[SingularityCrossing, ...]:
-    """Find all instants at which the law takes the undeformed robot through a singular point.
+    """Find all instants at which the undeformed robot passes a singular point.
 
     Raises:
         NoLaw: the motion stands still on a singular point, or no law can cross it.
@@ -97,39 +98,40 @@ def rigid_crossings(
     crossed = [(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
     if not crossed:
         return ()
-    # the crossings first, then samples along the motion, which give the size of the forces
+    # first the crossings, then samples along the motion for the size of the forces
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
     s = law_derivatives(law, times)
-    stops = np.abs(s[1][:-SAMPLES]) <= STOP_AT_CROSSING * np.abs(s[1]).max()
+    speeds = np.abs(s[1])
+    stops = speeds[:-SAMPLES] <= STOP_AT_CROSSING * speeds.max()
     if stops.any():
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
             f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
         )
-    # a guess of the samples' configurations is enough
-    q = np.concatenate([*(singular.q[None] for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])
+    # at the samples approximate configurations are enough
+    q = np.vstack([*(singular.q for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])
     forces = _undeformed_forces(branch, q, s)
-    at_crossings, at_samples = np.split(forces, [len(crossed)])
-    return tuple(
-        _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([force, at_samples]))
-        for (t, singular), force in zip(crossed, at_crossings, strict=True)
-    )
+    crossings = []
+    for k, (t, singular) in enumerate(crossed):
+        crossing_and_samples = np.vstack([forces[k], forces[-SAMPLES:]])
+        crossings.append(_rigid_crossing(branch.robot, law.duration, t, singular, crossing_and_samples))
+    return tuple(crossings)
 
 
 def _undeformed_forces(branch: Branch, q: Array, s: list[Array]) -> Array:
-    """Compute forces (T, nv) of the open tree at q (T, nq) along a law s with two derivatives."""
+    """Compute forces (T, nv) of the open tree at q (T, nq), for s and two derivatives, each (T,)."""
     x, dx, ddx = time_derivatives(branch.path, s)
     motion = motion_at(branch.robot, ClosedStack(q, x, linearised_at(branch.robot, q, x)), dx, ddx)
     return tree_forces(branch.robot, branch.load_motion(motion, s[0]))
 
 
 def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
-    """Refuse singular points to which condition (8) does not apply.
+    """Refuse a singular point to which condition (8) does not apply.
 
     Raises:
         UncontrolledMotions: several motions are uncontrolled at once, and the singularity is not of Type 2 or
-            the path only touches it.
+            the path only touches the locus.
         NoLaw: the singularity is not of Type 2.
     """
     if singular.corank > 1 and (singular.kind != "type_2" or singular.contact == "tangential"):
@@ -142,10 +144,14 @@ def check_kind(robot: ParallelRobot, singular: SingularPoint) -> None:
 def _rigid_crossing(
     robot: ParallelRobot, duration: float, t: float, singular: SingularPoint, forces: Array
 ) -> SingularityCrossing:
-    """Compute t_s . W_p = eta . r when the undeformed robot passes a singular point at time t.
+    """Compute t_s . W_p = eta . r of the undeformed robot at a singular point.
 
-    `forces` (1 + SAMPLES, nv) are r of the open tree at the point, then along the motion. Of several escaping
-    motions eta, the one with the largest relative t_s . W_p is reported.
+    The point is passed at time t [s] of the motion.
+
+    If several motions eta escape, the result is that of the largest relative t_s . W_p.
+
+    Args:
+        forces: (1 + SAMPLES, nv) r of the open tree, at the point and along the motion.
     """
     escape = singular.motion[None]
     if singular.corank > 1:
@@ -169,13 +175,14 @@ def _rigid_crossing(
 
 
 def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> SingularityCrossing:
-    """Find a crossing of the deformed robot, the root of g in time, from that of the undeformed robot.
+    """Find the crossing of the deformed robot, a root of g in time, near that of the undeformed robot.
 
-    The sign of its twist is that of the undeformed crossing's.
+    The twist has the sign of the twist at rest.
     """
     robot = result.robot
 
     def matrices(t: Array) -> Array:
+        """Compute the Type 2 matrices (T, n, n) at t (T,)."""
         return type2_matrix(robot, linearised_at(robot, result.configuration(t), result.platform(t)))
 
     t = root_of_g(matrices, at_rest.time, high=result.duration).place
@@ -195,7 +202,7 @@ def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> 
 
 
 def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
-    """Raise UnboundedTorque for the worst crossing if its residual is above the allowed one."""
+    """Raise UnboundedTorque for the crossing of largest residual if that is not allowed."""
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
@@ -211,19 +218,17 @@ def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ..
     )
 
 
-def check_crossings(
-    robot: ParallelRobot, state: DeflectionSolution, geometry: str, crossings: tuple[SingularityCrossing, ...]
-) -> None:
+def check_crossings(robot: ParallelRobot, state: DeflectionSolution, result: InverseDynamics) -> None:
     """Raise NoLaw if the assembly mode changes between two nodes without a crossing.
 
-    With rigid geometry of an elastic robot there is no check: the forces are those of the undeformed robot.
+    An elastic robot in rigid geometry is not checked: the forces are those of the undeformed robot.
     """
-    if geometry == "rigid" and robot.n_e:
+    if result.geometry == "rigid" and robot.n_e:
         return
     signs = mode_signs(robot, state.motion.linearised)[1]
     times = state.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
-        if not any(times[k] <= crossing.time <= times[k + 1] for crossing in crossings):
+        if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):
             raise NoLaw(
                 f"{robot.name}: the deflected robot meets a Type 2 singularity between t = "
                 f"{times[k]:.6g} and {times[k + 1]:.6g} s that the undeflected one does not"

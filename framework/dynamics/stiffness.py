@@ -1,19 +1,19 @@
-"""Stiffness of the platform with locked motors, and its free vibrations, at rest and under load.
+"""Stiffness of the platform with locked motors, and free vibrations, at rest and under load.
 
-The motors locked, springs and loops leave the motions dq = Z dz, Z spanning the null space of the loop
-equations c along the elastic and the passive joints. With the energy V of springs and weight, the forces w of
-the world on the platform and the forces lambda in the loops, the tangent stiffness along them is
+With locked motors the springs and loops allow the motions dq = Z dz, where Z spans the null space of the loop
+equations c along the elastic and passive joints. With the energy V of springs and weight, the external wrench
+w on the platform and the forces lambda in the loops, tangent stiffness and mass along these motions are
 
-    H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z,        M = Z' (mass matrix) Z:
+    H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z,        M = Z' (mass matrix) Z.
 
-springs alone (V's part K) without load, and the geometric stiffness of weight, w and lambda beside them under
-load. A platform motion v = X dz takes the least energy of all dz that give it:
+Without load H is the stiffness K of the springs alone. Under load the geometric stiffness of weight, w and
+lambda is added. The stiffness K_x along a platform motion v is that of the motion dz of least energy:
 
     v' K_x v = min { dz' H dz : X dz = v },        compliance = X H^-1 X' = K_x^-1.
 
-Nothing here divides by A. At a Type 2 singularity a motion that stretches no spring moves the platform, along
-t_s: without load K_x, H and M stay finite, K_x t_s = 0, the compliance along t_s is infinite and the first
-frequency 0; under load what is left along t_s is the geometric stiffness alone, which may hold or buckle.
+Nothing here divides by A, so K_x, H and M are finite at a Type 2 singularity, where the platform can move
+along t_s without stretching a spring. Without load K_x t_s = 0, the compliance along t_s is infinite, and the
+first frequency is 0. Under load only the geometric stiffness is left along t_s; the robot may hold or buckle.
 
 Source: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; the elimination
 by a null space as Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12, for Z.
@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
+from framework.dynamics.forces import mass_matrices
 from framework.dynamics.tangent_stiffness import (
     Load,
     balance,
@@ -40,7 +40,6 @@ from framework.kinematics.frames import difference, integrate_columns
 from framework.kinematics.linearised_loops import LinearisedLoops, assembled_at
 from framework.kinematics.loop_matrices import scaled_loops
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import matmul
 from framework.tolerances import (
@@ -51,24 +50,24 @@ from framework.tolerances import (
     RANK_ROUNDING,
 )
 
-MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium; quadratic once it is near
-MAX_STEP = 0.1  # [rad, robot lengths] of that method: deflections of springs that mean something are smaller
-SHIFTS = (1.0, 1e3, 1e6)  # of H by S, over their traces' ratio: a negative H under load asks for a larger one
-MIN_EIGENVALUE_RATIO = 1e-8  # over the largest eigenvalue of H: flatter directions count as that steep
+MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
+MAX_STEP = 0.1  # [rad, robot lengths] of that method: deflections of linear springs are smaller
+SHIFTS = (1.0, 1e3, 1e6)  # sigma of H + sigma S over tr H / tr S; indefinite H under load need larger ones
+MIN_EIGENVALUE_RATIO = 1e-8  # over the largest eigenvalue of H; smaller eigenvalues are replaced by this one
 
 
 class CompliantMotions(NamedTuple):
-    """The motions that springs and loops allow at T configurations while the motors are locked."""
+    """The motions that springs and loops allow at T configurations with locked motors."""
 
-    columns: IntArray  # (f,) of the velocity vector: elastic, then passive ones that follow
-    Z: Array  # (T, f, d) orthonormal in radians and robot lengths, then turned back
-    X: Array  # (T, n, d) the platform's twist on its axes
-    K: Array  # (T, d, d) of the springs alone
-    M: Array  # (T, d, d) of all bodies; rotors rest
+    columns: IntArray  # (f,) velocity indices of the moving joints: elastic, then passive
+    Z: Array  # (T, f, d) joint rates; orthonormal if lengths are counted in robot lengths
+    X: Array  # (T, n, d) twists of the platform on its axes
+    K: Array  # (T, d, d) stiffness of the springs alone
+    M: Array  # (T, d, d) mass of all bodies; rotors rest
 
 
 def require_springs(robot: ParallelRobot) -> None:
-    """Raise InvalidInput for a robot that nothing makes give way."""
+    """Raise InvalidInput for a robot without springs."""
     if not (robot.n_e or robot.joint_stiffness.any()):
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: no springs, so the platform does not give way; load it with "
@@ -77,10 +76,10 @@ def require_springs(robot: ParallelRobot) -> None:
 
 
 def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Array) -> CompliantMotions:
-    """Compute motions, stiffness of the springs and mass at configurations q (T, nq).
+    """Compute the compliant motions with spring stiffness and mass at configurations q (T, nq).
 
     Raises:
-        InvalidInput: a robot without springs: use --flexibility flexible_joints or flexible_links.
+        InvalidInput: a robot without springs.
     """
     require_springs(robot)
     columns = moving_columns(robot)
@@ -99,11 +98,11 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
 
 
 def least_ratios(H: Array, S: Array) -> Array:
-    """Compute the least z' H z / z' S z (T,), S positive semidefinite; NaN without one.
+    """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S; NaN without one.
 
-    With H + sigma S positive definite, the least is 1 / mu - sigma, mu the largest eigenvalue of S relative
-    to H + sigma S. So neither H is inverted, which is singular at Type 2, nor S, which is singular where
-    bodies have no mass.
+    If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
+    of S relative to H + sigma S. This inverts neither H, which is singular at Type 2, nor S, which is
+    singular if bodies have no mass.
     """
     least = np.full(len(H), np.nan)
     size_H = np.abs(np.trace(H, axis1=1, axis2=2))
@@ -124,9 +123,9 @@ def least_ratios(H: Array, S: Array) -> Array:
 
 
 def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
-    """Compute the stiffness (T,) [N/m] of the platform's point in its softest direction, 0 at Type 2.
+    """Compute the stiffness (T,) [N/m] of the platform's point in the softest direction, 0 at Type 2.
 
-    Of a platform that only turns moment over turn [N m/rad].
+    For a platform that only turns it is the rotational stiffness [N m/rad].
     """
     loaded = robot.translations if robot.translations.any() else ~robot.translations
     X = free.X[:, loaded]
@@ -134,34 +133,35 @@ def least_stiffness(robot: ParallelRobot, free: CompliantMotions) -> Array:
 
 
 def locked_motor_frequency(free: CompliantMotions) -> Array:
-    """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN if nothing has mass.
+    """Compute the first natural frequency (T,) [Hz] with locked motors, 0 at Type 2; NaN without mass.
 
-    With motors free to turn: `dynamics.vibrations.free_motor_frequency`.
+    For motors that turn freely see `dynamics.vibrations.free_motor_frequency`.
     """
     return np.sqrt(np.maximum(least_ratios(free.K, free.M), 0.0)) / (2 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
 class PlatformStiffness(ReadOnlyArrays):
-    """Stiffness and free vibrations of a robot at one configuration, its motors locked.
+    """Stiffness and free vibrations of a robot with locked motors at one configuration.
 
-    Twists and wrenches on the platform's axes, base frame, at the platform frame's origin. Joint side.
+    Twists and wrenches are on the platform's axes in the base frame, at the origin of the platform frame.
+    Forces of joints are on the joint side of the gears.
     """
 
     robot: ParallelRobot
     q: Array  # (nq,) with the deflections of the load
     x: Array  # (n,)
     stiffness: Array  # (n, n) K_x [N/m, N/rad, N m/rad], finite at Type 2 too
-    compliance: Array  # (n, n) its inverse; infinite where it has none
-    squares: Array  # (k,) rad^2/s^2 ascending; negative where a load buckles the robot; massless motions not
-    modes: Array  # (k, nv) joint rates of each; its generalised mass is 1 kg m^2
-    platform_modes: Array  # (k, n) the platform's twist in each
+    compliance: Array  # (n, n) inverse of K_x; infinite where there is none
+    squares: Array  # (k,) omega^2 [rad^2/s^2], ascending, of motions with mass; negative where they buckle
+    modes: Array  # (k, nv) joint rates of each vibration; the generalised mass is 1 kg m^2
+    platform_modes: Array  # (k, n) twist of the platform in each vibration
     loaded: bool
-    is_stable: bool  # whether every motion with locked motors is resisted, of the platform or of a leg alone
+    is_stable: bool  # whether every motion with locked motors is resisted, also that of a leg alone
 
     @property
     def frequencies(self) -> Array:
-        """Natural frequencies (k,) [Hz]; NaN for a motion that buckles."""
+        """The natural frequencies (k,) [Hz]; NaN for a motion that buckles."""
         with np.errstate(invalid="ignore"):
             return np.sqrt(self.squares) / (2 * np.pi)
 
@@ -172,10 +172,10 @@ def platform_stiffness(
     """Compute stiffness, compliance, natural frequencies and modes at an assembled configuration q (nq,).
 
     Args:
-        loaded: under weight and `wrench`: the springs first give way, from q with locked motors, until they
-            carry both; else at q, as if nothing pulled.
-        wrench: of the world ON the platform, on its axes (n,) [N, N m]; a moment only about a single axis
-            (others have no potential).
+        loaded: whether to deflect the springs from q, with locked motors, until they carry weight and
+            `wrench`. Otherwise the result is that at q without load.
+        wrench: external, ON the platform, on the platform's axes (n,) [N, N m]; a moment is allowed only if
+            the platform turns about a single axis (otherwise it has no potential).
 
     Raises:
         InvalidInput: q leaves the loops open; a robot without springs, or with springs that leave the
@@ -194,7 +194,7 @@ def platform_stiffness(
     if load is not None:
         H = tangent_stiffness(robot, closed.linearised, closed.q, free.Z, load)[0]
     squares, shapes = _vibrations(H, free.M[0])
-    modes = np.zeros((len(shapes), robot.model.nv))
+    modes = np.zeros((len(shapes), robot.nv))
     modes[:, free.columns] = shapes @ free.Z[0].T
     stiffness = _condense(robot, H, free.X[0])
     return PlatformStiffness(
@@ -215,14 +215,14 @@ def platform_stiffness(
 
 
 def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) -> tuple[Array, Load]:
-    """Minimise V - w . x with c = 0 from q (nq,); return the equilibrium and its load.
+    """Minimise V - w . x subject to c = 0 from q (nq,); return the equilibrium and the load.
 
-    Newton's method with the size of each eigenvalue in place of the eigenvalue itself, so that steps lead
-    downhill where the robot buckles. If the robot snaps through, the equilibrium beyond is returned.
+    Newton's method is used with the absolute values of the eigenvalues, so that steps lead downhill even
+    where the robot buckles. If the robot snaps through, the result is the equilibrium beyond.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
-    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.model.nv)))
+    load = Load(check_wrench(robot, wrench), np.ones(1), np.zeros((1, robot.nv)))
     size = np.inf
     for _ in range(MAX_NEWTON_STEPS):
         state = balance(robot, q[None], load)
@@ -231,14 +231,15 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
                 return q, load
             break
         values, vectors = np.linalg.eigh(state.H[0])
-        sizes = np.abs(values)  # away from maxima and saddles
-        downhill = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
-        along = vectors @ (vectors.T @ state.slope[0] / downhill)  # (d,) on the null space of the loops
+        sizes = np.abs(values)
+        steepness = np.maximum(sizes, MIN_EIGENVALUE_RATIO * sizes.max())
+        along = vectors @ (vectors.T @ state.slope[0] / steepness)  # (d,) on the null space of the loops
         step = state.closing[0] - state.null[0] @ along
-        size = float(np.abs(step).max())
+        size = np.abs(step).max()
         if not np.isfinite(size):
             break
-        q = integrate_columns(robot, q, columns, step * min(1.0, MAX_STEP / max(size, MAX_STEP)) * lengths)
+        damping = MAX_STEP / max(size, MAX_STEP)
+        q = integrate_columns(robot, q, columns, step * damping * lengths)
     raise NotConverged(
         f"{robot.name}: the springs find no equilibrium near this configuration: the load buckles the "
         f"robot, or deflects it by more than linear springs mean",
@@ -247,7 +248,7 @@ def _find_equilibrium(robot: ParallelRobot, q: Array, wrench: ArrayLike | None) 
 
 
 def deflects_little(robot: ParallelRobot, q: Array) -> BoolArray:
-    """Whether the deflections of q (T, nq) are within the range of linear springs, (T,)."""
+    """Return whether (T,) the deflections of q (T, nq) are within the range of linear springs."""
     deflections = (difference(robot, robot.neutral, q) / robot.column_scale)[:, robot.elastic]
     return np.abs(deflections).max(axis=1, initial=0.0) <= MAX_DEFLECTION
 
@@ -255,21 +256,11 @@ def deflects_little(robot: ParallelRobot, q: Array) -> BoolArray:
 # ------------------------------------------------------------------ matrices
 
 
-def mass_matrices(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the mass matrices (T, nv, nv) of the open tree, rotors not included."""
-    model, data = robot.model, scratch_of(robot).data
-    upper = np.empty((len(q), model.nv, model.nv))
-    for k in range(len(q)):
-        upper[k] = pin.crba(model, data, q[k])
-    upper = np.triu(upper)
-    return upper + np.triu(upper, 1).swapaxes(1, 2)
-
-
 def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
-    """Compute the platform's stiffness K_x (n, n) from H along all motions and their twists X.
+    """Compute the platform's stiffness K_x (n, n) from H (d, d) and the twists X (n, d) of all motions.
 
-    v' K_x v = min { dz' H dz : X dz = v }. With R a right inverse of X and N its null space dz = R v + N y,
-    and the least over y is K_x = R' (H - H N (N' H N)^-1 N' H) R.
+    v' K_x v = min { dz' H dz : X dz = v }. With a right inverse R and the null space N of X, dz = R v + N y,
+    and the minimum over y is K_x = R' (H - H N (N' H N)^-1 N' H) R.
     """
     scale = robot.platform_scale
     U, values, V_rows = np.linalg.svd(X / scale[:, None])
@@ -282,34 +273,34 @@ def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
     N = V_rows[len(X) :].T  # (d, d - n) X N = 0
     forces = H @ R
     if N.size:
-        forces = forces - H @ N @ np.linalg.solve(N.T @ H @ N, N.T @ H @ R)
+        forces -= H @ N @ np.linalg.solve(N.T @ H @ N, N.T @ forces)
     K = R.T @ forces
     return 0.5 * (K + K.T)
 
 
 def _inverse(robot: ParallelRobot, K: Array) -> Array:
-    """Compute the compliance (n, n), infinite in all entries that a direction without stiffness reaches."""
-    scale = robot.platform_scale
-    values, vectors = np.linalg.eigh(K * scale * scale[:, None])
+    """Compute the compliance (n, n), infinite in entries that a direction without stiffness reaches."""
+    scales = np.outer(robot.platform_scale, robot.platform_scale)
+    values, vectors = np.linalg.eigh(K * scales)
     is_free = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
+    compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scales
+    # entry (i, j) is infinite if one free direction moves both axes i and j
     is_moved = np.abs(vectors[:, is_free]) > RANK_ROUNDING
-    infinite = (is_moved[:, None] & is_moved[None]).any(axis=2)
-    compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scale * scale[:, None]
-    return np.where(infinite, np.inf, compliance)
+    return np.where(is_moved @ is_moved.T, np.inf, compliance)
 
 
 def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
     """Compute squared angular frequencies (k,) [rad^2/s^2], ascending, and shapes z (k, d) with z' M z = 1.
 
-    Motions without mass follow the others at once and have no vibration of their own.
+    Motions without mass have no vibration of their own: they follow the others statically.
     """
     values, vectors = np.linalg.eigh(M)
     has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
     massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) of unit mass
-    light = vectors[:, ~has_mass]
-    if light.shape[1] and massive.shape[1]:  # motions y without mass follow with the least energy
-        y = np.linalg.lstsq(light.T @ H @ light, light.T @ H @ massive, rcond=None)[0]
-        massive = massive - light @ y
+    massless = vectors[:, ~has_mass]
+    if massless.shape[1] and massive.shape[1]:  # massless motions y follow with the least energy
+        y = np.linalg.lstsq(massless.T @ H @ massless, massless.T @ H @ massive, rcond=None)[0]
+        massive -= massless @ y
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)
     return np.where(is_rounding, 0.0, squares), (massive @ shapes).T

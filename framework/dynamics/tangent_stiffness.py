@@ -1,12 +1,12 @@
 """Forces and tangent stiffness of T configurations with locked motors, along motions that the loops allow.
 
-With the energy V of springs and weight, the forces w of the world on the platform x and the closures c, the
-balance is dV/dq - w . dx/dq = lambda . dc/dq, and the tangent stiffness along motions Z that keep c
+With the energy V of springs and weight, the external wrench w on the platform x and the closures c, the
+balance is dV/dq - w . dx/dq = lambda . dc/dq. The tangent stiffness along motions Z with constant c is
 
     H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z.
 
-Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c". Drifts along pairs
-of motions give its matrix by polarisation.
+Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c", and drifts along
+sums of two motions give the matrix of that form by polarisation.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from framework.numerics.ordered_sums import matmul, matvec, solve
 class Load(NamedTuple):
     """The load on T configurations, each under its own share of weight and wrench."""
 
-    w: Array  # (n,) wrench of the world ON the platform, on its axes
+    w: Array  # (n,) external wrench ON the platform, on the platform's axes
     share: Array  # (T,) of weight and w, 0 .. 1
-    preload: Array  # (T, nv) spring forces at which the unloaded configuration is in balance
+    preload: Array  # (T, nv) spring forces in the balance without load
 
     def select(self, which: IntArray) -> Load:
         """Return the load on the configurations `which` (k,)."""
@@ -41,19 +41,19 @@ class Load(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """The distance of T configurations from balance. Steps are in radians and lengths of the robot."""
+    """The distance of T configurations from balance. Steps are in radians and robot lengths."""
 
     gap: Array  # (T,) largest error of a loop equation
     closing: Array  # (T, f) the least step that closes the loops, to first order
-    null: Array  # (T, f, d) orthonormal steps Z that leave the loops closed
+    null: Array  # (T, f, d) orthonormal steps Z that keep the loops closed
     slope: Array  # (T, d) derivative of the energy along Z, after the closing step
-    drive: Array  # (T, d) derivative of the slope with respect to the share of the load
+    drive: Array  # (T, d) derivative of the slope by the share of the load
     H: Array  # (T, d, d) tangent stiffness along Z
     linearised: LinearisedLoops
 
 
 def check_wrench(robot: ParallelRobot, wrench: ArrayLike | None) -> Array:
-    """Return the wrench (n,) of the world on the platform, zero by default.
+    """Return the external wrench (n,) on the platform, zero by default.
 
     Raises:
         InvalidInput: not n finite numbers, or a moment on a platform that turns about several axes.
@@ -70,10 +70,10 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
 
 
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
-    """Compute the distance of configurations q (T, nq), with loops open or closed, from balance.
+    """Compute the distance from balance of configurations q (T, nq), with loops open or closed.
 
     With J' = Q R the least step that closes the loops is -Q R'^-1 residual. The stiffness is computed along
-    [Z, closing]: its last column is the change of the slope by the closing step.
+    [Z, closing]. The last column is then the change of the slope by the closing step.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
@@ -83,17 +83,16 @@ def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     Q, R, null = factor_transposed(J)
     closing = -matvec(Q, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
-    spring_forces, load_forces = _forces(robot, linearised, q, load)
-    forces = spring_forces + load.share[:, None] * load_forces
-    H = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
+    forces, load_forces = _forces(robot, linearised, q, load)
+    stiffness = tangent_stiffness(robot, linearised, q, steps * lengths[:, None], load)
     null_rows = null.swapaxes(1, 2)
     return Balance(
         gap=np.abs(residual).max(axis=1, initial=0.0),
         closing=closing,
         null=null,
-        slope=matvec(null_rows, forces[:, columns] * lengths) + H[:, :-1, -1],
+        slope=matvec(null_rows, forces[:, columns] * lengths) + stiffness[:, :-1, -1],
         drive=matvec(null_rows, load_forces[:, columns] * lengths),
-        H=H[:, :-1, :-1],
+        H=stiffness[:, :-1, :-1],
         linearised=linearised,
     )
 
@@ -103,13 +102,12 @@ def tangent_stiffness(
 ) -> Array:
     """Compute the tangent stiffness (T, p, p) along steps (T, f, p) [N m] at q (T, nq).
 
-    It is steps' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) steps. The multipliers lambda balance the forces
-    in the least squares: J' lambda = forces.
+    It is steps' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) steps. The multipliers lambda solve
+    J' lambda = forces in the least-squares sense.
     """
     columns = moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]
-    spring_forces, load_forces = _forces(robot, linearised, q, load)
-    forces = (spring_forces + load.share[:, None] * load_forces)[:, columns] * robot.column_scale[columns]
+    forces = _forces(robot, linearised, q, load)[0][:, columns] * robot.column_scale[columns]
     Q, R, _ = factor_transposed(J)
     multipliers = solve(R, matvec(Q.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
     gravity_stiffness = _gravity_stiffness(robot, q)[:, columns[:, None], columns] * load.share[:, None, None]
@@ -120,8 +118,8 @@ def tangent_stiffness(
 
 def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
     """Compute the symmetric derivative (T, nv, nv) of the joint forces of weight by q (T, nq)."""
-    model, data = robot.model, scratch_of(robot).data
-    derivative = np.array([pin.computeGeneralizedGravityDerivatives(model, data, row) for row in q])
+    data = scratch_of(robot).data
+    derivative = np.array([pin.computeGeneralizedGravityDerivatives(robot.model, data, row) for row in q])
     return 0.5 * (derivative + derivative.swapaxes(1, 2))
 
 
@@ -131,7 +129,7 @@ def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multiplie
     The quadratic form D of `_drift` gives its bilinear form by B(a, b) = (D(a + b) - D(a) - D(b)) / 2.
     """
     i, j = np.triu_indices(steps.shape[2])
-    sums = np.zeros((len(steps), len(i), robot.model.nv))
+    sums = np.zeros((len(steps), len(i), robot.nv))
     sums[:, :, moving_columns(robot)] = (steps[:, :, i] + steps[:, :, j]).swapaxes(1, 2)
     drift = _drift(robot, frames, sums, multipliers, w)
     diagonal = drift[:, i == j] / 4.0  # D(a) = D(a + a) / 4
@@ -153,23 +151,25 @@ def factor_transposed(J: Array) -> tuple[Array, Array, Array]:
 
 
 def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: Load) -> tuple[Array, Array]:
-    """Compute forces (T, nv): of springs less their preload, and of the full load.
+    """Compute the forces dV/dq - w . dx/dq (T, nv) under the load's share, and the derivative by the share.
 
-    Their sum with the full share, springs + weight - wrench, is dV/dq - w . dx/dq.
+    They are springs - preload + share (preload + weight - wrench).
     """
-    model, data = robot.model, scratch_of(robot).data
-    weight = np.array([pin.computeGeneralizedGravity(model, data, row) for row in q])
+    data = scratch_of(robot).data
+    springs = spring_torques(robot, q, robot.all_stiffness)
+    weight = np.array([pin.computeGeneralizedGravity(robot.model, data, row) for row in q])
     wrench = matvec(linearised.platform.swapaxes(1, 2), np.broadcast_to(load.w, (len(q), robot.n)))
-    return spring_torques(robot, q, robot.all_stiffness) - load.preload, load.preload + weight - wrench
+    by_share = load.preload + weight - wrench
+    return springs - load.preload + load.share[:, None] * by_share, by_share
 
 
 def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """Compute the drifts of loops and platform (T, p) at joint rates v (T, p, nv), times forces.
+    """Compute the drifts (T, p) at rates v (T, p, nv), loops times lambda plus platform times w.
 
-    They are v' (lambda . c" + w . x") v: the drift of an equation c is its second time derivative without
-    the accelerations, v' c" v.
+    The drift of an equation c is the second time derivative at zero joint accelerations, v' c" v. The result
+    is v' (lambda . c" + w . x") v.
     """
-    repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))
+    repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))  # each configuration p times
     motions = frame_motions(robot, repeated, v.reshape(-1, v.shape[2]))
     loops = closure_drift(robot.loops, motions).reshape(*v.shape[:2], -1)
     platform = robot.platform.drift(motions).reshape(*v.shape[:2], -1)

@@ -1,4 +1,4 @@
-"""t_s, W_p and the measure g along a whole motion; condition (8): t_s . W_p vanishes at a crossing."""
+"""t_s, W_p and the measure g along a whole motion; by condition (8), t_s . W_p vanishes at crossings."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from framework.dynamics.result import InverseDynamics
 from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
-from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.singularity.points_on_path import SearchedPath
 from framework.singularity.type2 import sign_along, singularity_measure, twist_norm
 
 
 class WrenchCurves(NamedTuple):
-    """The force that a motion requires along t_s, the twist that its motors hold least, at T instants.
+    """The force that a motion requires along t_s, the twist that the motors control least, at T instants.
 
-    t_s is continued smoothly away from the singularity. Where |g| is least it has unit size and points along
-    the motion. `power` is eta . r, with eta the joint rates of t_s and r the forces of the open tree. It
+    t_s is continued smoothly away from the singularity. Where |g| is least, it has unit size and points along
+    the motion. `power` is eta . r, with the joint rates eta of t_s and the forces r of the open tree. It
     equals t_s . W_p at a singularity; elsewhere only if the legs have no mass.
     """
 
     g: Array  # (T,) measure, zero at Type 2
     twist: Array  # (T, n) t_s
-    wrench: Array  # (T, n) W_p = (dq/dv)' r: inertia and weight less wrenches of the world, all bodies
+    wrench: Array  # (T, n) W_p = (dq/dv)' r: inertia and weight of all bodies less external wrenches
     power: Array  # (T,) [N, or N m for a pure turn]
 
 
@@ -37,7 +37,7 @@ def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)
-    # t_s is scaled to unit size, along the motion, where |g| is least
+    # scale t_s to unit size, along the motion, where |g| is least
     nearest = int(np.argmin(np.abs(measure.g)))
     signed_norm = twist_norm(robot, twist[nearest]) or 1.0
     signed_norm *= sign_along(twist[nearest], motion.linearised.platform[nearest] @ motion.v[nearest])
@@ -54,25 +54,7 @@ def wrench_along(result: InverseDynamics, t: Array) -> tuple[Array, Array]:
     return curves.g, curves.power
 
 
-class MeasureAlongPath(NamedTuple):
-    """The measure g along a motion: as a function of s with springs at rest, and of t with deflections."""
-
-    result: InverseDynamics
-    at_rest: SearchedPath
-
-    @staticmethod
-    def from_motion(result: InverseDynamics) -> MeasureAlongPath:
-        """Follow the path of a motion with springs at rest, and locate its singular points."""
-        return MeasureAlongPath(result, search_path(result.robot, result.path))
-
-    def evaluate_at_rest(self, s: Array) -> Array:
-        """Compute g (T,) at ascending path coordinates s (T,), springs at rest."""
-        return singularity_measure(self.result.robot, self.at_rest.branch.close(s).linearised).g
-
-    def evaluate_in_motion(self, t: Array) -> Array:
-        """Compute g (T,) at ascending instants t (T,), with the deflections of the motion."""
-        return singularity_measure(self.result.robot, self.result.motion(t).linearised).g
-
-    def nearest_at_rest(self, s: float) -> float:
-        """Return s of the singular point of the undeflected robot that is nearest to s."""
-        return min((point.s for point in self.at_rest.points), key=lambda place: abs(place - s))
+def measure_at_rest(searched: SearchedPath, s: Array) -> Array:
+    """Compute g (T,) at ascending path coordinates s (T,), with springs at rest."""
+    branch = searched.branch
+    return singularity_measure(branch.robot, branch.close(s).linearised).g

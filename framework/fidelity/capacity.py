@@ -1,11 +1,11 @@
-"""The largest load with which a path is still crossed within the limits of the motors.
+"""The largest load with which a robot still crosses a path within the limits of its motors.
 
 Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
-(`optimal`). So the admissible pairs (m, z) are a convex set, and the multiples with a law of free shape an
-interval. Its upper end is bisected between a multiple that is planned, with its certificate, and one that is
-refused or undecided. A search that finds no law proves nothing. So a multiple above the refused one is sought
-for which the bound of all laws (`peak_bound`) exceeds the limits. Elastic robots and polynomials are bisected
-alike, without that proof.
+(`optimal`). So the admissible pairs (m, z) form a convex set, and the multiples with a law of free shape form
+an interval. Bisection brackets the upper end of the interval by a planned multiple, with a certificate, and a
+multiple that is refused or undecided. A search that finds no law proves nothing. So a search upwards from the
+refused multiple looks for one at which the bound of all laws (`peak_bound`) exceeds the limits. Elastic
+robots and polynomials are bisected likewise, but without that proof.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from framework.errors import InvalidInput, LimitsExceeded, NoAnswer, NoLaw
-from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.path import Path
 from framework.planning.crossing_points import path_to_cross
@@ -30,23 +29,23 @@ from framework.planning.result import CrossingPlan
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, search_path
 
-MAX_DOUBLINGS = 20  # of the multiple, up or down, before it counts as without bound, or as none
-BRACKET_RATIO = 1e-3  # of the refused multiple over the planned one, less 1: they are near enough
-IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of multiples over the refused, tried in turn
+MAX_DOUBLINGS = 20  # of the multiple, up or down; beyond, the capacity counts as unbounded or as zero
+BRACKET_RATIO = 1e-3  # refused over planned multiple, less 1, at which the bisection ends
+IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of the refused multiple, tried in turn
 
 
 @dataclass(frozen=True, eq=False)
 class Capacity:
-    """The largest multiple of a request's wrenches that was planned, and why no more.
+    """The largest multiple of a request's wrenches with a plan, and the reason for the limit.
 
-    plan: under the largest multiple; its certificate and limits are those of any plan.
-    refused: the least multiple that was refused (`NoLaw`, `LimitsExceeded`); infinite where none was.
-    refusal: of that multiple; None where none was refused.
-    impossible: a multiple that no law carries, by a bound of all laws; nor does one carry a larger multiple,
-        unless motors are damped. Infinite where none was found.
-    undecided: the least multiple that was neither planned nor refused, since planning failed on it for a
-        reason that says nothing about laws (`NotConverged` and others); infinite where there was none.
-    failure: that reason.
+    plan: under the largest multiple, with certificate and limits like any plan.
+    refused: the least refused multiple (`NoLaw`, `LimitsExceeded`); infinite if none was refused.
+    refusal: of that multiple; None if none was refused.
+    impossible: a multiple that no law carries, by a bound of all laws. Without damping of the motors, no law
+        carries a larger multiple either. Infinite if none was found.
+    undecided: the least multiple for which planning failed without a statement about laws (`NotConverged` and
+        others); infinite if there was none.
+    failure: the error of that multiple.
     """
 
     multiple: float
@@ -59,12 +58,12 @@ class Capacity:
 
     @property
     def end(self) -> float:
-        """Least multiple above the largest that was not planned; infinite where all were."""
+        """The least multiple without a plan; infinite if all tried multiples have plans."""
         return min(self.refused, self.undecided)
 
     @property
     def proved(self) -> bool:
-        """Whether the least multiple that was not planned is refused with a proof."""
+        """Whether the least multiple without a plan is refused with a proof."""
         proved = getattr(self.refusal, "proof", None) is not None or self.impossible <= self.refused
         return self.refused < self.undecided and proved
 
@@ -76,11 +75,11 @@ def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
     Args:
         robot, path: as for `plan_crossing`.
         {options}
-        optimize is "time" by default where no duration is given.
+        optimize is "time" by default if no duration is given.
 
     Raises:
         InvalidInput: no wrenches, or no limit of torque or speed; see `plan_crossing`.
-        NoAnswer: nothing is planned even without them.
+        NoAnswer: there is no plan even without the wrenches.
     """
     return largest_load_of(robot, capacity_request(robot, path, **options))
 
@@ -103,18 +102,17 @@ def largest_load_of(
     """Find the largest multiple of the wrenches of a request.
 
     Args:
-        progress: called with the number of plans tried, before each.
+        progress: called before each plan with its number, 1, 2, ...
 
     Raises:
         As `largest_load`.
     """
-    unit = request.external_wrenches
-    if not unit.push:
+    if not request.external_wrenches.push:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
     specification = specification_of(robot, request)
     if not (specification.limited or specification.limited_speeds):
         raise InvalidInput("torque_limit or speed_limit is needed: without limits no multiple is the largest")
-    task = _Multiples(robot, request, unit, search_path(robot, request.path), progress)
+    task = _Multiples(robot, request, search_path(robot, request.path), progress)
     unloaded = task.plan_multiple(0.0)
     if isinstance(unloaded, NoAnswer):
         raise unloaded
@@ -128,13 +126,12 @@ class _Multiples:
 
     robot: ParallelRobot
     request: Request
-    unit: ExternalWrenches
     searched: SearchedPath
     progress: Callable[[int], None]
     count: int = 0
 
     def plan_multiple(self, multiple: float) -> CrossingPlan | NoAnswer:
-        """Return the plan under a multiple, or the refusal."""
+        """Plan under a multiple; return the plan, or the refusal."""
         self.count += 1
         self.progress(self.count)
         try:
@@ -144,10 +141,11 @@ class _Multiples:
 
     def _request(self, multiple: float) -> Request:
         """Return the request under a multiple of the wrenches."""
-        return replace(self.request, wrenches=self.unit.times(multiple).document or None)
+        wrenches = self.request.external_wrenches.times(multiple)
+        return replace(self.request, wrenches=wrenches.document or None)
 
     def is_impossible(self, multiple: float) -> bool:
-        """Return whether a bound of all laws is above the limits under a multiple."""
+        """Return whether the bound of all laws exceeds the limits under a multiple."""
         request = self._request(multiple)
         try:
             to_cross = path_to_cross(self.searched, request)
@@ -156,7 +154,7 @@ class _Multiples:
         return find_refuting_bound(Task(to_cross, request, specification_of(self.robot, request))) is not None
 
     def try_multiple(self, capacity: Capacity, multiple: float) -> Capacity:
-        """Plan one more multiple; return the capacity with its outcome."""
+        """Plan under a multiple; return the capacity updated by the outcome."""
         answer = self.plan_multiple(multiple)
         if isinstance(answer, NoLaw | LimitsExceeded):
             return replace(capacity, refused=multiple, refusal=answer)
@@ -166,7 +164,7 @@ class _Multiples:
 
 
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve from 1 until m is planned and 2 m is not."""
+    """Double or halve the multiple from 1 until m has a plan and 2 m has none."""
     capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
         if not np.isfinite(capacity.end):
@@ -179,19 +177,16 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect, at geometric means, between the largest multiple planned and the least that failed."""
-    while capacity.multiple > 0.0 and capacity.end < np.inf:
-        if capacity.end <= (1.0 + BRACKET_RATIO) * capacity.multiple:
-            break
+    """Bisect at geometric means between the largest planned multiple and the least that failed."""
+    if not 0.0 < capacity.multiple < capacity.end < np.inf:
+        return capacity
+    while capacity.end > (1.0 + BRACKET_RATIO) * capacity.multiple:
         capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Add the least multiple found that no law carries.
-
-    Tried are IMPOSSIBLE_RATIOS times the refused one.
-    """
+    """Add the least of IMPOSSIBLE_RATIOS times the refused multiple that no law carries, if any."""
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)

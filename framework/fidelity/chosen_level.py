@@ -1,4 +1,4 @@
-"""The level of fidelity to plan a motion with: the level stated in its scene, or a prediction.
+"""Choose the level of fidelity to plan a motion with: the level stated in its scene, or a predicted one.
 
 A scene may state the level that a study found by simulation (`fidelity_study`). For other motions the
 indicators (`fidelity_indicators`) predict the level from the plan of the rigid robot, without simulation.
@@ -28,13 +28,12 @@ TOLERANCE = 0.01  # default: error of a level as a share of the path's length an
 
 
 class ChosenLevel(NamedTuple):
-    """The least level that is enough for a motion, with its evidence.
+    """The least level that is enough for a motion, with the evidence.
 
-    level: its name.
+    level: name of the level.
     tolerance: allowed error as a share of the path's length and of the peak torque.
-    simulated: whether a study found the level by simulation; else it is predicted.
-    error: predicted error, a share; None if the level was simulated or is the highest, which is the
-        reference.
+    simulated: whether a study found the level by simulation; otherwise it is predicted.
+    error: predicted error, a share; None for a simulated level, and for the highest, which is the reference.
     """
 
     level: str
@@ -44,7 +43,7 @@ class ChosenLevel(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The level and its evidence, in a sentence."""
+        """The level and the evidence, in a sentence."""
         percent = f"{100 * self.tolerance:g} %"
         if self.simulated:
             return f"{self.level} is enough for {percent}, as the scene keeps"
@@ -60,7 +59,7 @@ def scene_level(description: RobotDescription, scene: str) -> ChosenLevel | None
     stated = description.scenes.get(scene)
     if stated is None or stated.fidelity is None:
         return None
-    return ChosenLevel(stated.fidelity.level, stated.fidelity.tolerance, True, None)
+    return ChosenLevel(stated.fidelity.level, stated.fidelity.tolerance, simulated=True, error=None)
 
 
 def predict_level(
@@ -74,26 +73,27 @@ def predict_level(
         options: of `plan_crossing` without geometry, as each level has its own.
 
     Raises:
-        InvalidInput: an option that cannot be right.
+        InvalidInput: an option is invalid.
     """
     indicators = predict_errors(description, path, **options)
     level = indicators.choose_level(tolerance)
     error = None if level == LEVELS[-1].name else indicators.error[level]
-    return ChosenLevel(level, tolerance, False, error)
+    return ChosenLevel(level, tolerance, simulated=False, error=error)
 
 
 def predict_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
     """Compute the indicators of a motion; options as for `predict_level`.
 
     Raises:
-        InvalidInput: an option that cannot be right.
+        InvalidInput: an option is invalid.
     """
-    robot, has_springs = robot_at_level(description, LEVELS_BY_NAME["rigid"]), bool(description.springs)
-    smoothness = options.pop("smoothness", None) or SMOOTHNESS[has_springs]
+    rigid = LEVELS_BY_NAME["rigid"]
+    robot = robot_at_level(description, rigid)
+    smoothness = options.pop("smoothness", None) or SMOOTHNESS[bool(description.springs)]
     request = request_without_geometry(robot, path, smoothness=smoothness, **options)
     try:
         plan = plan_request(robot, request)
-        motions = compute_level_motions(description, plan.dynamics, LEVELS_BY_NAME["rigid"], plan.seconds)
+        motions = compute_level_motions(description, plan, rigid)
         return compute_indicators(motions, measure_fall(plan.dynamics)[1])
     except NoAnswer:
         return Indicators.of({})
@@ -103,7 +103,7 @@ def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: 
     """Return the request for a path or a scene's name, without a geometry option.
 
     Raises:
-        InvalidInput: a geometry is among the options, or one of them cannot be right.
+        InvalidInput: the options contain a geometry, or an option is invalid.
     """
     if options.get("geometry") is not None:
         raise InvalidInput("geometry: each level of fidelity has its own; leave it out")
@@ -115,7 +115,7 @@ def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: 
 def options_of_level(description: RobotDescription, name: str) -> dict[str, Any]:
     """Return the options that plan with a level: flexibility, geometry, smoothness.
 
-    Levels below `rigid` are planned with all bodies, as planning with fewer bodies takes no less time.
+    Levels below `rigid` are planned with all bodies: fewer bodies would not make planning faster.
     """
     level = LEVELS_BY_NAME[name]
     flexibility = description.least_flexibility(level.flexibility)

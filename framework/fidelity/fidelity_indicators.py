@@ -1,17 +1,15 @@
-"""The motions of all levels of fidelity, and indicators: estimated errors of each, without a simulation.
+"""The motions of all levels of fidelity, and indicators: the estimated error of each without simulation.
 
-All levels make one motion with the torques that each needs along it.
+All levels follow one motion, each with the torques that it needs along this motion. A level lacks the torques
+of the effects that it leaves out. Without these torques the platform would leave the level's motion. So a
+level has two errors:
 
-An effect that a level leaves out has a torque, which the level lacks, and a displacement, by which the
-platform leaves the level's motion for want of that torque. The error of a level is that of all effects above
-it, and two errors count:
+* of torque: the difference of the level's torques from those of the highest level, over their peak;
+* of the platform: the displacement under the missing wrench G' (difference of the torques)
+  (`dynamics.open_loop`), plus the distance of the two levels' motions, over the path's length.
 
-* the difference of its torques from those of the highest level, over their peak;
-* the displacement of the platform, over the path's length (`dynamics.open_loop`), under the missing wrench
-  G' (difference of the torques), plus the distance of the two levels' motions.
-
-Both are regular at Type 2. Each level crosses with its own condition (8), and no divisor of the second
-vanishes there.
+Both are regular at Type 2: each level crosses with its own condition (8), and the equations of the
+displacement are regular there.
 """
 
 from __future__ import annotations
@@ -34,15 +32,16 @@ from framework.model.fidelity_levels import LEVELS, Level, with_bodies
 from framework.numerics.arrays import Array
 from framework.planning.model_on_motion import ModelOnMotion
 from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
+from framework.planning.result import CrossingPlan
 
-INSTANTS = 65  # of the motion, at which the dynamics of the platform's error are computed
+INSTANTS = 65  # of the motion at which the error dynamics are computed, to be interpolated
 STEPS = 512  # of the integration of the platform's error
 
 
 class LevelMotion(NamedTuple):
     """The motion with the torques of one level, and their computing time [s].
 
-    dynamics: None where the level's model cannot make the motion, for a `reason`.
+    dynamics: None if the level's model cannot follow the motion, for a `reason`.
     """
 
     dynamics: InverseDynamics | None
@@ -51,26 +50,24 @@ class LevelMotion(NamedTuple):
 
 
 def compute_level_motions(
-    description: RobotDescription, motion: InverseDynamics, own: Level, seconds: float
+    description: RobotDescription, plan: CrossingPlan, own: Level
 ) -> dict[str, LevelMotion]:
-    """Compute the torques of each level along a motion planned with level `own`.
+    """Compute the torques of each level, by name, along a motion planned with level `own`.
 
-    By the levels' names. The law meets the condition (8) of each level.
-
-    Args:
-        seconds: time that the motion took.
+    The law is corrected to meet the condition (8) of each level.
     """
-    motions = {level.name: LevelMotion(motion, seconds) for level in LEVELS}
+    motions = {}
     for level in LEVELS:
-        if level is not own:
-            started = time.perf_counter()
-            try:
-                dynamics = ModelOnMotion.of(motion, robot_at_level(description, level)).resolve(
-                    level.geometry
-                )
-                motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
-            except NoAnswer as refusal:
-                motions[level.name] = LevelMotion(None, 0.0, f"no torques: {refusal}")
+        started = time.perf_counter()
+        try:
+            if level is own:
+                motions[level.name] = LevelMotion(plan.dynamics, plan.seconds)
+                continue
+            model = ModelOnMotion.of(plan.dynamics, robot_at_level(description, level))
+            dynamics = model.resolve(level.geometry)
+            motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
+        except NoAnswer as refusal:
+            motions[level.name] = LevelMotion(None, 0.0, f"no torques: {refusal}")
     return motions
 
 
@@ -82,34 +79,31 @@ def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot
 
 
 class LevelError(NamedTuple):
-    """The estimated errors of a level.
-
-    Of the torques over their peak, of the platform over the path's length.
-    """
+    """The estimated errors of a level: of torques over their peak, of the platform over the path's length."""
 
     torque: float = np.inf
     platform: float = np.inf
 
     @property
     def words(self) -> str:
-        """Both errors in words; empty where unknown."""
+        """Both errors in words; empty if unknown."""
         if not np.isfinite(self.torque):
             return ""
         return f"torques {format_percent(self.torque)}, platform {format_percent(self.platform)}"
 
 
 class Indicators(NamedTuple):
-    """The estimated error of each level by its name, and the same in words."""
+    """The estimated error of each level, by name, as a number and in words."""
 
     error: Mapping[str, float]
     words: Mapping[str, str]
 
     @staticmethod
     def of(errors: Mapping[str, LevelError]) -> Indicators:
-        """Return indicators in which a level's error is at least that of levels above.
+        """Return indicators in which no level's error is less than that of a level above.
 
-        Errors may cancel in a level by chance. An error that is missing or no number counts as infinite; that
-        of the highest level is zero.
+        In a single level errors may cancel by chance. A missing error and NaN count as infinite. The error of
+        the highest level is zero.
         """
         largest = 0.0
         error, words = {LEVELS[-1].name: largest}, {LEVELS[-1].name: ""}
@@ -126,10 +120,7 @@ class Indicators(NamedTuple):
 
 
 def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl | None) -> Indicators:
-    """Compute the indicators from the levels' motions by name.
-
-    `control` is feedback of the motors, if any.
-    """
+    """Compute the indicators from the levels' motions, by name, with feedback of the motors if any."""
     highest, rigid = motions[LEVELS[-1].name].dynamics, motions["rigid"].dynamics
     if highest is None or rigid is None:
         return Indicators.of({})
@@ -137,32 +128,32 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
     try:
         motor_speed = platform_wrench(rigid.robot, rigid.motion(times)).motor_speed
         dynamics = _interpolate_error_dynamics(rigid, times)
-    except NoAnswer:  # at the border of the workspace
+    except NoAnswer:  # at the boundary of the workspace
         return Indicators.of({})
     if control is not None:
         dynamics = dynamics.with_control(control, motor_speed)
     errors = {}
     needed = highest.torque_without_friction(times)
     peaks = largest_by_unit(rigid.robot, np.abs(needed).max(axis=0))
-    length = path_length(rigid.robot, rigid.path)
+    sizes = coordinate_sizes(rigid.robot) / path_length(rigid.robot, rigid.path)
     for name, motion in motions.items():
-        if motion.dynamics is not None:
-            missing = needed - motion.dynamics.torque_without_friction(times)
-            missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing)  # G' (difference of the torques)
-            displacement = open_loop_error(dynamics, times, missing_wrench)
-            displacement += highest.platform(times) - motion.dynamics.platform(times)
-            distances = np.linalg.norm(displacement * coordinate_sizes(rigid.robot), axis=1)
-            errors[name] = LevelError(float((np.abs(missing) / peaks).max()), float(distances.max()) / length)
+        if motion.dynamics is None:
+            continue
+        missing = needed - motion.dynamics.torque_without_friction(times)
+        missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing)  # G' (difference of the torques)
+        displacement = open_loop_error(dynamics, times, missing_wrench)
+        displacement += highest.platform(times) - motion.dynamics.platform(times)
+        distances = np.linalg.norm(displacement * sizes, axis=1)
+        errors[name] = LevelError((np.abs(missing) / peaks).max(), distances.max())
     return Indicators.of(errors)
 
 
 def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Compute the error dynamics of the platform at t (T,), by interpolation."""
+    """Interpolate the error dynamics of the platform at t (T,) [s]."""
     few = np.linspace(0.0, rigid.duration, INSTANTS)
-    matrices = np.stack(error_dynamics(rigid, few)).transpose(1, 0, 2, 3)
-    return ErrorDynamics(*CubicSpline(few, matrices)(times).transpose(1, 0, 2, 3))
+    return ErrorDynamics(*CubicSpline(few, error_dynamics(rigid, few), axis=1)(times))
 
 
 def format_percent(share: float) -> str:
-    """Format a share in per cent, with two digits below 10 %."""
+    """Format a share in per cent, with two digits below 10 % and no decimals above."""
     return f"{100.0 * share:.0f} %" if share >= 0.1 else f"{100.0 * share:.2g} %"

@@ -1,15 +1,15 @@
-"""The least model of a robot that is enough for a motion: each level of fidelity against the highest.
+"""The least detailed model that is enough for a motion: each level of fidelity against the highest.
 
-All levels make one motion: that of the plan of the highest level, or of the rigid one where that has none.
+All levels follow one motion: that of the plan of the highest level or, if there is none, of the rigid level.
 The torques of each level drive the forward simulation of the highest model that the robot's file can express,
-from rest at the start of the path. The level is enough if two errors are within the tolerance: the platform's
-distance from the motion over the path's length, and the difference of its torques from those of the motion's
-plan over their peak. A comparison with the next level would not suffice: where legs have no mass two levels
+from rest at the start of the path. A level is enough if two errors are within the tolerance: the distance of
+the platform from the motion over the path's length, and the difference of the level's torques from those of
+the plan over their peak. A comparison of adjacent levels would not suffice: if legs have no mass, two levels
 agree exactly, whatever the springs of the levels above.
 
-The simulation shows what the torques of too low a level do near a singularity. There the robot cannot resist
-a force along t_s, and what remains of t_s . W_p pushes the platform off its path. A robot that falls by
-itself is simulated with controllers of its motors (`model_comparison`).
+The simulation shows what happens near a singularity with the torques of too low a level. There the robot
+cannot resist a force along t_s, and the remaining t_s . W_p pushes the platform off its path. A robot that
+falls by itself is simulated with controllers of the motors (`model_comparison`).
 """
 
 from __future__ import annotations
@@ -38,42 +38,42 @@ from framework.laws.law import is_number
 from framework.laws.path import Path
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
 from framework.numerics.arrays import Array, ReadOnlyArrays
-from framework.numerics.output import Document, plain
+from framework.numerics.output import Document, plain, select_fields
 from framework.planning.neglected_effects import neglected_friction
 from framework.planning.plan import plan_request
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
-ERROR_ROUNDING = 1e-12  # of the path or the peak, below which an error is rounding
+ERROR_ROUNDING = 1e-12  # of the path's length or the peak torque; smaller errors are rounding
 
 
 @dataclass(frozen=True, eq=False)
 class FidelityStudy(ReadOnlyArrays):
-    """The levels compared for one motion."""
+    """The comparison of all levels for one motion."""
 
     tolerance: float
-    highest: CrossingPlan  # the plan of the motion: of the highest level, or else of the rigid one
+    highest: CrossingPlan  # the plan of the motion, of the highest level or else of the rigid one
     robot: ParallelRobot  # the highest model
     length: float  # of the path, turns multiplied by the robot's length [m]
     times: Array  # (T,) [s] of the levels' errors
-    levels: tuple[Comparison, ...]  # as in `fidelity_levels.LEVELS`
+    levels: tuple[Comparison, ...]  # in the order of `fidelity_levels.LEVELS`
     indicators: Indicators
     fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
-    has_control: bool  # whether the simulated motors have controllers, as the robot falls
-    simulating: float  # seconds of all that simulations took
-    seconds: float
+    has_control: bool  # whether the simulated motors have controllers, because the robot falls
+    simulating: float  # [s] computing time of all simulations
+    seconds: float  # computing time of the study
 
     def is_enough(self, comparison: Comparison) -> bool:
-        """Return whether a level keeps torque and platform within the tolerance."""
+        """Return whether a level's errors of torque and platform are within the tolerance."""
         return max(comparison.torque, comparison.platform) <= self.tolerance
 
     @cached_property
     def neglected_work(self) -> float:
-        """Work of the dry friction that no level models, over that of the motors.
+        """The work of dry friction that no level models over the work of the motors, both absolute.
 
-        Absolute values of both. Work is compared, as the torque against that friction has no bound near Type
-        2: condition (8) is met without it. Zero without such friction; infinite where the motors do no work.
+        Work is compared because the torque against this friction is unbounded near Type 2: the law meets
+        condition (8) without it. Zero without such friction; infinite if the motors do no work.
         """
         plan, friction = self.highest, neglected_friction(self.highest.dynamics)
         if not friction.any():
@@ -81,59 +81,56 @@ class FidelityStudy(ReadOnlyArrays):
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
         dissipated = np.abs(plan.dynamics.velocity(times)) @ friction
         supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)
-        total = float(np.trapezoid(supplied, times))
-        return float(np.trapezoid(dissipated, times)) / total if total else np.inf
+        total = np.trapezoid(supplied, times)
+        return float(np.trapezoid(dissipated, times) / total) if total else np.inf
 
     @cached_property
     def enough(self) -> Comparison | None:
-        """The least level that is enough; None if none is, not even the highest."""
+        """The least level that is enough; None if not even the highest is."""
         if self.neglected_work > self.tolerance:
             return None
         return next((level for level in self.levels if self.is_enough(level)), None)
 
     @property
     def by_luck(self) -> tuple[str, ...]:
-        """Names of the levels above `enough` that are not enough; normally none.
+        """Names of levels above `enough` that are not enough; normally none.
 
-        Errors that cancel in the lower level do not in these: the lower one is enough by chance.
+        The lower level is then enough by chance: its errors cancel, those of the levels above do not.
         """
         if self.enough is None:
             return ()
-        above = self.levels[self.levels.index(self.enough) + 1 :]
+        above = self.levels[self.levels.index(self.enough) :]
         return tuple(comparison.level.name for comparison in above if not self.is_enough(comparison))
 
     @cached_property
     def indicated(self) -> Comparison:
-        """The level that the indicators predict; of levels with the same torques the lowest."""
+        """The level that the indicators predict; of levels with equal torques the lowest."""
         by_name = {comparison.level.name: comparison for comparison in self.levels}
         chosen = by_name[self.indicators.choose_level(self.tolerance)]
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
-        """Return the largest difference in s of a level's law from the motion's.
-
-        Infinite without a law.
-        """
+        """Return the largest difference in s between a level's law and the motion's; infinite without."""
         if comparison.motion is None:
             return np.inf
         return float(np.abs(comparison.motion.law(self.times) - self.highest.law(self.times)).max())
 
     def place(self, errors: Array) -> float | None:
-        """Return s where the error (T,) is largest; None if all errors are rounding."""
-        errors_or_zero = np.nan_to_num(errors)  # nan: after the end of a plan or simulation
+        """Return the s of the largest of the errors (T,); None if all errors are rounding."""
+        errors_or_zero = np.nan_to_num(errors)  # nan: after the end of a motion or simulation
         if errors_or_zero.max() <= ERROR_ROUNDING:
             return None
         return float(self.highest.law(self.times[np.argmax(errors_or_zero)]))
 
     @property
     def scene_entry(self) -> Document | None:
-        """Entry `fidelity` of a scene in the robot file; None if no level is enough."""
+        """The entry `fidelity` of a scene in the robot file; None if no level is enough."""
         enough = self.enough
         return None if enough is None else {"level": enough.level.name, "tolerance": self.tolerance}
 
     @property
     def refusal(self) -> NoAnswer | None:
-        """The error with the reason why no level is enough; None if one is."""
+        """The error with the reason why no level is enough; None if a level is."""
         if self.enough is not None:
             return None
         if self.neglected_work > self.tolerance:
@@ -142,7 +139,7 @@ class FidelityStudy(ReadOnlyArrays):
                 f"none of them has ({self.highest.neglected_friction}) takes "
                 f"{100 * self.neglected_work:.2g} % of the motors' work"
             )
-        reference = next(one for one in reversed(self.levels) if one.motion is not None)
+        reference = [level for level in self.levels if level.motion is not None][-1]
         failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
         cause = (
             "each motor has a controller, which sees its own angle and not the platform"
@@ -157,16 +154,14 @@ class FidelityStudy(ReadOnlyArrays):
 
     def to_dict(self) -> Document:
         """Return the study as the document of `--json`."""
-        document: Document = plain(
+        return plain(
             {
                 "robot": self.robot.name,
                 "tolerance": self.tolerance,
                 "duration": self.highest.duration,
                 "path_length": self.length,
                 "peak_torque": self.highest.peak_torque,
-                "crossings": [
-                    {"s": crossing.s, "time": crossing.time} for crossing in self.highest.crossings
-                ],
+                "crossings": [select_fields(crossing, "s", "time") for crossing in self.highest.crossings],
                 "enough": None if self.enough is None else self.enough.level.name,
                 "by_luck": self.by_luck,
                 "predicted": self.indicated.level.name,
@@ -183,7 +178,6 @@ class FidelityStudy(ReadOnlyArrays):
                 "seconds": self.seconds,
             }
         )
-        return document
 
     def _entry(self, comparison: Comparison) -> Document:
         """Return the entry of one level in `to_dict`."""
@@ -214,18 +208,18 @@ def fidelity_study(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> FidelityStudy:
-    """Find the least model of a robot that is enough for a motion, with evidence.
+    """Find the least detailed model of a robot that is enough for a motion, with evidence.
 
     Args:
-        robot: of any flexibility; the levels are made from its description.
+        robot: of any flexibility; the levels are made from the robot's description.
         path: to follow, or the name of a scene.
         tolerance: allowed error of a level as a share of the path's length and of the peak torque.
-        progress: called with the number of levels that are done.
+        progress: called with the number of levels done.
         options: of `plan_crossing` without geometry, as each level has its own. The smoothness of all levels
             is by default that of the highest.
 
     Raises:
-        InvalidInput: an option that cannot be right, or a robot that cannot be simulated.
+        InvalidInput: an option is invalid, or the robot cannot be simulated.
         NoAnswer: neither the highest nor the rigid level has a plan, so that there is no motion.
     """
     expect_robot(robot)
@@ -234,7 +228,7 @@ def fidelity_study(
     started = time.perf_counter()
     highest = robot_at_level(robot.description, LEVELS[-1])
     level, plan = _plan_motion(highest, request_without_geometry(highest, path, **options))
-    motions = compute_level_motions(highest.description, plan.dynamics, level, plan.seconds)
+    motions = compute_level_motions(highest.description, plan, level)
     reference = ReferenceMotion.of(plan, highest, tolerance)
     levels: list[Comparison] = []
     for comparison in reference.compare_levels(motions.items()):
@@ -257,10 +251,10 @@ def fidelity_study(
 
 
 def _plan_motion(highest: ParallelRobot, request: Request) -> tuple[Level, CrossingPlan]:
-    """Plan with the highest level; where that has no plan, with the rigid one.
+    """Plan with the highest level or, without a plan, with the rigid one.
 
     Raises:
-        NoAnswer: of the highest level, where neither has a plan.
+        NoAnswer: the refusal of the highest level, if neither has a plan.
     """
     try:
         return LEVELS[-1], plan_request(highest, request)

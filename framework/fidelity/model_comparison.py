@@ -1,9 +1,9 @@
 """The comparison of the levels of fidelity: their torques in the forward simulation of the highest model.
 
-All levels make one motion (`level_motions`). The simulation begins at rest at the start of the path.
+All levels follow one motion (`fidelity_indicators`). The simulation begins at rest at the start of the path.
 
-Where the robot falls so fast that even errors of integration would carry it off its path, the motors have a
-controller each: it pulls the motor back to the angle that the level plans.
+If the robot falls so fast that even integration errors would carry it off its path, each motor has a
+controller, which pulls the motor back to the angle that the level plans.
 """
 
 from __future__ import annotations
@@ -30,34 +30,34 @@ from framework.simulation import Event, Simulation, simulate
 from framework.simulation.drive import Drive
 from framework.tolerances import TORQUE_TAIL
 
-# Difference over the peak of torques that are equal; an effect that counts changes torques by 1e-7 and more.
+# Torques count as equal if they differ by less than this share of the peak. Relevant effects change them by
+# 1e-7 and more.
 EQUAL_TORQUES = 10 * TORQUE_TAIL
-# Error of the platform over the path's length that ends a simulation; twice the tolerance if that is more.
+# Platform error over the path's length that ends a simulation; twice the tolerance if that is more.
 MAX_ERROR = 0.1
 STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step over the tolerance, tried in turn
-# Platform error of the reference's own torques over the tolerance, from which on shorter steps are tried.
-# The error with the shortest steps is reported.
+# Platform error over the tolerance, under the reference's own torques, above which shorter steps are tried.
 OWN_ERROR = 0.1
-# Time constants of the fall in a motion, from which on the motors have a controller: without one, the error
-# of the shortest steps would grow beyond OWN_ERROR.
+# Time constants of the fall in a motion, above which motors have controllers. Without them the error of the
+# shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
-CONTROL_TO_FALL = 10.0  # frequency of the motors' feedback over the rate of the fall: it catches the robot
+CONTROL_TO_FALL = 10.0  # frequency of the motors' feedback over the rate of the fall, to catch the robot
 MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
 MOTION_SAMPLES = 1001  # equidistant instants of a comparison
-NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration: more instants, where differences may be narrow
+NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration, before and after crossings: more instants
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison(ReadOnlyArrays):
-    """One level: its torques along the motion, and their errors in the highest model.
+    """The torques of one level along the motion, and their errors in the highest model.
 
-    motion: the level's motion with its torques; None if its model cannot make it.
+    motion: the level's motion with its torques; None if the level's model cannot follow it.
     torque_error: (T,) difference from the reference's torques over their peak, at the study's instants.
     platform_error: (T,) distance of the simulated platform from the level's motion over the path's length.
-        Both are nan without a motion, the latter also after the simulation was lost.
+        Both errors are nan without a motion, the latter also after the platform was lost.
     reason: why there is no motion, or where the platform was lost; empty otherwise.
-    seconds: time that the torques took.
-    same_as: the lowest level that gives the same torques; empty if none does.
+    seconds: computing time of the torques.
+    same_as: the lowest level with equal torques; empty if there is none.
     """
 
     level: Level
@@ -75,15 +75,13 @@ class Comparison(ReadOnlyArrays):
 
     @property
     def platform(self) -> float:
-        """The largest platform error; infinite where the platform was lost.
-
-        A simulation may end before the last instant by rounding, without an error there.
-        """
+        """The largest platform error; infinite if the platform was lost."""
+        # by rounding a complete simulation may end just before the last instant, whose error is then nan
         return np.inf if self.reason else float(np.nanmax(self.platform_error))
 
     @property
     def deflection(self) -> tuple[str, float] | None:
-        """The spring with the largest deflection (compared in rad, robot lengths), and that [m, rad]."""
+        """The spring of largest deflection in rad or robot lengths, and the deflection [m, rad]."""
         if self.motion is None or not self.motion.robot.n_e:
             return None
         robot = self.motion.robot
@@ -94,9 +92,9 @@ class Comparison(ReadOnlyArrays):
 
 
 def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return the exponent by which a disturbance grows over a motion, and the feedback of the motors.
+    """Return the exponent of growth of a disturbance over a motion, and the feedback of the motors.
 
-    They have feedback where the exponent, the rate of the fall times the duration, is above MAX_FALL.
+    The motors have feedback only if the exponent, the integral of the fall's rate, is above MAX_FALL.
     """
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
@@ -108,21 +106,18 @@ def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
 
 @dataclass
 class ReferenceMotion:
-    """The motion of a study, and the highest model, which simulates all levels.
-
-    `seconds` is the time of all simulations so far.
-    """
+    """The motion of a study, and the highest model, in which all levels are simulated."""
 
     plan: CrossingPlan
     highest: ParallelRobot
     tolerance: float
     length: float  # of the path, turns multiplied by the robot's length [m]
     times: Array  # (T,) [s]
-    peak: Array  # (n_a,) the largest torque of the motors of the same unit
+    peak: Array  # (n_a,) the largest torque of motors of the same unit
     fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
-    control: MotorControl | None  # of the motors, where the robot falls
-    step_error: float = 0.0  # of integration steps [robot lengths]; set with the first simulation
-    seconds: float = 0.0
+    control: MotorControl | None  # of the motors, if the robot falls
+    step_error: float = 0.0  # of integration steps [robot lengths]; set by the first simulation
+    seconds: float = 0.0  # computing time of all simulations so far
 
     @classmethod
     def of(cls, plan: CrossingPlan, highest: ParallelRobot, tolerance: float) -> ReferenceMotion:
@@ -145,11 +140,11 @@ class ReferenceMotion:
 
     @property
     def lost(self) -> float:
-        """Platform error over path length from which on the platform counts as lost."""
+        """The platform error over path length above which the platform counts as lost."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
-        """Yield the comparison of each level; levels with equal torques share one simulation.
+        """Yield the comparison of each level; levels with equal torques share a simulation.
 
         Raises:
             InvalidInput: the robot cannot be simulated.
@@ -171,9 +166,10 @@ class ReferenceMotion:
             yield previous
 
     def _simulate_reference(self) -> Comparison:
-        """Simulate the reference's own torques, with shorter steps if needed.
+        """Simulate the reference's own torques; choose the step error for all simulations.
 
-        The allowed error of a step is STEP_ERRORS times the tolerance times the path's length.
+        The allowed error of a step is one of STEP_ERRORS times the tolerance times the path's length. The
+        error with the smallest steps is reported, even if it is too large.
         """
         allowed = self.tolerance * self.length / self.highest.length
         for step_error in STEP_ERRORS:
@@ -188,15 +184,12 @@ class ReferenceMotion:
         return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
-        """Return the largest difference (T,) of two motions' torques over their peak.
-
-        Dry friction, the same in both, is left out.
-        """
+        """Return the largest difference (T,) of two motions' torques over their peak, without friction."""
         torque, reference_torque = (one.torque_without_friction(self.times) for one in (motion, reference))
         return (np.abs(torque - reference_torque) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
-        """Compare a level whose torques drive the highest model."""
+        """Compare a level with the reference by simulating its torques in the highest model."""
         platform_error, reason = np.full(len(self.times), np.nan), ""
         started = time.perf_counter()
         try:
@@ -205,7 +198,7 @@ class ReferenceMotion:
             t = self.times[reached]
             platform_error[reached] = self._platform_distance(run.configuration(t), motion.platform(t))
             if run.occurrences:
-                s = float(motion.law(np.array(run.duration)))
+                s = float(motion.law(run.duration))
                 lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {run.duration:.4g} s"
                 reason = f"{lost}, s = {s:.4g}"
         except NoAnswer as failure:
@@ -217,10 +210,11 @@ class ReferenceMotion:
     def _simulate_motion(self, motion: InverseDynamics) -> Simulation:
         """Simulate the highest model under the torques of a level, from rest.
 
-        The simulation ends where the platform's error reaches `lost`.
+        The simulation ends when the platform's error reaches `lost`.
         """
 
         def remaining_distance(t: float, q: Array, v: Array) -> float:
+            """Return `lost` less the platform's error; zero ends the simulation."""
             planned = motion.platform(np.array([min(t, motion.duration)]))
             return float(self.lost - self._platform_distance(q[None], planned)[0])
 
@@ -233,14 +227,14 @@ class ReferenceMotion:
             method="stiff",  # takes long steps where fast vibrations are not excited
             tolerance=self.step_error,
             start=start,
-            start_velocity=np.zeros(robot.model.nv),
+            start_velocity=np.zeros(robot.nv),
             duration=motion.duration,
             events=(Event(remaining_distance, "lost", terminal=True, direction=-1),),
             samples=2,
         )
 
     def _make_drive(self, motion: InverseDynamics) -> Drive:
-        """Return the torques of a level, with controllers of the motors if any."""
+        """Return the drive with the torques of a level, plus controllers of the motors if any."""
         robot, control = self.highest, self.control
         feedforward = Drive.of(robot, motion)
         if control is None:
@@ -248,19 +242,14 @@ class ReferenceMotion:
 
         def torque(t: Array, q: Array, v: Array) -> Array:
             """Compute motor torques (T, n_a)."""
-            angle = robot.gear_ratio * robot.actuated_coordinates(q)
-            speed = robot.gear_ratio * v[:, robot.actuated]
-            return feedforward.function(t, q, v) + control.torque(
-                motion.motor_angle(t) - angle, motion.motor_angle(t, 1) - speed
-            )
+            angle_error = motion.motor_angle(t) - robot.gear_ratio * robot.actuated_coordinates(q)
+            speed_error = motion.motor_angle(t, 1) - robot.gear_ratio * v[:, robot.actuated]
+            return feedforward.function(t, q, v) + control.torque(angle_error, speed_error)
 
         return replace(feedforward, function=torque, feedback=True)
 
     def _platform_distance(self, q: Array, x: Array) -> Array:
-        """Return distances (T,) of the platform at q (T, nq) from x (T, n).
-
-        In path lengths.
-        """
+        """Return the distances (T,) [path lengths] of the platform at q (T, nq) from x (T, n)."""
         robot = self.highest
         offset = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
         return np.linalg.norm(offset, axis=1) / self.length

@@ -1,13 +1,13 @@
 """Condition (8) on a path: alpha s" + beta s'^2 + gamma + delta s' = 0 at the singular point.
 
-At a Type 2 singularity the motors hold no wrench along the platform's twist t_s. Their torques stay finite if
-the motion asks for none there: t_s . W_p = 0, with W_p the wrench that inertia and weight of all bodies ask
-of the platform (Briot and Arakelian 2010, condition (8)).
+At a Type 2 singularity the motors cannot exert a wrench along the platform's twist t_s. Their torques stay
+finite only if the motion requires none there: t_s . W_p = 0, where W_p is the wrench on the platform that the
+inertia and weight of all bodies require (Briot and Arakelian 2010, condition (8)).
 
-t_s . W_p = motion . r, with r the forces of the open tree (`dynamics.forces`), wrenches of the world
-included, and `motion` the joint rates of t_s with locked motors. On a path, r is affine in s" and quadratic
-in s'. A few evaluations of the inverse dynamics give its coefficients (toppra recovers its constraint
-coefficients in the same way). delta is due to viscous damping and to changing deflections.
+t_s . W_p = motion . r, where r are the generalised forces of the open tree (`dynamics.forces`), less the
+external wrenches, and `motion` are the joint rates of t_s with locked motors. On a path, r is affine in s"
+and quadratic in s', so a few evaluations of the inverse dynamics give the coefficients (toppra finds its
+constraint coefficients in the same way). delta comes from viscous damping and from changing deflections.
 """
 
 from __future__ import annotations
@@ -39,8 +39,7 @@ Speed = TypeVar("Speed", float, Array)
 class Condition8(NamedTuple):
     """Coefficients of condition (8), t_s . W_p = alpha s" + beta s'^2 + delta s' + gamma.
 
-    In N, or N m where t_s is a pure turn.
-    A coefficient that is no more than rounding of its own terms is zero.
+    The unit is N, or N m where t_s is a pure turn. A coefficient of the size of rounding is set to zero.
     """
 
     alpha: float
@@ -50,24 +49,18 @@ class Condition8(NamedTuple):
 
     @property
     def holds_anyway(self) -> bool:
-        """Whether t_s . W_p vanishes for all s' and s".
-
-        So it does on a straight path across t_s, with no weight along t_s.
-        """
+        """Whether t_s . W_p vanishes for all s' and s", as on a straight path across t_s without weight."""
         return not any(self)
 
     def acceleration(self, speed: Speed) -> Speed:
-        """Return the s" [1/s^2] that makes t_s . W_p vanish at each s'.
-
-        The speeds s' are in 1/s. Where any s" does, it is 0.
-        """
+        """Return the s" [1/s^2] that makes t_s . W_p vanish at speeds s' [1/s]; 0 if any s" does."""
         if self.holds_anyway:
             return 0.0 * speed
         return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
 
 
 class Deflection(NamedTuple):
-    """Deflections and their time derivatives at one instant, each (n_e,)."""
+    """Deflections [m, rad] and two time derivatives at one instant, each (n_e,)."""
 
     value: Array
     rate: Array
@@ -75,28 +68,25 @@ class Deflection(NamedTuple):
 
     @staticmethod
     def evaluate(deflections: Callable[[float, int], Array], time: float) -> Deflection:
-        """Evaluate deflections(t, order) and two derivatives at an instant [s]."""
+        """Evaluate the function deflections(t, order) at a time [s]."""
         return Deflection(*(deflections(time, order) for order in range(3)))
 
 
 class CrossingPoint(NamedTuple):
-    """A singular point of the (deflected) robot on its path."""
+    """A point of the path where condition (8) is to hold, of the deflected or the undeformed robot."""
 
     s: float
     kind: str
-    twist: Array  # (n,)
-    motion: Array  # (nv,)
+    twist: Array  # (n,) t_s
+    motion: Array  # (nv,) joint rates of t_s with locked motors
     q: Array  # (nq,)
-    corank: int = 1  # motions that escape at once; `motion` is one of them
-    touches: bool = False  # the locus without crossing it
+    corank: int = 1  # number of motions that escape at once; `motion` is one of them
+    touches: bool = False  # whether the path touches the locus without crossing it
 
 
 def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoint:
-    """Return a singular point of the undeformed robot as a crossing point.
-
-    An imposed point is a crossing point already, and is returned.
-    """
-    if isinstance(singular, CrossingPoint):
+    """Convert a singular point of the undeformed robot to a crossing point."""
+    if isinstance(singular, CrossingPoint):  # imposed by the user
         return singular
     touches = singular.contact == "tangential"
     return CrossingPoint(
@@ -107,9 +97,9 @@ def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoin
 def crossing_point(
     branch: Branch, singular: SingularPoint | CrossingPoint, deflection: Deflection | None, s_guess: float
 ) -> CrossingPoint:
-    """Find the singular point of the (deflected) robot on its path near `s_guess`.
+    """Find the singular point of the deflected robot near `s_guess` on the path.
 
-    An imposed point is returned as it is.
+    A point imposed by the user is returned unchanged; so is the point of a robot without deflections.
 
     Raises:
         NoLaw: the deflected robot has no singular point there.
@@ -129,14 +119,15 @@ def crossing_point(
 
 
 class _DeflectedPoses:
-    """Poses along a path with constant deflections, each predicted from the poses closed last."""
+    """Poses along a path at constant deflections, each predicted from the last poses closed."""
 
     def __init__(self, branch: Branch, deflection: Deflection) -> None:
-        """Start from the poses of the undeformed robot, its springs deflected."""
+        """Start from the poses of the undeformed robot and deflect the springs."""
         self._branch = branch
-        self._spring_step = np.zeros((1, branch.robot.model.nv))
+        self._spring_step = np.zeros((1, branch.robot.nv))
         self._spring_step[:, branch.robot.elastic] = deflection.value
-        self._closed: tuple[Array, ClosedStack] | None = None  # s (3,), the middle one the iterate; poses
+        # the last s (3,) at which `root_of_g` asked for poses, the iterate in the middle, and these poses
+        self._closed: tuple[Array, ClosedStack] | None = None
 
     def close(self, s: Array) -> ClosedStack:
         """Close the loops at s (3,)."""
@@ -145,28 +136,28 @@ class _DeflectedPoses:
         return self._closed[1]
 
     def predicted_pose(self, s: float) -> ClosedStack:
-        """Predict the pose at s from the poses closed last.
+        """Predict the pose at s from the last poses closed.
 
-        A step along their tangent is so short that it keeps the loops closed.
+        The step along their tangent is so short that the loops stay closed.
         """
-        branch, places = self._branch, np.array([s])
-        q, x = self._predict(places), branch.path(places)
+        branch, s_row = self._branch, np.array([s])
+        q, x = self._predict(s_row), branch.path(s_row)
         return ClosedStack(q, x, linearised_at(branch.robot, q, x))
 
     def _predict(self, s: Array) -> Array:
-        """Predict configurations (k, nq) at s (k,) along the last tangent."""
+        """Predict configurations (k, nq) at s (k,) along the tangent of the last poses."""
         branch, robot = self._branch, self._branch.robot
         if self._closed is None:
             return integrate(robot, branch.guess(s), np.repeat(self._spring_step, len(s), axis=0))
         last_s, last = self._closed
-        tangent = difference(robot, last.q[0], last.q[2:]) / (last_s[2] - last_s[0])  # (1, nv), dq/ds
+        tangent = difference(robot, last.q[0], last.q[2:]) / (last_s[2] - last_s[0])  # dq/ds (1, nv)
         return integrate(robot, last.q[1], (s - last_s[1])[:, None] * tangent)
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """Return the crossing point at a path coordinate s, singular or not.
+    """Return the crossing point imposed at s, singular or not.
 
-    Rounded data impose points beside the singular one.
+    With rounded data an imposed point lies beside the singular one.
     """
     closed = branch.close(s)
     kind, twist, motion, _ = uncontrolled_motion(branch.robot, closed.linearised)
@@ -176,17 +167,17 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 def _orient_along_path(
     branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
 ) -> CrossingPoint:
-    """Return the crossing point with twist and motion oriented along the path."""
+    """Return the crossing point, its twist and motion signed along the path."""
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
 
 
 def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
-    """Compute the coefficients of a condition (8) on which s" has an effect.
+    """Compute the coefficients of condition (8); refuse a condition that s" cannot meet.
 
     Raises:
-        NoLaw: the path's tangent leaves t_s . W_p untouched by s", so no law can meet the condition.
-        NotConverged: the same, but only with these deflections.
+        NoLaw: s" has no effect on t_s . W_p, so that no law can meet the condition.
+        NotConverged: s" has no effect with these deflections.
     """
     return require_effect(branch, crossing, coefficients_at(branch, crossing, deflection), deflection)
 
@@ -194,15 +185,12 @@ def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection
 def require_effect(
     branch: Branch, crossing: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """Return a condition that some s" meets, or that holds anyway.
-
-    Raises as `condition_at`.
-    """
+    """Return a condition that some s" meets or that always holds; raise as `condition_at`."""
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
-    axes, place = ", ".join(robot.axis_names), point(branch.path(crossing.s))
-    where = f"{robot.name}: at s = {crossing.s:.6g}, {axes} = {place}"
+    axes, x = ", ".join(robot.axis_names), point(branch.path(crossing.s))
+    where = f"{robot.name}: at s = {crossing.s:.6g}, {axes} = {x}"
     if deflection is not None and robot.n_e:
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
@@ -218,15 +206,16 @@ def require_effect(
 def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection | None) -> Condition8:
     """Compute the coefficients of condition (8) at a crossing point.
 
-    Each is the power of forces in the uncontrolled motion:
+    Each coefficient is the power of these generalised forces in the uncontrolled motion:
 
-        alpha: of inertia at s" = 1
-        beta:  of inertia at s' = 1
-        gamma: of weight and wrenches at rest, and of inertia and damping while only the deflections change
-        delta: of damping at s' = 1, and of inertia where s' and the rates of the deflections multiply
+        alpha: inertia at s" = 1
+        beta:  inertia at s' = 1
+        gamma: weight and external wrenches at rest, and inertia and damping while only deflections change
+        delta: damping at s' = 1, and the inertial forces that are bilinear in s' and the deflection rates
 
-    The last is half the difference of inertia at +pace and -pace, where path and deflections move the joints
-    equally fast. No other difference is taken, which would lose digits.
+    The bilinear forces are half the difference of the inertial forces at s' = +pace and -pace. At this pace
+    path and deflections move the joints equally fast, so that the difference loses few digits. The other
+    coefficients need no difference.
     """
     robot = branch.robot
     linearised = linearised_at(robot, crossing.q[None], branch.path(crossing.s)[None])
@@ -234,22 +223,23 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     pace = 1.0 if deflection is None else _equal_pace(branch, crossing, linearised, deflection.rate)
     motion = _unit_motions(branch, crossing, linearised, deflection, pace)
     wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
-    # powers of the joints (nv,), each to be summed: of five motions, and at rest
-    inertial = inertial_forces(robot, motion) * crossing.motion  # (5, nv)
-    damping = robot.joint_damping * motion.v * crossing.motion  # (5, nv)
-    static = static_forces(robot, crossing.q[None], wrenches)[0] * crossing.motion  # (nv,)
+    # powers at the joints, to be summed over them: of the five motions (5, nv), and at rest (nv,)
+    inertial = inertial_forces(robot, motion) * crossing.motion
+    damping = robot.joint_damping * motion.v * crossing.motion
+    static = static_forces(robot, crossing.q[None], wrenches)[0] * crossing.motion
     rigid_terms = np.array([inertial[0], inertial[1], static, damping[1]])  # alpha, beta, gamma, delta
-    multiplied = 0.5 * (inertial[3] - inertial[4]) / pace
-    elastic_terms = np.array([inertial[2] + damping[2], multiplied])  # of gamma and delta
+    bilinear = 0.5 * (inertial[3] - inertial[4]) / pace
+    elastic_terms = np.array([inertial[2] + damping[2], bilinear])  # gamma, delta
     values = rigid_terms.sum(axis=1)
     values[2:] += elastic_terms.sum(axis=1)
-    rate = float(np.abs(motion.v[1] / robot.column_scale).max())
+
+    rate = np.abs(motion.v[1] / robot.column_scale).max()
     sizes = np.maximum(bounds_of_terms(branch, crossing, rate), np.abs(rigid_terms).sum(axis=1))
     sizes[2:] += np.abs(elastic_terms).sum(axis=1)
-    # what stiff springs add is little, and yet no rounding where s" has an effect
+    # stiff springs add small terms, which are not rounding as long as s" has an effect
     if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
         values = remove_rounding(values, sizes, 0)
-    return Condition8(*map(float, values))
+    return Condition8(*values.tolist())
 
 
 def _unit_motions(
@@ -261,10 +251,10 @@ def _unit_motions(
 ) -> Motion:
     """Compute five motions that separate the terms of condition (8).
 
-    They are: s" = 1; s' = 1; that of the deflections with s' = 0, with pace and with -pace.
+    Springs rest in the first two, s" = 1 and s' = 1. They move in the others, at s' = 0, pace and -pace.
     """
     robot = branch.robot
-    elastic = np.zeros((2, 5, robot.n_e))  # rates and accelerations
+    elastic = np.zeros((2, 5, robot.n_e))  # rates and accelerations of the deflections
     if deflection is not None:
         elastic[0, 2:] = deflection.rate
         elastic[1, 2] = deflection.acceleration
@@ -275,12 +265,13 @@ def _unit_motions(
 
 
 def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
-    """Set coefficients (k,) that are rounding of their terms to zero.
+    """Set coefficients (k,) of condition (8) to zero where no larger than rounding.
 
-    Where s" has no effect, no motion can make up for the others: more of them counts as rounding.
+    Where s" has no effect, no motion can compensate the other coefficients. They then count as rounding up to
+    a larger share of their terms.
 
     Args:
-        sizes: (k,) of the terms.
+        sizes: sums (k,) of the absolute terms of each coefficient.
         alpha: index of the coefficient of s".
     """
     rounding = CONDITION_ROUNDING if abs(values[alpha]) > NO_HOLD * sizes[alpha] else NO_HOLD
@@ -290,33 +281,31 @@ def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
 def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Array:
     """Bound the sizes (4,) of the terms of alpha, beta, gamma and delta.
 
-    Joint forces do not show the terms that cancelled before: on massless legs, all forces of a payload across
-    t_s. So the mass of all bodies is taken to move as the platform does and, for beta, as joints of the
-    robot's length do at their largest `rate` [1/s, over s'].
+    The powers at the joints do not show terms that cancelled within a joint force, such as all forces of a
+    payload across t_s on massless legs. So the mass of all bodies is taken to move like the platform and, for
+    beta, like joints of the robot's length at their largest `rate` dq/ds [1].
     """
     robot = branch.robot
     units = coordinate_sizes(robot)  # (n,) [m]
-    tangent = float(np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max())
-    escape = float(np.abs(crossing.twist * units).max())
-    weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    tangent = np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max()
+    escape = np.abs(crossing.twist * units).max()
+    weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
     for wrench in branch.wrenches.entries:
         force, moment = np.linalg.norm(wrench(np.array([crossing.s])).reshape(2, 3), axis=1)
-        weight += float(force + moment / robot.length)
+        weight += force + moment / robot.length
     alpha, beta = robot.mass * tangent, robot.mass * robot.length * rate**2
     return escape * np.array([alpha, beta, weight, 0.0])
 
 
 def _equal_pace(branch: Branch, crossing: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
-    """Compute the s' at which path and deflections move joints equally fast.
+    """Compute the s' [1/s] at which path and deflections move joints equally fast.
 
-    It is 1 where either is at rest. The deflections have rates (n_e,).
+    It is 1 if either moves no joint. `rate` (n_e,) are the deflection rates.
     """
     robot = branch.robot
     scale = robot.column_scale
     twist = robot.platform.path_twist(branch.path, crossing.s)
-    tangent = joint_rates(robot, linearised, twist[None], np.zeros((1, robot.n_e)))  # dq/ds
-    path_rate = float(np.abs(tangent / scale).max())
-    elastic_rate = float(np.abs(rate / scale[robot.elastic]).max())
-    if path_rate == 0.0 or elastic_rate == 0.0:
-        return 1.0
-    return elastic_rate / path_rate
+    tangent = joint_rates(robot, linearised, twist[None])  # dq/ds (1, nv)
+    path_rate = np.abs(tangent / scale).max()
+    elastic_rate = np.abs(rate / scale[robot.elastic]).max()
+    return elastic_rate / path_rate if path_rate and elastic_rate else 1.0

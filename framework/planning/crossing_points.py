@@ -1,4 +1,4 @@
-"""The points of the path at which condition (8) is to hold, and those that no law can cross."""
+"""The points of a path where condition (8) is to hold, and the refusal of points that no law can cross."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from framework.tolerances import SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class PathToCross:
-    """A path, its singular points, and the points where condition (8) shall hold.
+    """A path, its singular points, and the points where condition (8) is to hold.
 
-    explained: whether a refusal finds limits and a duration within which there is a law.
+    explained: whether a refusal searches for limits and a duration that would admit a law.
     """
 
     searched: SearchedPath
@@ -54,12 +54,13 @@ class PathToCross:
 def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
     """Choose the points where a request asks for condition (8), under its wrenches.
 
-    Imposed points, else the singular ones; none where an empty list of times asks for a law without crossing
-    conditions. Singular points that no law can cross are refused, imposed ones are not judged.
+    They are the imposed points, if any, else the singular ones. An empty list of times asks for a law without
+    crossing conditions, and so for no points. Singular points that no law can cross are refused; imposed
+    points are not checked.
 
     Raises:
-        InvalidInput: times or speeds are not as many as these points.
-        NoLaw, UncontrolledMotions: no law can cross at one of the points.
+        InvalidInput: the number of times or speeds is not that of the points.
+        NoLaw, UncontrolledMotions: no law can cross one of the singular points.
     """
     searched = searched.under(request.external_wrenches)
     times, speeds, imposed = request.times, request.speeds, request.at
@@ -81,10 +82,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
-    """Return the number of imposed or singular points in words.
-
-    The singular ones are listed by s.
-    """
+    """Return the number of imposed or singular points in words, the latter with their s."""
     if imposed is not None:
         return f"{len(imposed)} imposed by `at`"
     text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
@@ -100,15 +98,16 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
         NoLaw: the path starts or ends there.
     """
     check_kind(branch.robot, singular)
-    if stops_at(singular):
-        end = "starts" if singular.s < 0.5 else "ends"
-        alpha, beta, gamma, _ = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
-        unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
-        raise NoLaw(
-            f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; a stop on "
-            f"the locus can never be crossed: move the path's end",
-            proof=unmet if gamma != 0.0 else None,
-        )
+    if not stops_at(singular):
+        return
+    end = "starts" if singular.s < 0.5 else "ends"
+    alpha, beta, gamma, _ = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
+    unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
+    raise NoLaw(
+        f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; a stop on "
+        f"the locus can never be crossed: move the path's end",
+        proof=unmet if gamma else None,
+    )
 
 
 def stops_at(singular: SingularPoint) -> bool:
@@ -117,13 +116,13 @@ def stops_at(singular: SingularPoint) -> bool:
 
 
 def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint | CrossingPoint]) -> None:
-    """Refuse a point with more than one condition for the polynomial law.
+    """Refuse points at which the polynomial law would have several conditions to meet.
 
-    At a tangential touch these are condition (8) and its derivative; where several motions escape at once,
-    one for each.
+    A tangential touch needs condition (8) and its time derivative. A point where several motions escape at
+    once needs one condition for each of them.
 
     Raises:
-        NoLaw: says where and what to do.
+        NoLaw: with the point and a remedy.
     """
     for singular in points:
         if not isinstance(singular, SingularPoint):

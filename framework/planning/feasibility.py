@@ -1,8 +1,8 @@
 """Condition (8) of the undeformed robot at a singular point, before any law is sought.
 
-alpha s" + beta s'^2 + gamma + delta s' = 0 on the undeformed robot, each term a power in the uncontrolled
-motion: gamma of the weight, of the robot's own springs and of wrenches of the world, beta of the curvature of
-path and joints, delta of viscous damping, alpha of the acceleration s".
+In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion: alpha is due
+to the acceleration s", beta to the curvature of path and joints, gamma to weight, joint springs and external
+wrenches, and delta to viscous damping.
 """
 
 from __future__ import annotations
@@ -25,24 +25,26 @@ from framework.planning.request import Request
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
-LARGE_CURVATURE = 4.0  # |s"| / s'^2; what a polynomial has at its most
-VECTOR_ROUNDING = 1e-12  # of a motion of unit size along a path, in robot lengths and radians
+LARGE_CURVATURE = 4.0  # |s"| / s'^2: the largest that polynomial laws reach
+VECTOR_ROUNDING = 1e-12  # norm of a motion in robot lengths and radians, of unit size unless it is zero
 
 
 @dataclass(frozen=True)
 class Feasibility:
-    """Condition (8) of the undeformed robot at a singular point, and its origin.
+    """Condition (8) of the undeformed robot at a singular point, and its geometric causes.
 
-    weight_share: |cos| of the angle between gravity and the motion of the centre of mass in the uncontrolled
-    motion; on massless legs the share of the weight along t_s. tangent_share: |cos| of that between the
-    path's tangent and t_s, turns multiplied by the robot's length.
+    weight_share: |cos| of the angle between gravity and the velocity of the centre of mass in the
+        uncontrolled motion; on massless legs, the share of the weight along t_s.
+    tangent_share: |cos| of the angle between the path's tangent and t_s, turns multiplied by the robot's
+        length.
+    wrenches: whether external wrenches act along the path.
     """
 
     s: float
     condition: Condition8
     weight_share: float
     tangent_share: float
-    wrenches: bool = False  # of the world act along the path
+    wrenches: bool = False
 
     @property
     def orthogonal(self) -> bool:
@@ -51,24 +53,24 @@ class Feasibility:
 
     @property
     def acceleration(self) -> tuple[float, float, float] | None:
-        """The terms of the s" asked for; None where s" has no effect.
+        """The coefficients of the required s" = a + b s'^2 + c s'; None where s" has no effect.
 
-        The first is asked at s' -> 0 [1/s^2], the second over s'^2 [-], the third over s' [1/s].
+        They are a [1/s^2], b [-] and c [1/s].
         """
         alpha, beta, gamma, delta = self.condition
         return None if self.orthogonal else (0.0 - gamma / alpha, 0.0 - beta / alpha, 0.0 - delta / alpha)
 
     @property
     def weightless(self) -> bool:
-        """Whether no weight and no wrench enters the condition.
+        """Whether neither weight nor a wrench enters the condition.
 
-        Without damping it then looks alike at all durations.
+        Without damping, such a condition is independent of the duration.
         """
         return self.condition.gamma == 0.0
 
     @property
     def steady_speed(self) -> float | None:
-        """The least s' > 0 [1/s] that meets condition (8) without s", or None."""
+        """The least s' > 0 [1/s] that meets condition (8) at s" = 0, or None."""
         _, beta, gamma, delta = self.condition
         if beta == 0.0:
             roots = [-gamma / delta] if delta else []
@@ -76,13 +78,13 @@ class Feasibility:
             discriminant = delta**2 - 4.0 * beta * gamma
             signs = (-1, 1) if discriminant > 0 else ()
             roots = [(-delta + sign * np.sqrt(discriminant)) / (2.0 * beta) for sign in signs]
-        return min((float(root) for root in roots if root > 0), default=None)
+        return min((root for root in roots if root > 0), default=None)
 
     @property
     def pace(self) -> float | None:
-        """The time [s] that the path takes from rest with the weight's s".
+        """The time (2 / |s"|)^(1/2) [s] in which the s" required by weight covers the path from rest.
 
-        With a constant s" that is (2 / |s"|)^(1/2). None where s" has no effect, or without weight.
+        None where s" has no effect, or without weight.
         """
         if self.acceleration is None or self.weightless:
             return None
@@ -90,12 +92,12 @@ class Feasibility:
 
     @property
     def forbids_every_law(self) -> bool:
-        """Whether neither an acceleration nor a speed meets the condition."""
+        """Whether no acceleration and no speed meets the condition."""
         return self.orthogonal and not self.condition.holds_anyway and self.steady_speed is None
 
     @property
     def sentence(self) -> str:
-        """The condition, its s", and consequences for path and speed, in one line."""
+        """The condition, the required s", and the consequences for path and speed, in one line."""
         alpha, beta, gamma, delta = self.condition
         damping = f", delta = {delta:.6g}" if delta else ""
         return (
@@ -107,13 +109,13 @@ class Feasibility:
 
     @property
     def short_sentence(self) -> str:
-        """The acceleration that the condition asks for, in one clause."""
+        """The acceleration that the condition requires, in one clause."""
         weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
         pace = "" if self.pace is None else f", the pace of {self.pace:.3g} s for the path at any duration"
         return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand_text()}{pace}"
 
     def _demand_text(self) -> str:
-        """Return the s" that the condition asks for, in words."""
+        """Return the required s" in words."""
         if self.condition.holds_anyway:
             return "it holds whatever s' and s\" are"
         if self.acceleration is None:
@@ -129,7 +131,7 @@ class Feasibility:
         return demand
 
     def _consequence_texts(self) -> list[str]:
-        """Return clauses on speeds, pace and path that the condition suggests."""
+        """Return the consequences of the condition for speed, pace and path, as clauses."""
         if self.acceleration is None:
             return []
         clauses = []
@@ -152,7 +154,11 @@ class Feasibility:
 
 
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
-    """Compute condition (8) at a singular point; None where one condition is not enough."""
+    """Compute condition (8) at a singular point.
+
+    None where one condition is not enough, or is of no use: several motions escape, or the singularity is not
+    of Type 2.
+    """
     if singular.corank > 1:
         return None
     try:
@@ -162,36 +168,33 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     robot = branch.robot
     crossing = undeformed_crossing(singular)
     condition = coefficients_at(branch, crossing, deflection=None)
-    mass_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
-    mass_velocity = mass_jacobian @ crossing.motion
+    centre_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
+    centre_velocity = centre_jacobian @ crossing.motion
     size, tangent = coordinate_sizes(robot), robot.platform.path_twist(branch.path, crossing.s)
     return Feasibility(
         crossing.s,
         condition,
-        weight_share=_cosine(robot.model.gravity.linear, mass_velocity / robot.length),
+        weight_share=_cosine(robot.model.gravity.linear, centre_velocity / robot.length),
         tangent_share=_cosine(tangent * size, crossing.twist * size),
         wrenches=bool(branch.wrenches.entries),
     )
 
 
 def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...]:
-    """Compute condition (8) at all singular points of a path, as `feasibility_at`."""
+    """Compute condition (8) at each singular point of a path, as `feasibility_at` does."""
     return tuple(feasibility_at(searched.branch, singular) for singular in searched.points)
 
 
 def _cosine(a: Array, b: Array) -> float:
-    """Compute |cos| of the angle between two vectors.
-
-    It is 0 if the first is zero or the second rounding.
-    """
-    size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
-    if size_a == 0.0 or size_b <= VECTOR_ROUNDING:
+    """Compute |cos| of the angle between two vectors; 0 if a is zero or b is rounding."""
+    norm_a, norm_b = np.linalg.norm(a), np.linalg.norm(b)
+    if norm_a == 0.0 or norm_b <= VECTOR_ROUNDING:
         return 0.0
-    return abs(float(a @ b)) / (size_a * size_b)
+    return float(abs(a @ b) / (norm_a * norm_b))
 
 
 def is_crossable(searched: SearchedPath) -> bool:
-    """Return whether condition (8) forbids every law at none of the singular points."""
+    """Return whether condition (8) admits a law at each singular point of a path."""
     return not any(
         feasibility is None
         or singular.contact == "tangential"
@@ -204,11 +207,11 @@ def is_crossable(searched: SearchedPath) -> bool:
 class OptimalDurations(NamedTuple):
     """The least duration [s] found of a law of free shape within the limits.
 
-    It is 0 without limits, and None where none was found, with the reason. There is never a longest: the
-    squared speeds z of laws of free shape that meet condition (8) and the limits are a convex set, and near
-    an end of the path, where a smooth law needs little more than the weight, z may be scaled by a factor
-    close to zero. Without limits quicker ones exist, too, since condition (8) concerns z and z' at the
-    crossing alone.
+    It is 0 without limits, and None with a `refusal` if no law was found. There is never a longest duration:
+    the squared speeds z of the laws of free shape that meet condition (8) and the limits are a convex set.
+    Near an end of the path a smooth law needs little more than the torques of the weight, and z may be scaled
+    by a factor close to zero there. Without limits there is no shortest duration either, since condition (8)
+    concerns z and z' at the crossing alone.
     """
 
     shortest: float | None
@@ -230,10 +233,10 @@ class OptimalDurations(NamedTuple):
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
     """Compute the durations of laws of free shape through all singular points.
 
-    The springs are at rest. The limits and the smoothness are those of the request. None where no law can
-    cross, and beyond the smoothness that such a law can have.
+    The springs are at rest; the limits and the smoothness are those of the request. None if no law can cross,
+    or if a law of free shape cannot have that smoothness.
     """
-    from framework.planning.optimal.optimal_task import Task  # which most plans do not need
+    from framework.planning.optimal.optimal_task import Task  # slow to import, and seldom needed
     from framework.planning.optimal.undeformed_law import find_undeformed_law
 
     if request.smoothness > HIGHEST_SMOOTHNESS or not is_crossable(searched):
@@ -242,11 +245,10 @@ def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurati
     specification = replace(specification_of(robot, request), goal="time", duration=None, longest=None)
     if not (specification.limited or specification.limited_speeds):
         return OptimalDurations(0.0)
+    to_cross = PathToCross(searched, searched.points)
+    open_request = replace(request, times=None, speeds=None, at=None)
     try:
-        to_cross = PathToCross(searched, searched.points)
-        best = find_undeformed_law(
-            Task(to_cross, replace(request, times=None, speeds=None, at=None), specification)
-        )
+        best = find_undeformed_law(Task(to_cross, open_request, specification))
     except (NoLaw, NotConverged) as refusal:
         return OptimalDurations(None, str(refusal))
     return OptimalDurations(best.law.duration)

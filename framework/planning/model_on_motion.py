@@ -1,15 +1,16 @@
 """The torques that another model of a robot needs for nearly the same motion.
 
 Another model has its own condition (8) and, with springs, its own singular point on the path. So the law is
-corrected by polynomials of least degree. They vanish at both ends, as smoothly as laws of elastic robots do
-if one of the two models has springs. They take the law through the singular points of the model at the same
-instants and speeds, with the accelerations of its condition (8). Then the torques are bounded, and the
-difference of the two models' torques is what one of them lacks. A polynomial law of the smoothness of the
-correction becomes the polynomial through the model's points; plans of that model have the same one if they
-cross at these instants and speeds.
+corrected by polynomials of least degree. The corrected law meets the singular points of the model at the same
+instants and speeds, with the accelerations of the model's condition (8). Its torques are then bounded, and
+the difference of the two models' torques is the torque that one of them leaves out. The corrections vanish at
+both ends, with as many derivatives as the laws of elastic robots if one of the two models has springs.
 
-`resolve` computes the torques with their certificate. `torque` is an estimate of first order: in one pass,
-deflections are caused by the forces of the first model.
+A polynomial law that is as smooth at its ends as the correction becomes the polynomial through the model's
+points. A plan of the model has the same law if it crosses at the same instants and speeds.
+
+`resolve` computes the torques with their certificate. `torque` is an estimate of first order: one pass, in
+which the forces of the first model cause the deflections.
 """
 
 from __future__ import annotations
@@ -27,7 +28,14 @@ from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.result import InverseDynamics, SingularityCrossing
 from framework.errors import NoLaw, NotConverged
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.laws.law import ExactLaw, Law, MotionLaw, conditions_at_instants, edges_of
+from framework.laws.law import (
+    ExactLaw,
+    Law,
+    MotionLaw,
+    conditions_at_instants,
+    edges_of,
+    law_derivatives,
+)
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.condition import Deflection, condition_at, crossing_point
@@ -36,22 +44,21 @@ from framework.planning.request import SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
-CORRECTED_SHARE = 0.9  # of the time to the next crossing or end: what a local correction may change
+CORRECTED_SHARE = 0.9  # of the time to the next crossing or end, which a local correction may change
 
 
 @dataclass(frozen=True)
 class CorrectedLaw(ExactLaw):
-    """A law plus polynomials that vanish at both ends, by their start [s]."""
+    """A law plus correction polynomials, which vanish at both of their ends."""
 
     law: MotionLaw
-    corrections: Mapping[float, Law]
+    corrections: Mapping[float, Law]  # by the time [s] at which each begins
 
     @staticmethod
     def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
-        """Change s, s' and s" of a law at times (k,) [s] by `changes`.
+        """Change s, s' and s" of a law at times (k,) [s] by `changes` (k, 3).
 
-        The changes have the shape (k, 3). At the ends of the polynomials, derivatives up to order
-        `smoothness` vanish.
+        At the ends of a correction its derivatives up to order `smoothness` vanish.
         """
         corrections = {}
         for start, end in _correction_intervals(law, times):
@@ -70,8 +77,10 @@ class CorrectedLaw(ExactLaw):
     def edges(self) -> Array:
         """Instants [s] between which the law is smooth, see `ExactLaw.edges`."""
         edges = edges_of(self.law)
+        if not len(edges):
+            return edges
         ends = [[start, start + polynomial.duration] for start, polynomial in self.corrections.items()]
-        return np.unique(np.concatenate([edges, *ends])) if len(edges) else edges
+        return np.unique(np.concatenate([edges, *ends]))
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Return s(t) or its derivative [1/s^order], with the shape of t."""
@@ -85,9 +94,9 @@ class CorrectedLaw(ExactLaw):
 
 @dataclass(frozen=True, eq=False)
 class ModelOnMotion:
-    """A motion with its torques, and its path searched with another model.
+    """A motion with its torques, and its path searched with another model of the robot.
 
-    friction: dry friction (nv,) of the joints [N m or N] of that model, None without.
+    friction: dry friction (nv,) [N m or N] of the joints in the other model; None without.
     """
 
     dynamics: InverseDynamics
@@ -98,10 +107,10 @@ class ModelOnMotion:
     def of(
         cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
     ) -> ModelOnMotion:
-        """Search the path of a motion with another model of its robot.
+        """Search the path of a motion with another model of the robot.
 
         Raises:
-            NoAnswer: the robot cannot follow the path.
+            NoAnswer: that model cannot follow the path.
         """
         return cls(dynamics, search_path(robot, dynamics.path).under(dynamics.wrenches), friction)
 
@@ -112,14 +121,14 @@ class ModelOnMotion:
 
     @property
     def grid(self) -> TimeGrid:
-        """The nodes of the motion."""
+        """The nodes in time on which the torques of the motion were computed."""
         torques = self.dynamics.torques
         return TimeGrid(torques.edges, torques.coefficients.shape[1])
 
     def known_deflections(self) -> Array:
-        """Return the deflections (T, n_e) that caused the forces of the motion.
+        """Return the deflections (T, n_e) at which the forces of the motion were computed.
 
-        Springs of a fuller model that the motion leaves rigid have none.
+        Springs that only the other model has do not deflect.
         """
         dynamics, robot = self.dynamics, self.robot
         deflections = np.zeros((len(self.grid.times), robot.n_e))
@@ -130,11 +139,11 @@ class ModelOnMotion:
 
     @cached_property
     def first_pass(self) -> Pass:
-        """The motion and forces with the deflections of the motion; raises NoAnswer as `compute_pass`."""
+        """Motion and forces at the deflections of the motion; raises NoAnswer as `compute_pass`."""
         return self.compute_pass(self.known_deflections())
 
     def resolve(self, geometry: str) -> InverseDynamics:
-        """Compute the model's torques under the corrected law, certified, without dry friction.
+        """Compute the model's certified torques under the corrected law, without dry friction.
 
         Raises:
             NoAnswer: no correction of the law makes the torques bounded, or they cannot be resolved.
@@ -142,7 +151,7 @@ class ModelOnMotion:
         at_rest = self.grid.fit(np.zeros((len(self.grid.times), self.robot.n_e)))
 
         def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
-            """Correct the law for given deflections; for none in rigid geometry."""
+            """Correct the law for the deflections; for springs at rest in rigid geometry."""
             if deflections is None or geometry == "rigid":
                 deflections = at_rest
             return self._correct_law(deflections)
@@ -155,9 +164,7 @@ class ModelOnMotion:
         return self.dynamics.torque_without_friction(self.grid.times)
 
     def compute_pass(self, deflections: Array) -> Pass:
-        """Compute motion and forces on the nodes at deflections (T, n_e).
-
-        The law is corrected for them.
+        """Compute motion and forces on the nodes at deflections (T, n_e), under the corrected law.
 
         Raises:
             NoAnswer: no correction of the law makes the torques bounded.
@@ -167,11 +174,12 @@ class ModelOnMotion:
         return evaluate_pass(self.searched.branch, self.grid, law, function, None)
 
     def torque(self, evaluated: Pass) -> Array:
-        """Compute the motors' torques (T, n_a) [N m or N] on the nodes.
+        """Compute the motors' torques (T, n_a) [N m or N] of a pass on the nodes.
 
-        Torques with dry friction jump where a joint changes direction, and no tail tells a pole from a jump.
-        So a pole is looked for with smooth friction: of each joint, the polynomial through the signs of its
-        rate at the crossings. There it equals the friction, on which condition (8) depends.
+        Torques with dry friction jump where a joint changes direction, and the tail of a series cannot tell
+        a pole from a jump. So the check for a pole uses a smooth friction: for each joint, the polynomial
+        through the signs of its rate at the crossings. At the crossings it equals the dry friction, which
+        condition (8) contains.
 
         Raises:
             NotConverged: the torques have a pole.
@@ -189,12 +197,11 @@ class ModelOnMotion:
             raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
         if self.friction is None:
             return torque
-        return self._torque_with_friction(
-            evaluated, self.friction * speed_signs(motion.v / robot.column_scale)
-        )
+        dry = self.friction * speed_signs(motion.v / robot.column_scale)
+        return self._torque_with_friction(evaluated, dry)
 
     def _torque_with_friction(self, evaluated: Pass, friction: Array) -> Array:
-        """Compute torques (T, n_a) with joint forces of friction (T, nv)."""
+        """Compute motor torques (T, n_a) of a pass with friction (T, nv) at the joints."""
         robot, motion = self.robot, evaluated.motion
         if not friction.any():
             return motor_torque(robot, motion, evaluated.forces.joint_torque)
@@ -206,18 +213,19 @@ class ModelOnMotion:
         return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
     def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
-        """Correct the law to meet condition (8) of the model with deflections in time.
+        """Correct the law to meet condition (8) of the model at deflections over time.
 
-        At each crossing, s, s' and s" change from those planned to those of `_correct_crossing`.
+        At each crossing, s, s' and s" change from the planned values to those of `_correct_crossing`.
 
         Raises:
             NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
         """
-        law = self.dynamics.law
-        times = np.array([crossing.time for crossing in self.dynamics.crossings])
-        planned = np.transpose([law(times, order) for order in range(3)])  # (k, 3)
-        pairs = zip(self.dynamics.crossings, planned, strict=True)
-        corrected = np.reshape([self._correct_crossing(*pair, function) for pair in pairs], (-1, 3))
+        law, crossings = self.dynamics.law, self.dynamics.crossings
+        times = np.array([crossing.time for crossing in crossings])
+        planned = np.transpose(law_derivatives(law, times))  # (k, 3): s, s', s"
+        corrected = planned.copy()
+        for row, crossing in zip(corrected, crossings, strict=True):
+            row[:] = self._correct_crossing(crossing, row, function)
         if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the model")
         has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0
@@ -231,7 +239,7 @@ class ModelOnMotion:
     def _correct_crossing(
         self, crossing: SingularityCrossing, planned: Array, function: TimeFunction
     ) -> tuple[float, float, float]:
-        """Compute s, s' and s" of the model at the instant of a crossing.
+        """Compute s, s' and s" that the model needs at the instant of a crossing.
 
         s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
 
@@ -241,7 +249,8 @@ class ModelOnMotion:
         Raises:
             NoAnswer: the model has no such singular point, or no s" meets its condition (8).
         """
-        branch, (_, speed, acceleration) = self.searched.branch, planned
+        branch = self.searched.branch
+        _, speed, acceleration = planned
         singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
         if singular is None or singular.corank > 1:
             raise NotConverged("the model has no simple singular point at the crossing")
@@ -250,8 +259,7 @@ class ModelOnMotion:
         condition = condition_at(branch, point, deflection)
         if self.friction is not None:
             friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
-            power = float(friction @ point.motion)
-            condition = condition._replace(gamma=condition.gamma + power)
+            condition = condition._replace(gamma=condition.gamma + friction @ point.motion)
         if not condition.holds_anyway:
             if condition.alpha == 0.0:
                 raise NotConverged("no acceleration at the crossing makes up for it")
@@ -260,12 +268,11 @@ class ModelOnMotion:
 
 
 def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
-    """Return the start and end [s] of each polynomial that corrects a law.
+    """Return the start and end [s] of each correction of a law that crosses at times (k,).
 
-    The law is corrected at its crossings at times (k,). A law without panels, as the polynomial, has one over
-    the whole motion, so that the sum is what the model would be planned with. Another law has one about each
-    crossing, up to the next crossing or end: a single one would be large far from a crossing that is near an
-    end.
+    A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
+    the law with which the model would be planned. Another law has one correction around each crossing: a
+    single one would be large far away from a crossing that is near an end.
     """
     if not len(edges_of(law)):
         return [(0.0, law.duration)]

@@ -1,9 +1,12 @@
-"""The effects that a motion's torques leave out, each with the motor torque that it adds at this motion.
+"""The effects that a motion's torques leave out, each with the motor torque that it would add.
 
-Springs left rigid, geometry and inertia of the deflections, dry friction: the torques of the model with one
-effect more, less those without (`model_on_motion`). Idle turns: the torque that holds them, which the
-certificate has. Parts of a foreign file that its reader left out have no number. Masses that a robot was made
-without, as the lower levels of fidelity are, are not known to it, and so no effect.
+* Springs left rigid, geometry and inertia of the deflections, dry friction: the difference of the torques of
+  the model with and without the effect (`model_on_motion`).
+* Idle turns: the torque that would hold them, a number of the certificate.
+* Parts of a foreign file that its reader left out: no number.
+
+Masses that the robot itself was made without, as at the lower levels of fidelity, are not listed: the robot
+does not know of them.
 """
 
 from __future__ import annotations
@@ -25,9 +28,9 @@ from framework.planning.model_on_motion import ModelOnMotion
 from framework.planning.motion_scales import largest_by_unit
 from framework.tolerances import TORQUE_TAIL
 
-MAX_NAMES = 4  # of springs or turns that are listed one by one
+MAX_NAMES = 4  # of springs or idle turns that are listed by name
 
-# of each effect, in words: computes by how much it changes the torques (T, n_a); raises NoAnswer
+# Each effect in words, with a function that computes its change of the torques (T, n_a) or raises NoAnswer.
 Differences = Iterator[tuple[str, Callable[[], Array]]]
 
 
@@ -35,9 +38,9 @@ class NeglectedEffect(NamedTuple):
     """An effect that the torques of a motion leave out.
 
     effect: in words.
-    torque: largest change of a motor's torque that it makes [N m or N, motor side]; None where it is unknown.
-    motor: the joint of that motor; empty where no one motor is concerned.
-    share: the torque over the largest of all motors of that unit; None where it is unknown.
+    torque: the largest change of a motor's torque by the effect [N m or N, motor side]; None if unknown.
+    motor: the joint of that motor; empty if the effect concerns no single motor.
+    share: the torque over the largest planned torque of motors of the same unit; None if unknown.
     """
 
     effect: str
@@ -47,32 +50,31 @@ class NeglectedEffect(NamedTuple):
 
 
 def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
-    """Compute the effects that the torques of a motion leave out.
+    """Compute the effects that the torques of a motion leave out, the largest first, unknown ones last.
 
-    The largest is first, unknown ones are last. Effects smaller than the tail of the torques are not listed.
-    Each number is of first order, for one effect alone. Near the largest torque or above it, as of springs
-    under a load across a crossing, a number is an order of magnitude.
+    Effects smaller than the tail of the torques are not listed. Each number is of first order, for one effect
+    alone. It is only an order of magnitude if it comes near the largest torque or exceeds it, as for springs
+    under a load across a crossing.
     """
-    torques = np.abs(dynamics.torque(np.linspace(0.0, dynamics.duration, 501))).max(axis=0)
-    peaks = largest_by_unit(dynamics.robot, torques)
+    robot = dynamics.robot
+    times = np.linspace(0.0, dynamics.duration, 501)
+    peaks = largest_by_unit(robot, np.abs(dynamics.torque(times)).max(axis=0))
     differences = [*_spring_differences(dynamics), *_friction_differences(dynamics)]
     effects = [
-        *(_measure_effect(dynamics.robot, peaks, *difference) for difference in differences),
+        *(_measure_effect(robot, peaks, *difference) for difference in differences),
         *_idle_turn_effects(dynamics, peaks),
-        *map(NeglectedEffect, dynamics.robot.description.left_out),
+        *map(NeglectedEffect, robot.description.left_out),
     ]
+    unknown = [effect for effect in effects if effect.share is None]
     resolved = max(TORQUE_TAIL, dynamics.certificate.tail)
-    effects = [effect for effect in effects if effect.share is None or effect.share > resolved]
-    return tuple(sorted(effects, key=lambda one: -1.0 if one.share is None else one.share, reverse=True))
+    measured = [effect for effect in effects if (effect.share or 0.0) > resolved]
+    return (*sorted(measured, key=lambda effect: -(effect.share or 0.0)), *unknown)
 
 
 def _measure_effect(
     robot: ParallelRobot, peaks: Array, effect: str, difference: Callable[[], Array]
 ) -> NeglectedEffect:
-    """Measure the largest torque of an effect over peaks (n_a,).
-
-    Where none is known, the effect has the reason.
-    """
+    """Measure the largest torque of an effect relative to the peaks (n_a,), or state the failure."""
     try:
         largest = np.abs(difference()).max(axis=0)
     except NoAnswer as failure:
@@ -89,10 +91,7 @@ def _measure_effect(
 
 
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield the effects of springs that the motion leaves out.
-
-    They are springs left rigid, by part, and geometry and inertia of deflections.
-    """
+    """Yield the effects of springs left rigid, and of the geometry and inertia of active ones."""
     robot, description = dynamics.robot, dynamics.robot.description
 
     @cache
@@ -103,7 +102,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
     def torque_with(coordinates: Sequence[str]) -> Array:
-        """Compute the fullest model's torques (T, n_a) with deflections of more elastic coordinates."""
+        """Compute torques (T, n_a) of the fullest model with deflections of more `coordinates`."""
         fuller = fullest()
         deflecting = np.isin(fuller.robot.elastic_names, coordinates)
         deflections = np.where(deflecting, fuller.first_pass.caused, fuller.known_deflections())
@@ -130,7 +129,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
 
 
 def _list_names(names: Sequence[str]) -> str:
-    """Return at most MAX_NAMES names in words, and the number of the rest."""
+    """Return at most MAX_NAMES names and the number of the rest, in words."""
     rest = len(names) - MAX_NAMES
     return ", ".join(names[:MAX_NAMES]) + (f" and {rest} more" if rest > 0 else "")
 
@@ -139,7 +138,7 @@ def _list_names(names: Sequence[str]) -> str:
 
 
 def _friction_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield the dry friction of joints that is not in the torques."""
+    """Yield the effect of the dry friction that the torques do not contain."""
     robot, friction = dynamics.robot, neglected_friction(dynamics)
     if not friction.any():
         return
@@ -154,7 +153,7 @@ def _friction_differences(dynamics: InverseDynamics) -> Differences:
 
 
 def neglected_friction(dynamics: InverseDynamics) -> Array:
-    """Return the joints' dry friction (nv,) [N m or N] missing in the torques."""
+    """Return the dry friction (nv,) [N m or N] of joints that the torques do not contain."""
     friction = dynamics.robot.joint_friction.copy()
     if dynamics.friction is not None:
         friction[dynamics.robot.actuated] = 0.0
@@ -162,16 +161,12 @@ def neglected_friction(dynamics: InverseDynamics) -> Array:
 
 
 def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[NeglectedEffect]:
-    """Yield the torque that would hold idle turns as planned.
-
-    It estimates the error of the motors' torques.
-    """
+    """Yield the torque that would hold the idle turns as planned, an estimate of the torques' error."""
     robot, holding = dynamics.robot, dynamics.certificate.max_held_torque
     if not holding:
         return
-    turns = np.setdiff1d(robot.structure.idle, driven_turns(robot))
-    turns = turns if len(turns) else robot.structure.idle
-    names = _list_names([robot.coordinates.name_of(k) for k in turns])
-    torque = holding / float(np.abs(robot.gear_ratio).min())
-    share = torque / float(peaks.max())
-    yield NeglectedEffect(f"what nothing holds of {names}", torque, share=share)
+    idle = robot.structure.idle
+    still_turns = np.setdiff1d(idle, driven_turns(robot))
+    names = _list_names([robot.coordinates.name_of(k) for k in (still_turns if len(still_turns) else idle)])
+    torque = float(holding / np.abs(robot.gear_ratio).min())
+    yield NeglectedEffect(f"what nothing holds of {names}", torque, share=float(torque / peaks.max()))

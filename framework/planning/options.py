@@ -1,9 +1,9 @@
-"""The options of a plan, each declared once: its meaning, its valid values, its form on the command line.
+"""The options of a plan, each declared once with its meaning, its valid values and its command-line form.
 
-Made from this one declaration: the record that is planned (`request.Request`), the signature and the help of
-`plan_crossing` and its like (`takes_options`), the options of the command line (`TYPED`), the part of a scene
-that the robot file states (`scenes.scene_request`), and the request in plan.json. A new option is one more
-field of `PlanOptions`, and a line where planning uses it.
+This declaration generates the record that is planned (`request.Request`), the signature and help of functions
+like `plan_crossing` (`takes_options`), the options of the command line (`TYPED`), the options that a scene of
+a robot file may state (`scenes.scene_request`), and the request in plan.json. A new option is one more field
+of `PlanOptions`, and a line where planning uses it.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from framework.model.description import GOALS
 from framework.tolerances import TORQUE_TAIL
 
 LAWS = ("auto", "polynomial", "optimal")
-MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics
-OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # a remedy
-Check = Callable[[str, Any], Any]  # (name, value) -> value in its final form; raises InvalidInput
+MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics of the help
+OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # options of a remedy
+Check = Callable[[str, Any], Any]  # (name, value) -> converted value; raises InvalidInput
 
 
 class Option(NamedTuple):
     """The meaning of an option, its check and its form on the command line."""
 
     name: str
-    summary: str  # with its unit; the help on the command line
-    details: str  # beside the summary in the help of Python
-    check: Check | None  # None where that takes the robot: `Request.of`
-    typed: Mapping[str, Any] | None  # arguments of argparse; None where it cannot be typed
-    topic: str  # under which the help on the command line has it
+    summary: str  # with the unit; the help on the command line
+    details: str  # follows the summary in Python's help
+    check: Check | None  # None if the check needs the robot: then `Request.of` makes it
+    typed: Mapping[str, Any] | None  # arguments of argparse; None if not on the command line
+    topic: str  # heading of the command line's help
 
     @property
     def flag(self) -> str:
@@ -50,7 +50,7 @@ class Option(NamedTuple):
 
     @property
     def documentation(self) -> str:
-        """The paragraph on the option in a docstring."""
+        """The paragraph about the option in a docstring."""
         return textwrap.fill(
             f"{self.name}: {self.summary}{self.details}.",
             width=104,
@@ -59,7 +59,7 @@ class Option(NamedTuple):
         )
 
 
-# ------------------------------------------------------------------ what may be a value
+# ------------------------------------------------------------------ checks of values
 
 
 def _seconds(name: str, value: Any) -> float:
@@ -68,7 +68,7 @@ def _seconds(name: str, value: Any) -> float:
 
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Return a list of finite numbers as a tuple."""
+    """Convert a list of finite numbers to a tuple."""
     if isinstance(value, str) or np.ndim(value) == 0:
         raise InvalidInput(f"{name}: needs a list of numbers, got {value!r}")
     for number in value:
@@ -90,19 +90,19 @@ def _share(name: str, value: Any) -> float:
 
 
 def _yes_or_no(name: str, value: Any) -> bool:
-    """Return true or false; refuse other values, such as 0 and 1."""
+    """Return a truth value as bool; refuse other values, such as 0 and 1."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidInput(f"{name}: must be true or false, got {value!r}")
     return bool(value)
 
 
 def _wrenches(name: str, value: Any) -> dict[str, Any] | None:
-    """Return wrenches by frame in plain numbers."""
+    """Convert wrenches by frame to plain numbers; None for an empty mapping."""
     return ExternalWrenches.of(value).document or None
 
 
 def _one_of(valid: Sequence[str]) -> Check:
-    """Return a check that a value is one of the valid names."""
+    """Return a check that accepts only the valid names."""
 
     def check(name: str, value: Any) -> str:
         check_choice(name, value, valid)
@@ -123,14 +123,14 @@ def _option(
     typed: Mapping[str, Any] | None = None,
     topic: str = LAW,
 ) -> Any:
-    """Return a field of `PlanOptions` with default, help and check."""
+    """Declare a field of `PlanOptions` with its default, help and check."""
     meaning = {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
     return field(default=default, metadata=meaning)
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """All that may be said of a plan beside its robot and its path."""
+    """All options of a plan, beside its robot and its path."""
 
     _: KW_ONLY
     duration: float | None = _option(
@@ -256,7 +256,7 @@ OPTIONS = {one.name: Option(one.name, **one.metadata) for one in fields(PlanOpti
 TYPED = {name: option for name, option in OPTIONS.items() if option.typed is not None}
 
 
-# ------------------------------------------------------------------ functions that take them
+# ------------------------------------------------------------------ functions that take the options
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -265,13 +265,12 @@ R = TypeVar("R")
 def _with_parameters_of(
     _: Callable[P, PlanOptions],
 ) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
-    """Return a decorator that gives **options the signature and the help of `PlanOptions`."""
-
+    """Make a decorator that gives **options the signature and the help of `PlanOptions`."""
     named = inspect.signature(PlanOptions).parameters.values()
     listed = "\n".join(option.documentation for option in OPTIONS.values())
 
     def decorator(function: Callable[..., R]) -> Callable[Concatenate[ParallelRobot, Path, P], R]:
-        """Replace the last parameter by the options, {options} by their help."""
+        """Replace the last parameter by the options, and {options} in the docstring by their help."""
         signature = inspect.signature(function)
         *positional, _ = signature.parameters.values()
         function.__signature__ = signature.replace(parameters=[*positional, *named])  # type: ignore[attr-defined]

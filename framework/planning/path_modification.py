@@ -1,13 +1,14 @@
-"""The smallest change of a path that lets a robot cross where no timing can.
+"""The least bend of a path that lets a robot cross where no timing can.
 
-Where a path runs orthogonal to t_s, s" has no hold on condition (8). So its tangent at the crossing c is
-turned towards t_s, x(s) + size d b(s) with d the coordinates that move the platform along t_s and
+Where a path runs orthogonal to t_s, s" has no effect on condition (8). So the tangent at the crossing s = c
+is turned towards t_s: the path becomes x(s) + size d b(s), where d are the coordinate rates that move the
+platform along t_s, and
 
     b(s) = (s / m)^(N m) ((1 - s) / (1 - m))^(N (1 - m)),  b"(c) = 0,
 
-a bump with its peak, 1, at m and its steepest slope at c. Among all m, this one turns the tangent most for a
-given size of the bump. The crossing moves along. The ends stay, and the bent path is a spline through points
-of that curve: everything is proved on the spline.
+is a bump of height 1 at m with its steepest slope at c. Among all m, this one turns the tangent most for a
+given height of the bump. The crossing shifts a little with the bend; the ends stay. The bent path is a spline
+through points of that curve, and all proofs are made on the spline.
 """
 
 from __future__ import annotations
@@ -30,27 +31,30 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 
-MAX_BEND_SHARE = 0.05  # of the path's length: a bend beyond that makes another path
-END_SHARE = 0.15  # in s: nearer to an end the bump would not vanish smoothly there
-BEND_SAMPLES = 1001  # equidistant places at which the size of a bend is measured
-# bends to each side, each twice the last, from 0.04 % of the path on: less is a matter of making the robot
-DOUBLED_BENDS, COMPARED_BENDS = 8, 6  # the latter from the least sufficient one to the largest
-BISECTIONS, RESERVE = 3, 1.1  # the least bend is then known to 2^(1/8), 9 %; factor on it
+MAX_BEND_SHARE = 0.05  # of the path's length; a larger bend would make another path
+END_SHARE = 0.15  # in s: at crossings nearer to an end the bump would not vanish smoothly there
+BEND_SAMPLES = 1001  # equidistant values of s at which the size of a bend is measured
+# Bends tried to each side, each twice the last. The first, 0.04 % of the path, is of the size of errors in
+# building a robot.
+# Later, COMPARED_BENDS go from the least sufficient bend to the largest.
+DOUBLED_BENDS, COMPARED_BENDS = 8, 6
+# After the bisections the least bend is known to a factor of 2^(1/8), 9 %; the reserve is a factor on it.
+BISECTIONS, RESERVE = 3, 1.1
 MIN_INTERVALS = 9  # of the bent spline
 
 
 class BendChoice(NamedTuple):
-    """A bend over the path's length, and torque peaks [N m] by joint."""
+    """A bend over the path's length, and the torque peaks [N m, N] of its plan, by joint."""
 
     share: float
     peak_torque: dict[str, float]
 
 
 class ModifiedPathPlan(NamedTuple):
-    """A plan, and the distance of its path from the path asked for.
+    """A plan, and the distance of its path from the requested path; 0 if no bend was needed.
 
-    moved, turned: the largest distance [m], and the largest norm of the difference of rotation vectors
-    [rad], between points of the same s; both 0 where no bend was needed.
+    moved, turned: the largest distance [m], and the largest norm of the difference of the rotation vectors
+        [rad], between points of equal s.
     share: the largest distance over the path's length, turns multiplied by the robot's length.
     choices: this bend and larger ones to the same side, with the torques of their plans.
     """
@@ -65,19 +69,19 @@ class ModifiedPathPlan(NamedTuple):
 def plan_request_with_modified_path(
     robot: ParallelRobot, request: Request, *, bend: float | None = None
 ) -> ModifiedPathPlan:
-    """Plan a request; bend the path where no law can cross.
+    """Plan a request; if no law can cross, bend the path.
 
-    The crossing most orthogonal to t_s is bent. Bends are tried to both sides, each twice the last, until the
-    request is planned, within its limits if it has any. The least bend is bisected between that and the last
-    refused one, and a tenth of it added. Without a torque limit the least bend may well need a large torque:
-    `choices` has the torques of larger bends.
+    The path is bent at the crossing whose tangent is the most orthogonal to t_s. Bends are tried to both
+    sides, each twice the last, until the request is planned within its limits. Bisection between this bend
+    and the last refused one then gives the least bend, to which a tenth is added. Without a torque limit the
+    least bend may need a large torque: `choices` has the torques of larger bends.
 
     Args:
-        bend: this share of the path's length instead of the least, to the side with the smaller torques.
+        bend: share of the path's length to bend by instead of the least, to the side of smaller torques.
 
     Raises:
         InvalidInput: a bend that is not in (0, MAX_BEND_SHARE].
-        As `plan_request`; NoLaw with the reason of the path itself where no bend helps.
+        As `plan_request`; NoLaw with the reason of the unbent path where no bend helps.
     """
     if bend is not None and not (is_number(bend) and 0.0 < bend <= MAX_BEND_SHARE):
         raise InvalidInput(
@@ -89,61 +93,46 @@ def plan_request_with_modified_path(
         raise
     except NoLaw as refusal:
         proof = refusal.proof
-        # what is proved of an end of the path holds with any bend, which keeps the ends
+        # a bend keeps the ends of the path: a proof about an end holds with any bend
         at_end = isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
         modification = None if at_end else _modification_at_crossing(robot, request)
         if modification is None:
             raise
         modified = modification.plan_with_least() if bend is None else modification.plan_with(bend)
-        if modified is None:
-            tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
-            raise NoLaw(
-                f"{refusal}; nor does a bend of {tried} % of its length help",
-                proof=proof,
-            ) from None
-    return modified
+        if modified is not None:
+            return modified
+        tried = f"up to {100 * MAX_BEND_SHARE:g}" if bend is None else f"{100 * bend:g}"
+        complaint = f"{refusal}; nor does a bend of {tried} % of its length help"
+        raise NoLaw(complaint, proof=proof) from None
 
 
 class _Modification(NamedTuple):
-    """A request and the unit bend of its path.
-
-    A bend of 1 moves the path by its own length.
-    """
+    """A request and the unit bend of its path, which moves the path by its own length."""
 
     robot: ParallelRobot
     request: Request
     s: Array  # (m,) of the points of the bent spline
-    unit: Array  # (m, n) of which a share is added to these points
-    size: Array  # (n,) [m] of 1 of each coordinate
-    length: float  # [m]
+    unit: Array  # (m, n) displacement of these points by the unit bend
+    size: Array  # (n,) [m] length of each coordinate's unit
+    length: float  # [m] of the path
 
     def plan_bent(self, share: float) -> CrossingPlan | None:
-        """Plan on the path bent by this part of its length.
-
-        None without a plan.
-        """
-        path = self.request.path
-        points = path(self.s) + share * self.unit
-        points[[0, -1]] = path(self.s[[0, -1]])
+        """Plan on the path bent by a share of its length; None without a plan."""
+        points = self.request.path(self.s) + share * self.unit  # zero at both ends
         try:
             request = replace(self.request, path=Spline(points))
             return plan_request(self.robot, request, explained=False)
-        except (NoAnswer, InvalidInput):  # the latter: not as many crossings as times or speeds
+        except (NoAnswer, InvalidInput):  # the latter if the bent path has another number of crossings
             return None
 
     def plan_with(self, bend: float) -> ModifiedPathPlan | None:
-        """Plan with this bend, to the side of smaller torques; None without a plan."""
-        plans = [plan for plan in (self.plan_bent(bend), self.plan_bent(-bend)) if plan is not None]
-        if not plans:
-            return None
-        best = min(plans, key=lambda plan: max(plan.peak_torque.values()))
-        return self._measure(best, choices=())
+        """Plan with this bend to the side of smaller torques; None without a plan."""
+        plans = [plan for plan in map(self.plan_bent, (bend, -bend)) if plan is not None]
+        best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
+        return None if best is None else self._measure(best, choices=())
 
     def plan_with_least(self) -> ModifiedPathPlan | None:
-        """Plan with the least sufficient bend, and with larger ones to compare.
-
-        None without a plan.
-        """
+        """Plan with the least sufficient bend, and compare larger ones; None without a plan."""
         least = self._find_least()
         if least is None:
             return None
@@ -151,17 +140,18 @@ class _Modification(NamedTuple):
         choices = [BendChoice(abs(share), plan.peak_torque)]
         if abs(share) < MAX_BEND_SHARE:
             for size in np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS)[1:].tolist():
-                larger = self.plan_bent(float(np.copysign(size, share)))
-                choices += [] if larger is None else [BendChoice(size, larger.peak_torque)]
+                larger = self.plan_bent(np.copysign(size, share))
+                if larger is not None:
+                    choices.append(BendChoice(size, larger.peak_torque))
         return self._measure(plan, tuple(choices))
 
     def _find_least(self) -> tuple[float, CrossingPlan] | None:
-        """Find the least sufficient bend, signed by its side, and its plan.
+        """Find the least sufficient bend, signed by its side and with a reserve, and its plan.
 
-        A reserve is added. The reserve is left out where the request is not planned with it.
+        The reserve is left out if the request has no plan with it.
         """
         sizes = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]
-        for share in (side * float(size) for size in sizes for side in (1.0, -1.0)):
+        for share in np.outer(sizes, [1.0, -1.0]).ravel().tolist():  # each size to both sides
             plan = self.plan_bent(share)
             if plan is not None:
                 break
@@ -169,7 +159,7 @@ class _Modification(NamedTuple):
             return None
         refused = 0.5 * share
         for _ in range(BISECTIONS if abs(share) > sizes[0] else 0):
-            middle = float(np.copysign(np.sqrt(refused * share), share))
+            middle = np.copysign(np.sqrt(refused * share), share)
             middle_plan = self.plan_bent(middle)
             if middle_plan is None:
                 refused = middle
@@ -180,7 +170,7 @@ class _Modification(NamedTuple):
         return (share, plan) if reserved is None else (with_reserve, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
-        """Measure the distance and the turn between a plan's path and the original."""
+        """Measure the largest distance and turn between a plan's path and the requested one."""
         s = np.linspace(0.0, 1.0, BEND_SAMPLES)
         change = plan.path(s) - self.request.path(s)
         is_translation = self.robot.translations
@@ -191,40 +181,31 @@ class _Modification(NamedTuple):
 
 
 def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modification | None:
-    """Return the bend at the crossing most orthogonal to t_s.
-
-    None without room for a bend.
-    """
+    """Return the bend at the crossing most orthogonal to t_s; None without room for a bend."""
     path = request.path
     searched = search_path(robot, path)
     candidates = [
-        (feasibility.tangent_share, singular)
-        for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
+        (feasibility, singular.twist)
+        for feasibility, singular in zip(feasibility_on_path(searched), searched.points, strict=True)
         if feasibility is not None and END_SHARE < singular.s < 1 - END_SHARE
     ]
     if not candidates:
         return None
-    _, singular = min(candidates, key=lambda pair: pair[0])
-    c = singular.s
+    feasibility, twist = min(candidates, key=lambda pair: pair[0].tangent_share)
+    c = feasibility.s
     size, length = coordinate_sizes(robot), path_length(robot, path)
-    direction = _coordinates_of_twist(robot, path(c), singular.twist)  # d of the head of this file
+    direction = np.linalg.solve(robot.platform.rate_matrix(path(c)[None])[0], twist)  # d of the docstring
     bump = _evaluate_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
-    largest = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m], of the bend b(s) d
+    height = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m] of b(s) d
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
-    unit = _evaluate_bump(s, c)[:, None] * direction * (length / largest)
+    unit = _evaluate_bump(s, c)[:, None] * direction * (length / height)
     return _Modification(robot, request, s, unit, size, length)
 
 
-def _coordinates_of_twist(robot: ParallelRobot, x: Array, twist: Array) -> Array:
-    """Compute the rates (n,) of coordinates x (n,) of a twist (n,)."""
-    twists = robot.platform.twist(np.repeat(x[None], robot.n, axis=0), np.eye(robot.n))[0]  # a row a rate
-    return np.asarray(np.linalg.solve(twists.T, twist))
-
-
 def _choose_intervals(path: Path, c: float) -> int:
-    """Choose the number of intervals with c nearest to the middle of one.
+    """Choose the number of intervals of the bent spline: the crossing c near the middle of one.
 
-    A knot is an edge between panels of time, which a crossing must not meet.
+    A knot between intervals becomes an edge between panels in time, which no crossing may meet.
     """
     least = MIN_INTERVALS + 2 * len(path.knots)
     return min(range(least - 1, least + 3), key=lambda count: abs(c * count % 1.0 - 0.5))
@@ -236,11 +217,11 @@ def _largest_norm(rows: Array) -> float:
 
 
 def _evaluate_bump(s: Array, c: float) -> Array:
-    """Evaluate b(s) of the head of this file for a crossing at c.
+    """Evaluate b(s) of this file's docstring for a crossing at c.
 
-    N = 10: b and two derivatives of it vanish at both ends for c in [END_SHARE, 1 - END_SHARE].
-    c is an inflexion before the peak m where (m - c)^2 (N - 1) = m (1 - m), a quadratic equation in m. For c
-    beyond the middle, the bump is that of 1 - c, mirrored.
+    With N = 10, b and its first two derivatives vanish at both ends for c in [END_SHARE, 1 - END_SHARE]. The
+    point c is an inflexion before the peak m if (m - c)^2 (N - 1) = m (1 - m), a quadratic equation in m. For
+    c > 1/2 the bump of 1 - c is mirrored.
     """
     N, near_end = 10.0, min(c, 1.0 - c)
     half_sum = near_end * (N - 1) + 0.5  # N m^2 - 2 half_sum m + (N - 1) near_end^2 = 0

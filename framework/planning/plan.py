@@ -1,8 +1,7 @@
-"""Plan a crossing: locate the singular points, meet condition (8) in each, prove the torques finite.
+"""Plan a crossing: locate the singular points, meet condition (8) at each, prove that torques are finite.
 
-Two laws are planned with, the polynomial and the optimal one; `_plan_best` chooses. A third is a `PlannedLaw`
-with a function like `_plan_polynomial`, its name in `LAWS` of `options`, and its reading from plan.json in
-`saved`.
+There are two kinds of law, the polynomial and the optimal one; `_plan_best` chooses. A third kind would be a
+`PlannedLaw` with a function like `_plan_polynomial`, a name in `options.LAWS`, and a reader in `saved`.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.result import SingularityCrossing
 from framework.dynamics.singularity_crossings import rigid_crossings
 from framework.errors import (
@@ -42,7 +42,7 @@ from framework.singularity.points_on_path import SearchedPath, check_branch, sea
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
 
-ADVANCES = "the polynomial advances"  # the reason to plan with one
+ADVANCES = "the polynomial advances"  # the reason of a plan with the polynomial
 NEARLY_STOPS = "nearly stops"
 
 
@@ -92,7 +92,8 @@ def plan_request(
     """Plan a request of this robot; see `plan_crossing`.
 
     Args:
-        explained: whether a refusal finds limits and a duration within which there is a law.
+        searched: the path searched for singular points, if at hand.
+        explained: whether a refusal searches for limits and a duration that would admit a law.
 
     Raises:
         As `plan_crossing`.
@@ -108,7 +109,7 @@ def plan_request(
             plan = _plan_best(to_cross, request)
     except SearchEnded as end:
         raise SearchEnded(f"{robot.name}: {end}") from None
-    except UncontrolledMotions:  # a NoLaw to which one condition (8) and its durations say nothing
+    except UncontrolledMotions:  # a NoLaw that a single condition (8) and its durations do not explain
         raise
     except NoLaw as refusal:
         raise with_explanation(refusal, searched, request) from None
@@ -123,10 +124,10 @@ def plan_request(
 
 
 def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with the law of the request, or choose one.
+    """Plan with the kind of law that the request names, or choose the kind.
 
-    A goal, or limits without a duration, ask for the optimal law; the polynomial replaces it where none is
-    found. Else the polynomial comes first. The optimal law replaces it where it is refused, exceeds the
+    A goal, or limits without a duration, ask for the optimal law; if none is found, the polynomial replaces
+    it. Otherwise the polynomial is tried first. The optimal law replaces it if it is refused, exceeds the
     limits, nearly stops, or has its largest torque beside a near miss of the locus.
     """
     if request.law == "optimal":
@@ -138,7 +139,7 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
             with limit_time(None):
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
     try:
-        plan, advance = _plan_polynomial(to_cross, request)
+        plan = _plan_polynomial(to_cross, request)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
@@ -154,14 +155,12 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
         )
     if not request.may_be_optimal or request.speeds is not None:
         return plan
-    return _improve_polynomial(to_cross, plan, advance)
+    return _improve_polynomial(to_cross, plan)
 
 
-def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan, advance: float) -> CrossingPlan:
-    """Plan anew where a polynomial nearly stops or peaks beside a near miss.
-
-    Else return its plan.
-    """
+def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPlan:
+    """Plan with the optimal law if a polynomial nearly stops or peaks beside a near miss."""
+    advance = plan.law.advance(plan.request.smoothness)
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
             f"the polynomial {NEARLY_STOPS}: its least speed is {advance:.2g} of its mean, its largest "
@@ -178,18 +177,14 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan, advance: floa
 def _plan_after_refusal(
     to_cross: PathToCross, request: Request, refusal: NoLaw | NotConverged
 ) -> CrossingPlan:
-    """Plan with the optimal law where the polynomial was refused.
-
-    A second refusal says both reasons.
-    """
-    polynomial = (
-        "the polynomial is not resolved" if isinstance(refusal, NotConverged) else "there is no polynomial"
-    )
-    # the first clause, which says what was not found, without the advice behind it
+    """Plan with the optimal law after a refusal of the polynomial; a second refusal gives both reasons."""
+    is_unresolved = isinstance(refusal, NotConverged)
+    failure = "the polynomial is not resolved" if is_unresolved else "there is no polynomial"
+    # the first clause of a refusal is the reason, the others are advice
     why = str(refusal).removeprefix(f"{to_cross.branch.robot.name}: ").partition("; ")[0]
     try:
         return _plan_optimal(
-            to_cross, request, f"optimal, as {polynomial} over {request.fixed_duration:g} s: {why}"
+            to_cross, request, f"optimal, as {failure} over {request.fixed_duration:g} s: {why}"
         )
     except UncontrolledMotions:
         raise
@@ -211,14 +206,11 @@ def _plan_after_refusal(
 def _plan_polynomial_within_limits(
     to_cross: PathToCross, request: Request, refusal: NoAnswer
 ) -> CrossingPlan:
-    """Plan with the polynomial where the optimal law was refused.
-
-    Beyond the limits, raise that refusal.
-    """
+    """Plan with the polynomial after a refusal of the optimal law; raise that refusal beyond limits."""
     if request.duration is None:
         raise refusal
     try:
-        plan, _ = _plan_polynomial(to_cross, request)
+        plan = _plan_polynomial(to_cross, request)
     except NoAnswer:
         raise refusal from None
     if _limit_ratio(plan) > 1.0:
@@ -232,7 +224,7 @@ def _limit_ratio(plan: CrossingPlan) -> float:
 
 
 def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
-    """Plan with the law of lower peak torque beside a near miss."""
+    """Plan with the kind of law that has the lower peak torque, beside a near miss."""
     why = (
         f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
         f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
@@ -249,34 +241,33 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
-    """Find the near miss beside which a plan has its largest torque.
+    """Find the near miss beside which a plan has its largest torque, if any.
 
-    None without one. The torque is that of the motor with the largest over its limit, or in N m or N. Beside
-    a near miss |g| is about g0 (1 + x^2) with x = (s - s0) / width, and motors need (c + d x) / |g|: the
-    demand along t_s to first order, over the measure. That is largest within |x| <= 1, whatever c and d are.
-    Other torques on top move the largest outwards, so that NEAR_MISS_WIDTHS are looked at.
+    Torques of different motors are compared over their limits, or in N m and N if a motor has no limit.
+
+    Beside a near miss |g| is about g0 (1 + x^2) with x = (s - s0) / width, and the motors need torques
+    (c + d x) / |g|: the demand along t_s, to first order, over the measure. They are largest at some
+    |x| <= 1, for any c and d. Torques of other origin shift the peak outwards, so the search extends to
+    NEAR_MISS_WIDTHS.
     """
     if not near_misses:
         return None
     sampled_times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
     sampled_s = plan.law(sampled_times)
-    # places beside a near miss at which the torques are looked at
-    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)
+    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)  # denser samples beside each near miss
     times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
     times = np.concatenate([sampled_times, *times_beside])
-    limits = [motor.torque_limit for motor in plan.robot.description.actuators]
-    reference = 1.0 if None in limits else np.array(limits, dtype=float)
+    limits = motor_limits(plan.robot, "torque_limit", None)
+    reference = limits if np.isfinite(limits).all() else 1.0
     largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,)
-    s_peak = float(plan.law(times[np.argmax(largest)]))
-    for miss in near_misses:
-        if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width:
-            return miss
-    return None
+    s_peak = plan.law(times[np.argmax(largest)])
+    beside_peak = (miss for miss in near_misses if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width)
+    return next(beside_peak, None)
 
 
 def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
-    """Return the largest torque of a plan over reference (n_a,) [N m, N]."""
-    return float((np.array(list(plan.peak_torque.values())) / reference).max())
+    """Return the largest ratio of a plan's peak torques to the reference (n_a,) [N m, N]."""
+    return max(np.array(list(plan.peak_torque.values())) / reference)
 
 
 def _peak_text(plan: CrossingPlan) -> str:
@@ -287,8 +278,8 @@ def _peak_text(plan: CrossingPlan) -> str:
     return ", ".join(f"{torque:.4g} {unit}" for unit, torque in largest.items())
 
 
-def _plan_polynomial(to_cross: PathToCross, request: Request) -> tuple[CrossingPlan, float]:
-    """Plan with the polynomial law; return the plan and `Law.advance` of its law."""
+def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
+    """Plan with the polynomial law; the plan states the reason for this choice."""
     plan = plan_polynomial(to_cross, request)
     advance = plan.law.advance(request.smoothness)
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
@@ -296,12 +287,12 @@ def _plan_polynomial(to_cross: PathToCross, request: Request) -> tuple[CrossingP
         reason = "it was asked for" if request.law == "polynomial" else "times of the crossings are given"
         if 0 < advance < MIN_POLYNOMIAL_ADVANCE:
             reason += f"; it {NEARLY_STOPS}, at {advance:.2g} of its mean speed: try --law optimal"
-    return replace(plan, reason=reason), advance
+    return replace(plan, reason=reason)
 
 
 def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:
-    """Plan with the optimal law, for a reason that the plan states."""
-    from framework.planning.optimal.optimal_motion import optimal_motion  # which other plans do not need
+    """Plan with the optimal law; the plan states the reason for this choice."""
+    from framework.planning.optimal.optimal_motion import optimal_motion  # slow to import, seldom needed
     from framework.planning.optimal.optimal_task import Task
 
     specification = specification_of(to_cross.branch.robot, request)
@@ -314,10 +305,10 @@ def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> Cross
 def uncertified_law(
     robot: ParallelRobot, path: Path, **options: Any
 ) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """Compute the undeformed robot's law of `plan_crossing` before its proof.
+    """Compute the law of `plan_crossing` for the undeformed robot, before its proof.
 
     Returns:
-        The law, and its crossings: the instants at singular points, with t_s . W_p whether zero or not.
+        The law and its crossings: the instants at singular points, each with t_s . W_p, zero or not.
 
     Raises:
         As `plan_crossing`, but no UnboundedTorque and no NotConverged.
@@ -326,7 +317,7 @@ def uncertified_law(
 
 
 def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tuple[SingularityCrossing, ...]]:
-    """Compute `uncertified_law` of a request, on a path that has been searched.
+    """Compute the `uncertified_law` of a request on a searched path.
 
     Raises:
         As `uncertified_law`.
@@ -336,19 +327,19 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     return law, rigid_crossings(to_cross.branch, to_cross.points, law)
 
 
-# ------------------------------------------------------------------ what a refusal says beside its reason
+# ------------------------------------------------------------------ explanations and remedies of refusals
 
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
-    """Return the refusal with condition (8) at each singular point and a remedy appended."""
-    conditions = [feasibility for feasibility in feasibility_on_path(searched) if feasibility is not None]
-    sentences = [str(refusal), *(feasibility.short_sentence for feasibility in conditions)]
-    explained = NoLaw("; ".join(sentences), proof=refusal.proof, evidence=refusal.evidence)
+    """Append condition (8) at each singular point and a remedy to a refusal."""
+    conditions = [one.short_sentence for one in feasibility_on_path(searched) if one is not None]
+    message = "; ".join([str(refusal), *conditions])
+    explained = NoLaw(message, proof=refusal.proof, evidence=refusal.evidence)
     return explained.advising(find_remedy(refusal, searched, request))
 
 
 def check_limits(plan: CrossingPlan) -> None:
-    """Raise LimitsExceeded where a plan with `keep_limits` exceeds limits."""
+    """Raise LimitsExceeded if a plan with `keep_limits` exceeds limits."""
     exceeded = plan.exceeded if plan.request.keep_limits else {}
     if exceeded:
         listed = "; ".join(f"{joint}: {excess}" for joint, excess in exceeded.items())
@@ -356,14 +347,14 @@ def check_limits(plan: CrossingPlan) -> None:
 
 
 def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:
-    """Return the options of `plan_crossing` to give instead.
+    """Return the options of `plan_crossing` to give instead; None without a remedy.
 
-    None stands for an option to leave out, and for no remedy. A law that was refused is not advised again,
-    the optimal law only where condition (8) does not forbid every law. Limits and durations are those of a
-    law that the search found (`SearchEvidence`). `bend` among the options stands for `path_modification`.
+    An option with the value None is to be left out. A kind of law that was refused is not advised again. The
+    optimal law is advised only if condition (8) admits a law. Limits and durations are those of a law that
+    the search found (`SearchEvidence`). The option `bend` stands for `path_modification`.
     """
     robot = searched.branch.robot
-    if request.at is not None:  # the proofs are of the located points, not of imposed ones
+    if request.at is not None:  # imposed points: the proofs are about the located ones
         return None
     if not request.may_be_optimal:
         may_cross = request.smoothness <= HIGHEST_SMOOTHNESS and is_crossable(searched)
@@ -371,14 +362,14 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
     if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
         return None if refusal.proof.stop else {"bend": True}
     evidence = getattr(refusal, "evidence", None)
-    if robot.n_e or not isinstance(evidence, SearchEvidence):  # its numbers are of the undeformed robot
+    if robot.n_e or not isinstance(evidence, SearchEvidence):  # evidence is about the undeformed robot
         return None
     if evidence.quickest is not None:
         return {"longest" if request.duration is None else "duration": evidence.quickest}
     if evidence.limits is None:
         return None
     remedy = {}
-    for option, limits in evidence.limits.items():  # (n_a,) of each option
-        finite = np.flatnonzero(np.isfinite(limits))
-        remedy[option] = {robot.actuator_names[motor]: float(limits[motor]) for motor in finite}
+    for option, limits in evidence.limits.items():
+        by_joint = zip(robot.actuator_names, limits.tolist(), strict=True)
+        remedy[option] = {joint: limit for joint, limit in by_joint if np.isfinite(limit)}
     return remedy

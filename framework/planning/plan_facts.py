@@ -1,6 +1,6 @@
-"""What a plan says of itself: facts of a label and a text, with units.
+"""The facts that describe a plan, each a label and a text with units.
 
-The printed plan has one line for each fact, the HTML report a row of a table.
+The printed plan has a line for each fact, the HTML report a row of a table.
 """
 
 from __future__ import annotations
@@ -44,14 +44,11 @@ OVERSHOOT = (
     "the law overshoots its ends (s from {0:.6g} to {1:.6g}); other times or speeds, or a higher "
     "--smoothness, avoid it"
 )
-MOVING_END_SPEED = 1e-6  # of the motors' largest: worth a line
+MOVING_END_SPEED = 1e-6  # of the motors' largest speed; above it a warning is due
 
 
 class Fact(NamedTuple):
-    """A fact: a label and a text with units.
-
-    The label is empty where the fact continues another.
-    """
+    """A label and a text with units; the label is empty if the fact continues the one above."""
 
     label: str
     text: str
@@ -63,9 +60,9 @@ class Fact(NamedTuple):
 
 
 def motion_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts on a plan's motion, its proof and its faults.
+    """Return the facts about a plan's motion, its certificate and its faults.
 
-    They are of wrenches, crossings, torques, the certificate, effects left out, and warnings.
+    The order is: wrenches, crossings, torques, certificate, effects left out, warnings.
     """
     wrenches = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
     torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
@@ -75,7 +72,7 @@ def motion_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on an optimal law's cost and turns of speed."""
+    """Return the fact about an optimal law's cost and the turns of its speed; none for other laws."""
     best, law = plan.optimality, plan.law
     if best is None or not isinstance(law, OptimalLaw):
         return []
@@ -97,10 +94,7 @@ def twist_text(robot: ParallelRobot, twist: Array) -> str:
 
 
 def wrench_text(wrench: FrameWrench) -> str:
-    """Return force and moment of a wrench of the world in words.
-
-    Of a table these are the largest along the path.
-    """
+    """Return force and moment of an external wrench in words; of a table, the largest ones."""
     axes = f"axes of {'the frame' if wrench.turns else 'the base'}"
     if wrench.rows.ndim == 1:
         force, moment = point(wrench.rows[:3]), point(wrench.rows[3:])
@@ -114,7 +108,7 @@ def wrench_text(wrench: FrameWrench) -> str:
 
 
 def neglected_text(robot: ParallelRobot, neglected: NeglectedEffect) -> str:
-    """Return an effect that a plan leaves out, with its torque, in words."""
+    """Return a neglected effect with its torque, in words."""
     if neglected.torque is None or neglected.share is None:
         return neglected.effect
     motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0
@@ -125,12 +119,12 @@ def neglected_text(robot: ParallelRobot, neglected: NeglectedEffect) -> str:
 
 
 def excess_facts(exceeded: Mapping[str, str]) -> list[Fact]:
-    """Return the warnings on joints that exceed their limits."""
+    """Return warnings about joints that exceed their limits."""
     return [Fact("warning", f"{joint} exceeds its limits: {excess}") for joint, excess in exceeded.items()]
 
 
 def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts on each crossing: place, twist, speed, shift under loads."""
+    """Return the facts about each crossing: pose, twist, speed, shift under loads."""
     robot, facts = plan.robot, list[Fact]()
     unit = "m" if robot.translations.any() else "rad"
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
@@ -141,14 +135,15 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
         }
         texts = [text.format(crossing, **words) for text in CROSSING]
         facts += map(Fact, ("crossing", ""), texts)
-        facts += [] if loaded is None else [Fact("", LOADED.format(loaded, unit))]
+        if loaded is not None:
+            facts.append(Fact("", LOADED.format(loaded, unit)))
     return facts or [Fact("crossing", "none")]
 
 
 def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the certificate, with idle turns and open loops of robots that have some."""
+    """Return the certificate, with lines for idle turns and rounded loops, if any."""
     robot, certificate = plan.robot, plan.certificate
-    is_deformed = robot.n_e and plan.geometry == "deformed"
+    is_deformed = plan.geometry == "deformed"
     settled = f", deflections settled to {certificate.change:.1e}" if is_deformed else ""
     passes = "pass" if certificate.passes == 1 else "passes"
     facts = [Fact("certificate", CERTIFICATE.format(certificate, passes=passes, settled=settled))]
@@ -160,7 +155,7 @@ def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def _warning_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the warnings on effects left out, limits exceeded, ends in motion and overshoot."""
+    """Return warnings about neglected effects, exceeded limits, moving ends and overshoot."""
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         facts.insert(0, Fact("warning", MUCH_LEFT_OUT))
@@ -173,7 +168,7 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def _idle_turns(robot: ParallelRobot) -> str:
-    """Return the idle turns, still or driven by balls, in words."""
+    """Return the idle turns held still, and the turns that balls drive, in words."""
     driven = driven_turns(robot)
     kinds = {
         "held still": np.setdiff1d(robot.structure.idle, driven),

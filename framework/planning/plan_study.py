@@ -1,7 +1,7 @@
 """A study of plans over the parameters of a robot file: which stiffness, mass or length is enough?
 
-One plan is made for each set of values, with numbers of it that the caller chooses. The sets are computed in
-this process or by any `concurrent.futures.Executor`: of processes, or of a dask cluster.
+Each combination of parameter values gets a plan, and the caller's functions compute numbers of the plan. The
+plans are made in this process or by any `concurrent.futures.Executor`, of processes or of a dask cluster.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from framework.planning.plan import plan_crossing
 from framework.planning.result import CrossingPlan
 from framework.planning.scenes import plan_scene
 
-REFUSALS = (NoAnswer, RobotFileError, SingularReference)  # of one set; other errors are those of the call
+REFUSALS = (NoAnswer, RobotFileError, SingularReference)  # of one combination; other errors end the study
 Quantities = Mapping[str, Callable[[CrossingPlan], float]]
 
 
 @dataclass(frozen=True, eq=False)
 class PlanStudy(ReadOnlyArrays):
-    """Quantities of the plans of D sets of parameters, NaN without a plan."""
+    """Quantities of the plans for D combinations of parameter values; NaN without a plan."""
 
     parameters: Mapping[str, Array]  # (D,) values, by name
     quantities: Mapping[str, Array]  # (D,) by name
-    why: tuple[str, ...]  # (D,) empty, or why there is no plan
+    why: tuple[str, ...]  # (D,) the reason why there is no plan; empty with a plan
 
 
 def plan_study(
@@ -57,10 +57,10 @@ def plan_study(
         file: of the robot, which declares the parameters, or its name in the catalogue.
         motion: path to follow, or the name of a scene.
         parameters: values of each parameter, by name.
-        quantities: functions of a plan, each to one number, by name; executors of processes take only
-            functions that can be pickled.
-        executor: where the plans are made, by default this process; `numerics.tasks.executor_of` makes one.
-        progress: called with the number of plans that are done.
+        quantities: functions by name, each from a plan to a number; executors of processes need functions
+            that can be pickled.
+        executor: makes the plans, by default this process; `numerics.tasks.executor_of` creates one.
+        progress: called with the number of plans done.
         options: of `plan_crossing`.
 
     Raises:
@@ -77,23 +77,24 @@ def plan_study(
         raise InvalidInput(f"{path}: {choose_from('parameter', unknown, declared)}")
     if WHY in quantities:
         raise InvalidInput(f"quantities: {WHY!r} is the name of the reasons; choose another")
-    sets = [dict(zip(parameters, values, strict=True)) for values in product(*parameters.values())]
-    if not sets:
+    combinations = [dict(zip(parameters, values, strict=True)) for values in product(*parameters.values())]
+    if not combinations:
         raise InvalidInput("parameters: needs at least one value of each")
-    plan_set = partial(_plan_set, path, flexibility, motion, options, quantities)
+    plan_combination = partial(_plan_combination, path, flexibility, motion, options, quantities)
     columns = complete_chunks(
-        partial(compute_rows, plan_set, tuple(quantities), REFUSALS),
-        {str(k): [one] for k, one in enumerate(sets)},
+        partial(compute_rows, plan_combination, tuple(quantities), REFUSALS),
+        {str(k): [combination] for k, combination in enumerate(combinations)},  # one plan a chunk
         lambda chunk: {},
         executor=executor,
         keeper=None,
         progress=lambda names: progress(len(names)),
     )
     why = tuple(columns.pop(WHY).tolist())
-    return PlanStudy({name: np.array([one[name] for one in sets]) for name in parameters}, columns, why)
+    values_by_name = {name: np.array([chosen[name] for chosen in combinations]) for name in parameters}
+    return PlanStudy(values_by_name, columns, why)
 
 
-def _plan_set(
+def _plan_combination(
     file: str,
     flexibility: str,
     motion: Path | str,
@@ -101,11 +102,12 @@ def _plan_set(
     quantities: Quantities,
     parameters: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """Compute the quantities of the plan with one set of parameters.
+    """Compute the quantities of the plan for one combination of parameter values.
 
-    Raises one of REFUSALS.
+    Raises:
+        REFUSALS: there is no plan.
     """
     robot = load_robot(file, flexibility=flexibility, parameters=parameters)
-    planned = plan_scene if isinstance(motion, str) else plan_crossing
-    plan = planned(robot, motion, **options)  # type: ignore[arg-type]
-    return {name: float(of(plan)) for name, of in quantities.items()}
+    plan_motion = plan_scene if isinstance(motion, str) else plan_crossing
+    plan = plan_motion(robot, motion, **options)  # type: ignore[arg-type]
+    return {name: float(measure(plan)) for name, measure in quantities.items()}

@@ -1,17 +1,17 @@
-"""The crossing of a planar robot as functions of the path coordinate, apart from the motion law.
+"""The crossing of a planar robot as functions of the path coordinate, independent of the motion law.
 
 With ds/dt = v and d2s/dt2 = a the motor torques and t_s . W_p are
 
-    torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a,
+    torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a.
 
-whose numerators are smooth through the singular point, where the measure g vanishes. So a page can evaluate
-any law.
+The numerators are smooth through the singular point, where the measure g vanishes. From samples of the
+coefficients the page of a lesson can evaluate any law.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,30 +31,28 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, twist_norm
 
-PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the best laws
-STEP_ASIDE = 1e-3  # [robot lengths] of the platform, for how the robot follows it
+PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the planned laws
+STEP_ASIDE = 1e-3  # [robot lengths] displacement of the platform, to show how the joints follow
+GRAVITY = {"off": 0.0, "on": 9.81}  # [m/s^2]
 
 
 class PlanarCrossing(NamedTuple):
-    """A planar robot's path across its locus, with gravity off and on.
-
-    It has the best law for each.
-    """
+    """A planar robot's path across its locus, with a plan for gravity off and on."""
 
     searched: SearchedPath
     robots: dict[str, ParallelRobot]  # by "off" and "on"
-    plans: dict[str, CrossingPlan]  # of least peak torque in the duration
+    plans: dict[str, CrossingPlan]  # of least peak torque in the given duration
 
     @property
     def point(self) -> SingularPoint:
         return self.searched.points[0]
 
     def sample(self, s: Array) -> dict[str, Array]:
-        """Sample the crossing at s (M,), ascending, none the crossing itself.
+        """Sample the crossing at ascending s (M,), all beside the singular point.
 
-        Twists and motions are divided by one number: the norm of the twist at the crossing, with the sign
-        that makes t_s point along the path. Motor speeds are G v for a twist v of the platform. So a force f
-        on the platform is held by the torques (G')^-1 f, which have a pole where g vanishes. Gravity changes
+        Twists and motions are divided by one number: the norm of the twist at the crossing, signed so that
+        t_s points along the path. Motor speeds are G v for a twist v of the platform, so the torques
+        (G')^-1 f balance a force f on the platform; they have a pole where g vanishes. Gravity changes
         neither poses nor twists.
 
         Returns:
@@ -65,12 +63,11 @@ class PlanarCrossing(NamedTuple):
             torques times g: constant [N m], per (ds/dt)^2 and per d2s/dt2 [N m s^2]; power_off, power_on
             (M, 3), t_s . W_p likewise.
         """
-        robot, branch = self.robots["off"], self.searched.branch
-        closed = branch.close(s)
+        robot, closed = self.robots["off"], self.searched.branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
         scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
         G = motor_speeds(robot, closed.linearised)[0]  # (M, n_a, n)
-        g, motion = measure.g[:, None, None], measure.motion / scale
+        g = measure.g[:, None, None]
         samples = {
             "q": closed.q,
             "q_aside": _close_aside(robot, closed),
@@ -79,46 +76,41 @@ class PlanarCrossing(NamedTuple):
             "motor_speed": G,
             "torque_of_force": g * np.linalg.inv(G.transpose(0, 2, 1)),
         }
-        for gravity, one in self.robots.items():
-            torque, samples[f"power_{gravity}"] = self._forces(one, s, motion)
-            samples[f"torque_{gravity}"] = g * torque
+        for gravity in GRAVITY:
+            samples[f"power_{gravity}"] = self._power_terms(gravity, s, closed, measure.motion / scale)
+            samples[f"torque_{gravity}"] = g * self._torque_terms(gravity, s)
         return samples
 
     def _twist_scale(self, nearest: Array) -> float:
-        """Compute the norm of the crossing's twist, negative if `nearest` points backwards.
-
-        `nearest` has the shape (n,).
-        """
+        """Compute the norm of the crossing's twist, negative if the twist `nearest` (n,) points backwards."""
         robot, branch, s = self.robots["off"], self.searched.branch, self.point.s
         _, twist = _measure_with_twist(robot, branch.close(np.array([s])))
         return twist_norm(robot, twist[0]) * sign_along(nearest, branch.path(s, 1))
 
-    def _forces(self, robot: ParallelRobot, s: Array, motion: Array) -> tuple[Array, Array]:
-        """Compute torques (M, 3, n_a) and t_s . W_p (M, 3) at s (M,).
+    def _torque_terms(self, gravity: str, s: Array) -> Array:
+        """Compute the torques (M, 3, n_a) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2."""
+        branch = replace(self.searched.branch, robot=self.robots[gravity])
+        torque = demand(branch, Smoothstep(0), s).torque
+        return np.stack([torque.constant, torque.per_z, torque.per_u], axis=1)
 
-        t_s . W_p is the power of the forces of the open tree in the uncontrolled motion (M, nv): of weight,
-        of inertia at ds/dt = 1 and at d2s/dt2 = 1.
+    def _power_terms(self, gravity: str, s: Array, closed: ClosedStack, motion: Array) -> Array:
+        """Compute t_s . W_p (M, 3) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
+
+        It is the power of the open tree's forces in the uncontrolled motion (M, nv): of weight, of inertia at
+        ds/dt = 1 and of inertia at d2s/dt2 = 1.
         """
-        branch = self.searched.branch
-        closed = branch.close(s)
-        slope, bend = branch.path(s, 1), branch.path(s, 2)
-        parts = (
+        robot, path = self.robots[gravity], self.searched.branch.path
+        slope = path(s, 1)
+        forces = (
             static_forces(robot, closed.q),
-            inertial_forces(robot, motion_at(robot, closed, slope, bend)),
+            inertial_forces(robot, motion_at(robot, closed, slope, path(s, 2))),
             inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope)),
         )
-        torque = demand(replace(branch, robot=robot), Smoothstep(0), s).torque
-        return (
-            np.stack([torque.constant, torque.per_z, torque.per_u], axis=1),
-            np.stack([np.sum(part * motion, axis=1) for part in parts], axis=1),
-        )
+        return np.sum(np.stack(forces, axis=1) * motion[:, None], axis=2)
 
 
 def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
-    """Close the loops (n, 2, M, nq) beside the path, along each axis.
-
-    The platform is one STEP_ASIDE along and against the axis.
-    """
+    """Close the loops with the platform one STEP_ASIDE along and against each axis: q (n, 2, M, nq)."""
     poses = []
     for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis
         poses.append([close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)])
@@ -126,7 +118,7 @@ def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
 
 
 def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:
-    """Compute the measure of singularity, and the twist (M, n) of its motion."""
+    """Compute the measure of singularity, and the twist (M, n) of its uncontrolled motion."""
     measure = singularity_measure(robot, closed.linearised)
     return measure, np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
 
@@ -135,13 +127,13 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     """Plan the laws of least peak torque with gravity off and on.
 
     Args:
-        robot: rigid, without damping; its platform shifts in a plane, by as many motors as axes.
+        robot: rigid and without damping; the platform has two translations and as many motors.
         path: crosses the singular locus once.
         duration: of the motion [s].
-        upwards: (3,) against gravity, where it is on.
+        upwards: unit vector (3,) against gravity.
 
     Raises:
-        InvalidInput: the robot is not of this kind.
+        InvalidInput: the robot is of another kind.
         NoAnswer: the path does not cross the singular locus once.
         As `plan_crossing` with law "optimal".
     """
@@ -162,19 +154,18 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             f"{robot.name}: a lesson needs a path that crosses the singular locus once (transversal); this "
             f"one meets it {', '.join(met) or 'nowhere'}"
         )
-    robots = {name: _with_gravity(robot, -size * upwards) for name, size in (("off", 0.0), ("on", 9.81))}
-    options: dict[str, Any] = {
-        "law": "optimal",
-        "optimize": "peak_torque",
-        "smoothness": PATH_SMOOTHNESS,
-        "torque_limit": np.inf,  # whatever the file says: the reader of a lesson sets the limits
-        "speed_limit": np.inf,
-    }
-    plans = {name: plan_crossing(one, path, duration=duration, **options) for name, one in robots.items()}
+    robots, plans = {}, {}
+    for name, size in GRAVITY.items():
+        x, y, z = (-size * upwards).tolist()
+        robots[name] = ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))
+        plans[name] = plan_crossing(
+            robots[name],
+            path,
+            duration=duration,
+            law="optimal",
+            optimize="peak_torque",
+            smoothness=PATH_SMOOTHNESS,
+            torque_limit=np.inf,  # instead of the file's limits: the reader of a lesson sets them
+            speed_limit=np.inf,
+        )
     return PlanarCrossing(searched, robots, plans)
-
-
-def _with_gravity(robot: ParallelRobot, gravity: Array) -> ParallelRobot:
-    """Return the robot under another gravity (3,) [m/s^2]."""
-    x, y, z = map(float, gravity)
-    return ParallelRobot.from_description(replace(robot.description, gravity=(x, y, z)))

@@ -1,4 +1,4 @@
-"""The paper's law: one polynomial through the times, speeds and accelerations of its crossings."""
+"""The law of the paper: one polynomial with given s, s' and s" at its crossings."""
 
 from __future__ import annotations
 
@@ -37,17 +37,16 @@ OF_A_SCENE = (
 def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose an open timing.
 
-    Deflections move the crossing points: then a law is solved for in each pass, and the last one is checked
-    again.
+    Deflections shift the crossing points. Then each pass solves for a law, and the last law is checked, too.
 
     Raises:
         As `plan_crossing`.
     """
     name, timing = to_cross.branch.robot.name, timing_of(to_cross, request)
-    conditions_of: dict[MotionLaw, list[Condition8]] = {}  # of the laws of all passes, the last one included
+    conditions_of: dict[MotionLaw, list[Condition8]] = {}  # by the law of each pass
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
-        """Solve for the law at given deflections; check the first one."""
+        """Solve for the law at given deflections; check the first law."""
         if deflections is None or request.geometry != "deformed":
             crossings = _undeformed_crossings(to_cross)
         else:
@@ -67,7 +66,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     )
     law = dynamics.law
     assert isinstance(law, Law)
-    if len(conditions_of) > 1:  # else it is the first law, which has been checked
+    if len(conditions_of) > 1:  # otherwise it is the first law, already checked
         _check_advance(law, request, dynamics.crossings, name)
     return certified_plan(to_cross, request, dynamics, law, timing, conditions=conditions_of[law])
 
@@ -87,13 +86,17 @@ def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
 def _check_advance(
     law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
 ) -> None:
-    """Refuse a law as `check_advance` does; pass one that always advances without sampling."""
+    """Refuse a law as `check_advance` does, without sampling if the law always advances."""
     if law.advance(request.smoothness) <= 0:
         check_advance(law, [crossing.s for crossing in crossings], name)
 
 
 def _undeformed_crossings(to_cross: PathToCross) -> list[tuple[CrossingPoint, Condition8]]:
-    """Return the undeformed robot's crossing points with conditions (8); refuse as `condition_at`."""
+    """Return the crossing points of the undeformed robot with their conditions (8).
+
+    Raises:
+        As `condition_at`.
+    """
     return [
         (point, require_effect(to_cross.branch, point, condition, deflection=None))
         for point, condition in to_cross.undeformed_crossings
@@ -106,10 +109,7 @@ def _deformed_crossings(
     deflections: TimeFunction,
     law: MotionLaw | None,
 ) -> list[tuple[CrossingPoint, Condition8]]:
-    """Compute the deflected robot's crossing points and conditions (8).
-
-    They are sought near the points of `law`.
-    """
+    """Compute the crossing points of the deflected robot near the crossings of `law`, with conditions (8)."""
     branch, crossings = to_cross.branch, []
     for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
         deflection = Deflection.evaluate(deflections, time)
@@ -125,10 +125,11 @@ def _solve_law(
     request: Request,
     name: str,
 ) -> Law:
-    """Solve for the polynomial through the crossings with their speeds and accelerations.
+    """Solve for the polynomial through the crossings, with their speeds and accelerations.
 
     Raises:
-        NoLaw, InvalidInput: there is none; times of the user are an input, chosen ones are not.
+        InvalidInput: there is none with the user's times.
+        NoLaw: there is none with chosen times.
     """
     duration = request.fixed_duration
     values = [
@@ -149,7 +150,7 @@ def _solve_law(
 
 
 def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
-    """Return times and speeds of the undeformed robot's crossings; choose the open ones."""
+    """Return the times and speeds of the undeformed robot's crossings; choose the open ones."""
     duration = request.fixed_duration
     if not to_cross.crossing_points:
         return ()
@@ -164,7 +165,7 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
     s = [point.s for point, _ in crossings]
 
     def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
-        """Measure the laws through times and speeds (m, k), accelerations by condition (8)."""
+        """Measure the laws through times and speeds (m, k), with accelerations by condition (8)."""
         accelerations = [
             condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)
         ]

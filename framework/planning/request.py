@@ -1,4 +1,4 @@
-"""The request of a plan: one record, checked when it is made, from a scene, a command line or a call."""
+"""The request of a plan: a record that is checked when it is made, by a scene, a command line or a call."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path, expect_path
 from framework.planning.options import OPTIONS, PlanOptions, takes_options
 
-MAX_PATHS_PER_DURATION = 1e6  # s' at a crossing times the duration; what a law can keep is a few
-SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends: elastic, rigid
+MAX_PATHS_PER_DURATION = 1e6  # largest s' at a crossing times the duration; feasible laws have a few
+SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends, for elastic and rigid robots
 MAX_SMOOTHNESS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request(PlanOptions):
-    """A path and the options of its plan, completed for one robot.
+    """A path and the options of its plan, completed for one robot by `Request.of`.
 
-    `Request.of` makes one. What was left open and depends on the robot alone is filled in: geometry and
-    smoothness. What planning has to choose is None: the duration, times and speeds of crossings, `at` where
-    the singular points are to be located, and `optimize`. Limits are those stated, in their
-    shortest form (`motor_limits.shortest_form`); None leaves them to the robot file.
+    Geometry and smoothness have defaults that depend on the robot alone; they are filled in. None stands for
+    what planning has to choose: the duration, times and speeds of crossings, `optimize`, and `at` if the
+    singular points are to be located. Limits are those stated, in their shortest form
+    (`motor_limits.shortest_form`); None stands for the limits of the robot file.
 
     Raises:
-        InvalidInput: numbers or options that cannot be right, or that contradict each other.
+        InvalidInput: an option is invalid, or options contradict each other.
     """
 
     path: Path
@@ -41,10 +41,10 @@ class Request(PlanOptions):
     @staticmethod
     @takes_options
     def of(robot: ParallelRobot, path: Path, **options: Any) -> Request:
-        """Return the checked request of a path and options of `plan_crossing`.
+        """Return the checked request for a path and options of `plan_crossing`.
 
         Raises:
-            InvalidInput: an option that cannot be right; lists valid ones.
+            InvalidInput: an option is invalid; the message lists valid ones.
         """
         expect_robot(robot)
         expect_path(path)
@@ -52,22 +52,28 @@ class Request(PlanOptions):
             "geometry": checked_geometry(robot, options.get("geometry")),
             "smoothness": checked_smoothness(robot, options.get("smoothness")),
         }
+        limits = {}
         for name in ("torque_limit", "speed_limit"):
+            limits[name] = motor_limits(robot, name, options.get(name))
             if options.get(name) is not None:
-                filled_in[name] = shortest_form(motor_limits(robot, name, options[name]))
+                filled_in[name] = shortest_form(limits[name])
         request = Request(path=path, **{**options, **filled_in})
         request.external_wrenches.check_frames(robot)
-        request.check_limited(robot)
+        if request.goal == "time" and np.isinf(list(limits.values())).all():
+            raise InvalidInput(
+                "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
+                "the quickest"
+            )
         return request
 
     def __post_init__(self) -> None:
-        """Check each option, then the options of the law against each other."""
+        """Check each option by itself, then options of the law against each other."""
         expect_path(self.path)
-        for option in OPTIONS.values():
-            value = getattr(self, option.name)
-            is_left_out = value is None and getattr(PlanOptions, option.name) is None  # by default
-            if option.check is not None and not is_left_out:
-                object.__setattr__(self, option.name, option.check(option.name, value))
+        for name, option in OPTIONS.items():
+            value = getattr(self, name)
+            is_left_open = value is None and getattr(PlanOptions, name) is None  # None is the default
+            if option.check is not None and not is_left_open:
+                object.__setattr__(self, name, option.check(name, value))
         self._check_crossings()
         if self.bounded and self.law == "polynomial":
             raise InvalidInput(
@@ -82,8 +88,9 @@ class Request(PlanOptions):
     def kind(self) -> str:
         """The kind of law: polynomial, optimal or auto.
 
-        Auto is the polynomial where that advances and keeps limits. A goal or a bound of the duration ask for
-        the optimal law. So do limits without a duration, and limits beside times, which are then refused.
+        Auto is the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks for
+        the optimal law. So do limits without a duration, and limits together with times (a contradiction,
+        which is then refused).
         """
         chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
         if chosen or (self.bounded and (self.duration is None or self.times is not None)):
@@ -92,53 +99,42 @@ class Request(PlanOptions):
 
     @property
     def external_wrenches(self) -> ExternalWrenches:
-        """The wrenches of the world along the path."""
+        """The external wrenches along the path."""
         return ExternalWrenches.of(self.wrenches)
 
     @property
     def goal(self) -> str:
         """The goal of an optimal law."""
-        return "peak_torque" if self.optimize is None else self.optimize
+        return self.optimize or "peak_torque"
 
     @property
     def may_be_optimal(self) -> bool:
-        """Whether an optimal law would do."""
+        """Whether the request admits an optimal law."""
         return self.kind == "optimal" or (self.kind == "auto" and self.smoothness <= HIGHEST_SMOOTHNESS)
 
     @property
     def fixed_duration(self) -> float:
-        """The duration [s] of a law that cannot choose its own.
-
-        Raises InvalidInput if it is open.
-        """
+        """The duration [s] of a polynomial law; raises InvalidInput if open."""
         if self.duration is None:
             raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
         return self.duration
 
     @property
     def bounded(self) -> bool:
-        """Whether limits, a bound of the duration or a goal are asked for."""
+        """Whether the request states limits, a bound of the duration or a goal."""
         limits = is_limited(self.torque_limit) or is_limited(self.speed_limit) or self.margin > 0
         return limits or self.optimize is not None or self.longest is not None
 
-    def check_limited(self, robot: ParallelRobot) -> None:
-        """Raise InvalidInput where the least time is asked of motors without any limit."""
-        limits = [motor_limits(robot, name, getattr(self, name)) for name in ("torque_limit", "speed_limit")]
-        if self.goal == "time" and np.isinf(limits).all():
-            raise InvalidInput(
-                "torque_limit or speed_limit is needed, given or in the robot file: without limits no law is "
-                "the quickest"
-            )
-
     def _check_crossings(self) -> None:
         """Check speeds [1/s], times [s] and path coordinates of crossings."""
+        largest = np.inf if self.duration is None else MAX_PATHS_PER_DURATION / self.duration
         for speed in self.speeds or ():
             if speed <= 0:
                 raise InvalidInput(f"speeds: s' at a crossing must be greater than zero, got {speed:g}")
-            if self.duration is not None and speed > MAX_PATHS_PER_DURATION / self.duration:
+            if speed > largest:
                 raise InvalidInput(
-                    f"speeds: s' at a crossing must be at most {MAX_PATHS_PER_DURATION / self.duration:g} "
-                    f"1/s, a million paths in the duration, got {speed:g}"
+                    f"speeds: s' at a crossing must be at most {largest:g} 1/s, a million paths in the "
+                    f"duration, got {speed:g}"
                 )
         for name, values in (("times", self.times), ("at", self.at)):
             if values is not None and np.any(np.diff(values) <= 0):
@@ -148,7 +144,7 @@ class Request(PlanOptions):
                 raise InvalidInput(f"at: path coordinates must lie in (0, 1), got {s:g}")
 
     def _check_optimal(self) -> None:
-        """Refuse options that contradict the optimal law, with the change that mends the request."""
+        """Refuse options that contradict the optimal law; advise the change that corrects the request."""
         if self.times is not None:
             raise InvalidInput("times: belong to the polynomial; the optimal law finds its own").advising(
                 {"times": None, "speeds": None}
@@ -172,12 +168,13 @@ class Request(PlanOptions):
 
 
 def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
-    """Return the number of derivatives of s that vanish at both ends.
+    """Return the number of derivatives of s that vanish at both ends, by default the least.
 
-    By default it is the number that the torque contains.
+    The least number is the order of the highest derivative of s in the torques.
 
     Raises:
-        InvalidInput: no whole number, or one of them would make the torque jump at the ends.
+        InvalidInput: it is no whole number, or so small that the torques would jump at the ends, or too
+            large.
     """
     least = SMOOTHNESS[robot.n_e > 0]
     if smoothness is None:

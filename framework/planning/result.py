@@ -1,4 +1,4 @@
-"""The result of planning: the crossings, the law with its torques, and its proof."""
+"""The result of planning: the crossings, the law with its torques, and the certificate."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import IO
 import numpy as np
 
 from framework.dynamics.loaded_measure import LoadedPoint, loaded_point
+from framework.dynamics.motor_limits import motor_limits
 from framework.dynamics.result import Certificate, InverseDynamics, SingularityCrossing
 from framework.errors import format_distinct
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -29,16 +30,17 @@ from framework.planning.timing import CrossingTime
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
 
-PEAK_SAMPLES = 2001  # equidistant instants at which positions, and places of peaks, are looked at
+PEAK_SAMPLES = 2001  # equidistant instants at which positions are checked and peaks are located
 
 
 @dataclass(frozen=True, eq=False)
 class Crossing(ReadOnlyArrays):
     """A crossing of a Type 2 singularity, measured on the finished motion.
 
-    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` holds the
-    coefficients of condition (8) there where the law was made to meet it, None when nothing was asked and
-    it holds all the same. `residual` is |t_s . W_p| over the largest sum of its terms along the motion.
+    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` are the
+    coefficients of condition (8) that the law was made to meet; None if condition (8) holds there although
+    the request did not ask for it. `residual` is |t_s . W_p| over the largest sum of the absolute values of
+    its terms along the motion.
     """
 
     s: float
@@ -54,11 +56,11 @@ class Crossing(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Optimality(ReadOnlyArrays):
-    """The specification of an optimal law, and how good the law is.
+    """The specification of an optimal law, and the quality of the law.
 
-    reference: torques (n_a,) [N m] that its peak and energy are relative to.
-    gap: its cost over the least one found, less 1: of laws however restless, on the same cells, in at most
-        the same duration. That is no bound of all laws.
+    reference: torques (n_a,) [N m] that peak and energy are relative to.
+    gap: cost of the law over the least cost found, less 1. The least cost is that of laws on the same cells,
+        in at most the same duration, that need not be smooth. It does not bound the cost of all laws.
     """
 
     specification: Specification
@@ -70,7 +72,7 @@ class Optimality(ReadOnlyArrays):
 class CrossingPlan:
     """A motion law with its torques and its certificate.
 
-    Times are in [s]; t (T,) gives (T, n_a).
+    Functions of time take t (T,) [s] and return one row for each instant.
     """
 
     robot: ParallelRobot
@@ -79,8 +81,8 @@ class CrossingPlan:
     crossings: tuple[Crossing, ...]
     dynamics: InverseDynamics
     certificate: Certificate
-    seconds: float = 0.0  # time that planning took
-    reason: str = ""  # why the law is of its kind
+    seconds: float = 0.0  # computing time of planning
+    reason: str = ""  # for the choice of the kind of law
     optimality: Optimality | None = None  # of an optimal law
 
     @property
@@ -89,7 +91,7 @@ class CrossingPlan:
 
     @cached_property
     def loaded_points(self) -> tuple[LoadedPoint | None, ...]:
-        """The singular points of the loaded robot, one beside each of `crossings`.
+        """The singular point of the loaded robot near each of `crossings`.
 
         None for rigid robots and rigid geometry; see `framework.dynamics.loaded_measure`.
         """
@@ -120,76 +122,65 @@ class CrossingPlan:
         return self.dynamics.platform(t, order)
 
     def configuration(self, t: ArrayLike) -> Array:
-        """Evaluate all joint coordinates q (T, nq), a scalar t (nq,)."""
+        """Evaluate all joint coordinates q (T, nq); a scalar t gives (nq,)."""
         q = self.dynamics.configuration(t)
         return q if np.ndim(t) else q[0]
 
     def velocity(self, t: ArrayLike, order: int = 1) -> Array:
-        """Evaluate joint velocities or accelerations (T, nv), a scalar t (nv,).
-
-        The order is 1 or 2.
-        """
+        """Evaluate joint velocities (order 1) or accelerations (order 2), (T, nv); a scalar t gives (nv,)."""
         v = self.dynamics.velocity(t, order)
         return v if np.ndim(t) else v[0]
-
-    @property
-    def _times(self) -> Array:
-        """Instants (PEAK_SAMPLES,) [s] at which limits are looked at."""
-        return np.linspace(0.0, self.duration, PEAK_SAMPLES)
 
     @cached_property
     def peak_torque(self) -> dict[str, float]:
         """Largest |torque| [N m] of each motor, by joint."""
-        return dict(zip(self.robot.actuator_names, map(float, self._peaks[0]), strict=True))
+        return dict(zip(self.robot.actuator_names, self._peaks[0].tolist(), strict=True))
 
     @property
     def neglected_friction(self) -> str:
-        """Dry friction that is not planned with, by joint; empty without any."""
+        """Dry friction that the torques do not contain, by joint; empty without any."""
         return self.robot.friction_sizes(np.flatnonzero(neglected_friction(self.dynamics)))
 
     @cached_property
     def neglected(self) -> tuple[NeglectedEffect, ...]:
-        """Effects that the plan leaves out, each with its torque, the largest first."""
+        """The effects that the torques leave out, each with its torque, the largest first."""
         return neglected_effects(self.dynamics)
 
     @property
     def exceeded(self) -> dict[str, str]:
-        """Exceeded limits by joint, in words, each with the s of the largest excess.
+        """Exceeded limits in words, by joint, motors first; each with the s of the largest excess.
 
-        Torques and speeds of motors by the robot file, positions of joints by the URDF.
+        The robot file limits torques and speeds of motors, the URDF positions of joints.
         """
-        joints = [motor.joint for motor in self.robot.description.actuators]
-        exceeded: dict[str, list[str]] = {joint: [] for joint in joints}
+        exceeded: dict[str, list[str]] = {joint: [] for joint in self.robot.actuator_names}
         for joint, excess in [*self._motor_excesses(), *self._position_excesses()]:
             exceeded.setdefault(joint, []).append(excess)
         return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
 
     @cached_property
     def _peaks(self) -> tuple[Array, Array]:
-        """The largest torques and speeds (n_a,) of the motors."""
+        """The largest torques and the largest speeds of the motors, each (n_a,)."""
         return motor_peaks(self.dynamics)
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield motors' joints beyond limits of torque or speed, in words."""
-        robot, times = self.robot, self._times
-        quantities = zip(
-            ("torque", "speed"),
-            (self.torque(times), self.motor_angle(times, 1)),
-            self._peaks,
-            (robot.torque_units, robot.speed_units),
-            strict=True,
+        """Yield each motor's joint beyond a limit of torque or speed, and the excess in words."""
+        robot, times = self.robot, np.linspace(0.0, self.duration, PEAK_SAMPLES)
+        peak_torques, peak_speeds = self._peaks
+        quantities = (
+            ("torque", self.torque(times), peak_torques, robot.torque_units),
+            ("speed", self.motor_angle(times, 1), peak_speeds, robot.speed_units),
         )
         for quantity, values, peaks, units in quantities:
-            s_peak = self.law(times[np.abs(values).argmax(axis=0)])
-            for motor, peak, unit, s in zip(robot.description.actuators, peaks, units, s_peak, strict=True):
-                limit = getattr(motor, f"{quantity}_limit")
-                if limit is not None and peak > limit:
-                    size, bound = format_distinct(peak, limit)
-                    yield motor.joint, f"{quantity} {size} {unit} of {bound} at s = {s:.4g}"
+            limits = motor_limits(robot, f"{quantity}_limit", None)
+            s_peaks = self.law(times[np.abs(values).argmax(axis=0)])  # (n_a,)
+            for k in np.flatnonzero(peaks > limits):
+                size, bound = format_distinct(peaks[k], limits[k])
+                excess = f"{quantity} {size} {units[k]} of {bound} at s = {s_peaks[k]:.4g}"
+                yield robot.actuator_names[k], excess
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield joints with a position beyond the limits of the URDF, in words."""
-        times, limits = self._times, self.robot.limits
+        """Yield each joint with a position beyond the limits of the URDF, and the excess in words."""
+        times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
         q = self.dynamics.configuration(times)
         s_worst = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
         s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))
@@ -211,8 +202,9 @@ class CrossingPlan:
         """Sample the motion at equidistant instants: the columns and rows of motion.csv.
 
         Args:
-            count: of the instants, unless a `period` is given [s]; the last row is at the end all the same.
-            columns: names of columns, or the beginnings that several share, such as torque; all by default.
+            count: number of instants, unless a period is given.
+            period: time [s] between rows; the last row is at the end of the motion in any case.
+            columns: names of columns, or prefixes that several names share, such as torque; all by default.
         """
         return motion_table(self.dynamics, sample_times(self.duration, count, period), columns)
 
@@ -243,28 +235,37 @@ def certified_plan(
     optimality: Optimality | None = None,
     conditions: Sequence[Condition8] = (),
 ) -> CrossingPlan:
-    """Return the plan of a motion that has its torques.
+    """Return the plan of a motion whose torques are computed.
 
     Args:
-        timing: of the crossings that the law was made for. A crossing measured there, but for rounding, is
-            given these numbers; any other has its own.
+        timing: times and speeds of crossings for which the law was made. A measured crossing that differs
+            from one of them only by rounding takes over its numbers.
         reason, optimality: of the plan.
-        conditions: those that the law was made to meet, one for each crossing point; measured if not at hand.
+        conditions: the conditions (8) that the law was made to meet, one for each crossing point; measured if
+            empty.
     """
     crossings = []
     matches = _match_points(to_cross, dynamics.crossings)
     for measured, index in zip(dynamics.crossings, matches, strict=True):
         time, speed = _crossing_time(measured.time, law, timing)
-        if index is None:  # condition (8) was not asked for
+        if index is None:  # the request did not ask for condition (8) here
             condition = None
         elif conditions:
             condition = conditions[index]
         else:
             condition = _find_condition(to_cross, request, dynamics, index, time)
-        acceleration = float(law(time, 2))
-        shared = {key: getattr(measured, key) for key in ("s", "kind", "twist", "platform", "residual")}
         crossings.append(
-            Crossing(time=time, speed=speed, acceleration=acceleration, condition=condition, **shared)
+            Crossing(
+                measured.s,
+                time,
+                speed,
+                acceleration=float(law(time, 2)),
+                kind=measured.kind,
+                twist=measured.twist,
+                platform=measured.platform,
+                residual=measured.residual,
+                condition=condition,
+            )
         )
     certificate = replace(dynamics.certificate, monotone=law.advance(request.smoothness) > 0)
     return CrossingPlan(
@@ -280,7 +281,7 @@ def certified_plan(
 
 
 def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
-    """Return time and speed of a measured crossing, as intended but for rounding."""
+    """Return time and speed of a measured crossing; the intended ones if equal but for rounding."""
     for intended in timing:
         if abs(intended.time - measured) < SAME_PLACE * law.duration:
             speed = float(law(intended.time, 1))
@@ -291,31 +292,30 @@ def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTi
 
 
 def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
-    """Return the index of the crossing point of each crossing.
+    """Return for each crossing the index of its crossing point; None if the request had none.
 
-    None where condition (8) was not asked for.
-
-    Singular points and crossings have the order of the path, and are matched by it where they are as many:
-    springs may have moved the crossings. Imposed points are matched by s.
+    Singular points and crossings are both in the order of the path. They are matched by that order if they
+    are as many, since springs may have shifted the crossings. Imposed points are matched by s.
     """
     points = to_cross.crossing_points
     are_located = all(isinstance(point, SingularPoint) for point in points)
     if are_located and len(points) == len(crossings):
         return list(range(len(points)))
-    matches: list[int | None] = []
+    matches = []
     for crossing in crossings:
-        near = [k for k, point in enumerate(points) if abs(point.s - crossing.s) < SAME_PLACE]
-        matches.append(near[0] if near else None)
+        near = (k for k, point in enumerate(points) if abs(point.s - crossing.s) < SAME_PLACE)
+        matches.append(next(near, None))
     return matches
 
 
 def _find_condition(
     to_cross: PathToCross, request: Request, dynamics: InverseDynamics, k: int, time: float
 ) -> Condition8:
-    """Compute condition (8) at crossing point k with deflections at a time [s]."""
-    if request.geometry != "deformed" or not dynamics.robot.n_e:
+    """Compute condition (8) at crossing point k with the deflections at a time [s]."""
+    if request.geometry != "deformed":
         _, condition = to_cross.undeformed_crossings[k]
         return condition
-    deflection, s_guess = Deflection.evaluate(dynamics.deflection, time), float(dynamics.law(np.array(time)))
+    deflection = Deflection.evaluate(dynamics.deflection, time)
+    s_guess = float(dynamics.law(time))
     point = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, s_guess)
     return coefficients_at(to_cross.branch, point, deflection)

@@ -1,9 +1,9 @@
-"""plan.json: a plan written down, and read back for its request and its law.
+"""plan.json: write a plan, and read its request and its law back.
 
 Everything else is computed anew from these two. Geometry, crossings with their condition (8), peak torques,
-the goal and whether the platform always advances are compared with the file, numbers by the table of
-`_rounding_sizes`. The file is believed for `reason`, `seconds`, and the reference and gap of an optimal law;
-its other numbers, as those of the certificate and of what is left out, are not used.
+the goal and whether the law always advances are then compared with the file, numbers within the rounding of
+`_rounding_sizes`. `reason`, `seconds`, and the reference and gap of an optimal law are taken from the file.
+Its other numbers, such as those of the certificate and of the neglected effects, are not used.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ from framework.numerics.fields import (
 )
 from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_file
+from framework.planning.condition import Condition8
 from framework.planning.crossing_points import path_to_cross
 from framework.planning.options import OPTIONS
 from framework.planning.request import Request
@@ -61,14 +62,14 @@ from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING
 
 FILE = "plan.json"
-VERSION = 3  # of plan.json; before, an optimal law was one Chebyshev series
+VERSION = 3  # of plan.json; in earlier versions an optimal law was one Chebyshev series
 LAW_KINDS = (Law.kind, OptimalLaw.kind)
 
 # ------------------------------------------------------------------ the keys that are read
 
 
 def _read_series(where: str, given: Any) -> tuple[float, ...]:
-    """Read the coefficients of a law, of which even the slowest has two."""
+    """Read the coefficients of a law, at least two."""
     coefficients = list_of(number)(where, given)
     if len(coefficients) < 2:
         raise InvalidInput(f"{where}: needs at least two numbers, got {len(coefficients)}")
@@ -133,10 +134,10 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
     """Return the content of plan.json, SI units.
 
     Args:
-        folder: where the file is to stand; the robot file is then stated relative to it, where it can be.
+        folder: the folder of the file; the path of the robot file is then relative to it if possible.
 
     Raises:
-        InvalidInput: the path or the law is of the user's own making, and cannot be written down.
+        InvalidInput: the path or the law is a user's own function, which cannot be written.
     """
     best = plan.optimality
     document: Document = plain(
@@ -166,10 +167,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
 
 
 def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:
-    """Return the robot's catalogue name, or else the path of its file.
-
-    The path is relative to a folder, if one is given.
-    """
+    """Return the robot's catalogue name, or else the path of its file, relative to a given folder."""
     name, file = robot.name, robot.description.file
     entry = find_entry(name)
     if entry is not None and file.exists() and entry.file.samefile(file):
@@ -184,7 +182,7 @@ def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> 
 
 
 def _request_document(request: Request) -> Document:
-    """Return the request as a document: path by its points, and all options."""
+    """Return the request as a document: the points of the path, and all options."""
     path = request.path
     if not isinstance(path, PointPath):
         raise InvalidInput(
@@ -199,10 +197,7 @@ def _request_document(request: Request) -> Document:
 
 
 def _law_document(law: object) -> Document:
-    """Return the law as a document.
-
-    Refuse a law of a kind that cannot be read again.
-    """
+    """Return the law as a document; refuse kinds of law that cannot be read again."""
     document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
     kind = document.get("kind", Law.kind)
     if kind not in LAW_KINDS:
@@ -217,7 +212,7 @@ def _law_document(law: object) -> Document:
 
 
 def is_plan_folder(name: str) -> bool:
-    """Return whether a folder of this name with a plan.json exists."""
+    """Return whether a folder of this name has a plan.json."""
     return os.path.isfile(os.path.join(name, FILE))
 
 
@@ -225,15 +220,15 @@ def load_plan(folder: str | FilePath, *, robot_file: str | FilePath | None = Non
     """Return the plan of a folder written by `crossing plan --out` or `save_plan`.
 
     Request, law, reason and seconds are those of the file. Crossings, torques and certificate are computed
-    anew from the law: the same numbers again for a rigid robot, equal to the accuracy of the certificate
-    for a deformed one, whose deflections then start from another guess.
+    anew from the law. For a rigid robot the numbers are the same. For a deformed robot, whose deflections
+    start from another guess, they agree to the accuracy of the certificate.
 
     Args:
-        robot_file: the robot file, or its name in the catalogue, where it is no longer where the plan says.
+        robot_file: the robot file, or its catalogue name, if the file has moved since.
 
     Raises:
-        InvalidInput: there is no plan.json, it is not one of this version, or its robot has changed since.
-        RobotFileError: the robot file is gone or broken.
+        InvalidInput: there is no plan.json, it has another version, or its robot has changed since.
+        RobotFileError: the robot file is missing or broken.
     """
     file = FilePath(folder) / FILE
     return plan_from_document(read_document(file, "plan"), file, robot_file=robot_file)
@@ -242,10 +237,10 @@ def load_plan(folder: str | FilePath, *, robot_file: str | FilePath | None = Non
 def plan_from_document(
     saved: Document, file: FilePath, *, robot_file: str | FilePath | None = None
 ) -> CrossingPlan:
-    """Return the plan of which `plan_document` gave `saved`.
+    """Return the plan from the content `saved` of its plan.json.
 
     Args:
-        file: where that stands, for complaints; paths in it are relative to its folder.
+        file: the plan.json, for messages; paths in it are relative to its folder.
 
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
@@ -285,7 +280,7 @@ def plan_from_document(
 
 
 def _read_plan(saved: Document, file: FilePath) -> Document:
-    """Return the values of plan.json by its keys."""
+    """Return the checked values of plan.json, by key."""
     if saved.get("version") != VERSION:
         raise InvalidInput(
             f"{file}: version: this program reads plans of version {VERSION}, got "
@@ -296,10 +291,10 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
 
 
 def read_document(file: FilePath, command: str) -> Document:
-    """Return the JSON object that a command wrote into the folder of --out.
+    """Return the JSON object in a file that a command has written.
 
     Raises:
-        InvalidInput: there is none.
+        InvalidInput: the file cannot be read, or is no JSON object.
     """
     complaint = f"give a folder of `crossing {command} --out`: {file} cannot be read"
     content = read_text(file, complaint, largest=1_000_000_000)  # bytes
@@ -355,7 +350,7 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the stated optimality of a law; None of a polynomial."""
+    """Return the stated optimality of an optimal law; None for a polynomial."""
     if (stated is None) != (kind == Law.kind):
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
@@ -368,7 +363,7 @@ def _make_optimality(
 
 
 def _compared_document(plan: CrossingPlan) -> Document:
-    """Return the part of plan.json that is computed anew and compared as a whole."""
+    """Return the part of plan.json that is computed anew and compared."""
     crossings = [
         vars(crossing) | {"condition": crossing.condition and crossing.condition._asdict()}
         for crossing in plan.crossings
@@ -385,36 +380,32 @@ def _compared_document(plan: CrossingPlan) -> Document:
 def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
     """Return the size of each computed number of plan.json, by key.
 
-    FILE_ROUNDING of that is rounding. Coefficients of condition (8) have the size of its largest term at s' =
-    1 / duration and s" = s'^2. A residual is rounding itself.
+    Differences of FILE_ROUNDING times the size are rounding. Coefficients of condition (8) have the size of
+    the largest term at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so any value agrees.
     """
     pace = 1.0 / plan.duration
-    rates = {"alpha": pace**2, "beta": pace**2, "gamma": 1.0, "delta": pace}
-    sizes = dict.fromkeys(
-        (f"peak_torque.{joint}" for joint in plan.peak_torque), max(plan.peak_torque.values())
-    )
+    rates = Condition8(alpha=pace**2, beta=pace**2, gamma=1.0, delta=pace)._asdict()
+    largest_torque = max(plan.peak_torque.values())
+    sizes = {f"peak_torque.{joint}": largest_torque for joint in plan.peak_torque}
+    crossing_sizes = {
+        "s": 1.0,
+        "time": plan.duration,
+        "speed": pace,
+        "acceleration": pace**2,
+        "twist": 1.0,
+        "platform": plan.robot.length,
+        "residual": np.inf,
+    }
     for k, crossing in enumerate(plan.crossings):
-        condition = crossing.condition
-        terms = [abs(value) * rates[key] for key, value in condition._asdict().items()] if condition else []
-        of_crossing = {
-            "s": 1.0,
-            "time": plan.duration,
-            "speed": pace,
-            "acceleration": pace**2,
-            "twist": 1.0,
-            "platform": plan.robot.length,
-            "residual": np.inf,
-            **{f"condition.{key}": max(terms, default=0.0) / rate for key, rate in rates.items()},
-        }
-        sizes |= {f"crossings[{k}].{key}": size for key, size in of_crossing.items()}
+        sizes |= {f"crossings[{k}].{key}": size for key, size in crossing_sizes.items()}
+        terms = np.abs(crossing.condition or 0.0) * list(rates.values())
+        for key, rate in rates.items():
+            sizes[f"crossings[{k}].condition.{key}"] = terms.max() / rate
     return sizes
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Refuse a file that contradicts the plan computed anew.
-
-    Raises InvalidInput with the key.
-    """
+    """Raise InvalidInput with the first key whose value in the file contradicts the plan."""
     document, best = _compared_document(plan), plan.optimality
     document["certificate"] = {"monotone": plan.certificate.monotone}
     document["optimality"] = best and {"optimize": best.specification.goal}
@@ -428,10 +419,7 @@ def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
 
 
 def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the key and the value of each leaf of a document.
-
-    A list of mappings also has its length.
-    """
+    """Yield the key and the value of each leaf of a document, and the length of each list of mappings."""
     if isinstance(value, Mapping):
         for name, part in value.items():
             yield from _yield_leaves(part, below(key, name))
@@ -444,15 +432,12 @@ def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
-    """Return whether two values agree within rounding of a size.
-
-    The rounding is FILE_ROUNDING of the size, or of the values themselves.
-    """
+    """Return whether values agree to FILE_ROUNDING of a size or of themselves; exactly without a size."""
     if size is None or computed is None or stated == computed:
         return bool(stated == computed)
     try:
         numbers = np.array(stated, dtype=float)
-    except (TypeError, ValueError, OverflowError):  # no numbers
+    except (TypeError, ValueError, OverflowError):  # not numbers
         return False
     allowed = FILE_ROUNDING * np.maximum(size, np.abs(computed))
     return numbers.shape == allowed.shape and bool(np.all(np.abs(numbers - computed) <= allowed))

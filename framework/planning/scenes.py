@@ -1,4 +1,4 @@
-"""Scenes of a robot file: their path, their request and their plan."""
+"""Scenes of a robot file: path, request and plan."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from framework.planning.result import CrossingPlan
 
 
 def scene(robot: ParallelRobot, name: str) -> Scene:
-    """Return the scene of that name.
+    """Return the scene of a name.
 
     Raises:
-        InvalidInput: the robot has no such scene; lists those it has.
-        RobotFileError: its path is none.
+        InvalidInput: the robot has no such scene; the message lists those that it has.
+        RobotFileError: the path of the scene is invalid.
     """
     expect_robot(robot)
     scenes = robot.description.scenes
@@ -43,10 +43,10 @@ def scene_path(scene: Scene) -> Path:
 def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = None) -> Path:
     """Return the path of a kind through points (m, n).
 
-    A line has (start, end), an arc (start, via, end).
+    A line needs (start, end), an arc (start, via, end).
 
     Raises:
-        InvalidInput: another kind, or points that do not make such a path.
+        InvalidInput: an unknown kind, or points that do not make such a path.
     """
     check_choice("path", kind, [Line.kind, Arc.kind, Spline.kind, Polyline.kind])
     if kind == Spline.kind:
@@ -60,18 +60,18 @@ def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = 
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
-    """Plan the request of a scene; keyword options of `plan_crossing` override the scene's."""
+    """Plan the request of a scene; options of `plan_crossing` override the scene's."""
     return plan_request(robot, scene_request(robot, name, **options))
 
 
 def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
-    """Return the request of a scene; keyword options of `plan_crossing` override the scene's.
+    """Return the request of a scene; options of `plan_crossing` override the scene's.
 
-    A scene's times and speeds of crossings belong to the polynomial. They are left out where the options ask
-    for an optimal law, and the duration where they ask for a law that finds its own.
+    Times and speeds of crossings in a scene are for the polynomial. They are left out if the options ask for
+    an optimal law, and the scene's duration if they ask for a law that finds its own.
 
     Raises:
-        InvalidInput: the robot has no such scene, or see `Request.of`.
+        InvalidInput: the robot has no such scene, or as `Request.of`.
     """
     chosen = scene(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}

@@ -1,4 +1,4 @@
-"""The goal of an optimal law, and the limits asked for or in the robot file."""
+"""The goal of an optimal law, and the limits stated in the request or the robot file."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from framework.planning.request import Request
 class Specification(ReadOnlyArrays):
     """The goal of an optimal law, and its limits.
 
-    goal: "time", "peak_torque": the largest torque over its limit, or "energy": the integral of the sum of
-        (torque over limit)^2. There motors without a limit are weighed with the largest of the others, or,
-        if there is none, all with the same number; that does not bound them.
-    duration: to be met exactly [s]; `longest`: not to be exceeded [s].
-    torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite where there is none.
-    friction: (n_a,) dry friction of the motors that counts among their torques [N m], motor side.
+    goal: "time"; "peak_torque", the largest torque over its limit; or "energy", the integral of the sum of
+        (torque over limit)^2. There a motor without a limit is weighted by the largest limit of the others,
+        which does not bound it; if no motor has a limit, all have the same weight.
+    duration: exact duration [s]; `longest`: largest duration [s].
+    torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite for motors without a limit.
+    friction: (n_a,) dry friction that counts among the motors' torques [N m], motor side.
     """
 
     goal: str
@@ -46,7 +46,7 @@ class Specification(ReadOnlyArrays):
 
     @property
     def limited_motors(self) -> BoolArray:
-        """A mask (n_a,) of the motors whose torque has a limit."""
+        """The mask (n_a,) of motors whose torque has a limit."""
         return np.isfinite(self.torque_limit)
 
     @property
@@ -56,40 +56,29 @@ class Specification(ReadOnlyArrays):
 
     @property
     def max_duration(self) -> float | None:
-        """The duration not to be exceeded [s], if any."""
-        return self.duration if self.duration is not None else self.longest
-
-
-def limits_within_margin(robot: ParallelRobot, request: Request) -> tuple[Array, Array]:
-    """Return the limits (n_a,) of torque and speed within the margin.
-
-    They are in [N m] and [rad/s], motor side. Infinite where neither the request nor the robot file has a
-    limit.
-    """
-    share = 1.0 - request.margin
-    torque = motor_limits(robot, "torque_limit", request.torque_limit)
-    speed = motor_limits(robot, "speed_limit", request.speed_limit)
-    return torque * share, speed * share
+        """The largest admissible duration [s], if any."""
+        return self.duration or self.longest
 
 
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:
-    """Return the goal and limits of an optimal law for a request."""
-    limits = limits_within_margin(robot, request)
+    """Return the goal and the limits of a request, limits of the file included, less the margin."""
+    share = 1.0 - request.margin
     return Specification(
         request.goal,
         request.duration,
         request.longest,
-        *limits,
-        request.smoothness,
-        motor_friction(robot, request.friction),
+        torque_limit=share * motor_limits(robot, "torque_limit", request.torque_limit),
+        speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
+        smoothness=request.smoothness,
+        friction=motor_friction(robot, request.friction),
     )
 
 
 def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
-    """Compute the largest torques and speeds (n_a,), also between samples.
+    """Compute the largest torques [N m, N] and speeds [rad/s, m/s] (n_a,) of a motion.
 
-    They are in [N m, N] and [rad/s, m/s]. Each is taken as a series on the panels of the torques, with as
-    many coefficients.
+    They are peaks of Chebyshev series, so peaks between nodes count. The series have the panels and the
+    number of coefficients of the torques.
     """
     edges, size = dynamics.torques.edges, dynamics.torques.coefficients.shape[1]
     speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, size)
@@ -97,7 +86,7 @@ def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
 
 
 def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
-    """Return the largest torque or speed over its limit; 0 without limits."""
+    """Return the largest ratio of a torque or speed to its limit; 0 without limits."""
     if not (specification.limited or specification.limited_speeds):
         return 0.0
     torque, speed = motor_peaks(dynamics)

@@ -1,8 +1,9 @@
-"""Times and speeds of the crossings where the user leaves them open: those of a law that always advances."""
+"""Choose times and speeds of the crossings that the user leaves open, so that the law always advances."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,13 +14,15 @@ from framework.laws.law import Law
 from framework.numerics.arrays import Array
 from framework.planning.request import Request
 
-# Least slope of s (the ends' zeros divided out) over its mean that a law of our own choice should keep.
+# Least slope of s over its mean, the zeros at the ends divided out, that a chosen law should have.
 COMFORTABLE_ADVANCE = 0.2
-MIN_SEPARATION = 1e-3  # of the duration, between crossings and from them to the ends, in a search
-MAX_CROSSINGS = 8  # through more, one polynomial has so many turns that none that advances is found
-LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25  # laws drawn in a round of the search, for each open time or speed
-LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4  # of a round; spread of the survivors' scores, below which it ends
-DRAW_SPREAD = 0.1  # standard deviation of times over the duration and of logarithms of speeds, at first
+MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
+MAX_CROSSINGS = 8  # a polynomial through more has so many turns that the search finds none that advances
+# A round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed. One in LAWS_PER_SURVIVOR
+# survives. The search ends if the scores of the survivors differ by less than MIN_SPREAD.
+LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
+LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
+DRAW_SPREAD = 0.1  # first standard deviation, of times over the duration and of logarithms of speeds
 
 Measure = Callable[[Array, Array], tuple[Array, Array]]
 
@@ -34,21 +37,21 @@ class CrossingTime(NamedTuple):
 def choose_timing(
     s: Sequence[float], request: Request, measure: Measure, name: str
 ) -> tuple[CrossingTime, ...]:
-    """Choose the timing of the crossings at path coordinates s (k,), ascending.
+    """Choose times and speeds of the crossings at ascending path coordinates s (k,).
 
-    Times or speeds of the request are kept. Open ones are tried in turn: those of the law without crossing
-    conditions, then of faster ones. The first whose law advances comfortably is chosen. Without one, times
-    and speeds are searched.
+    Times or speeds of the request are kept. Candidates for the open ones are tried in turn: those of the law
+    without crossing conditions, then faster ones. The first whose law advances comfortably is chosen. If
+    there is none, times and speeds are searched.
 
     Args:
         measure: computes `Law.advance` (m,) of laws that cross at times (m, k) with speeds (m, k), and the
-            peaks of their s" [1/s^2] (m,), as `advances_and_peaks` does.
+            peaks (m,) of their |s"| [1/s^2], as `advances_and_peaks` does.
 
     Raises:
-        NoLaw: no law that always advances was found.
+        NoLaw: the search finds no law that always advances.
     """
     if request.times is not None and request.speeds is not None:
-        # `check_advance` judges such a law
+        # nothing is open; `check_advance` judges the law
         return _crossing_times(np.array([request.times, request.speeds]))
     if len(s) > MAX_CROSSINGS:
         raise NoLaw(
@@ -56,12 +59,14 @@ def choose_timing(
             f"more than {MAX_CROSSINGS} is not searched for: cut the path, take law optimal, or give "
             f"all times and speeds"
         )
+    score_laws = partial(_score_laws, request.fixed_duration, measure)
     starts = _first_timings(s, request)
-    scores = _score_laws(starts, request, measure)
+    scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
         return _crossing_times(starts[comfortable[0]])
-    best, score = _search_timings(starts[np.argsort(-scores, kind="stable")], request, measure)
+    best_first = np.argsort(-scores, kind="stable")
+    best, score = _search_timings(starts[best_first], request, score_laws)
     timing = _crossing_times(best)
     if score <= 0:
         raise NoLaw(
@@ -75,12 +80,12 @@ def choose_timing(
 
 
 def _first_timings(s: Sequence[float], request: Request) -> Array:
-    """Return times and speeds (m, 2, k) of laws to try first.
+    """Return times and speeds (m, 2, k) of the laws to try first.
 
-    The first are those of the law without crossing conditions. The others have one speed at all crossings,
-    1.2 to 2.4 paths in the duration, and pass s = 1/2 at half of it.
+    The first law has no crossing conditions. The others have one speed at all crossings, 1.2 to 2.4 paths in
+    the duration, and times as if they passed s = 1/2 at half of the duration with that speed.
     """
-    duration, count = request.fixed_duration, len(s)
+    duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)
     ends = np.array([0.0, duration])
     plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
@@ -88,24 +93,24 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     times = np.vstack([plain_times, 0.5 * duration + (np.array(s) - 0.5) / constant_speeds])
     if request.times is not None:
         times[:] = plain_times = np.array(request.times)
-    speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, count, axis=1)])
+    speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, len(s), axis=1)])
     if request.speeds is not None:
         speeds[:] = request.speeds
     return np.stack([times, speeds], axis=1)
 
 
 def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
-    """Return times and speeds (2, k) as crossing times."""
-    return tuple(CrossingTime(float(t), float(v)) for t, v in timing.T)
+    """Convert times and speeds (2, k) to crossing times."""
+    return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
 
 
-def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
-    """Score laws (m,) through times and speeds (m, 2, k) by their advance.
+def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
+    """Score the laws (m,) through times and speeds (m, 2, k): the higher, the better.
 
-    Without a law the score is negative infinity. A law that advances comfortably scores by its peak of s"
-    instead: the lower, the better.
+    The score is the advance. For laws that advance comfortably it is higher than that, and the higher the
+    lower the peak of |s"|. Where there is no law it is negative infinity.
     """
-    duration, (times, speeds) = request.fixed_duration, timings.swapaxes(0, 1)
+    times, speeds = timings.swapaxes(0, 1)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
     possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
@@ -115,13 +120,15 @@ def _score_laws(timings: Array, request: Request, measure: Measure) -> Array:
     return scores
 
 
-def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[Array, float]:
-    """Search open times and speeds until laws advance comfortably.
+def _search_timings(
+    starts: Array, request: Request, score_laws: Callable[[Array], Array]
+) -> tuple[Array, float]:
+    """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
 
-    Return the best (2, k) and its score. An evolution of random laws, each as times over the duration and
-    logarithms of speeds. In the first round laws are drawn around all starts. In each further one they are
-    drawn around the mean of the survivors, with the covariance of the survivors about the last mean: it
-    stretches along a descent and shrinks at its end.
+    The method is an evolution strategy. A law is a point: its times over the duration and the logarithms of
+    its speeds. In the first round laws are drawn around all starts. In each further round they are drawn
+    around the mean of the survivors, with the covariance of the survivors about the mean of the round before.
+    This covariance stretches along an ascent of the score and shrinks at its top.
 
     Args:
         starts: times and speeds (m, 2, k), best first.
@@ -130,10 +137,7 @@ def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[
     is_open = np.array([[request.times is None], [request.speeds is None]])
 
     def to_timings(laws: Array) -> Array:
-        """Return times [s] and speeds [1/s] (m, 2, k) of laws.
-
-        What is not open is the request's.
-        """
+        """Convert laws to times [s] and speeds [1/s] (m, 2, k), with the fixed ones of the request."""
         physical = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
         return np.where(is_open, physical, starts[0])
 
@@ -142,16 +146,16 @@ def _search_timings(starts: Array, request: Request, measure: Measure) -> tuple[
     count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
     centres = started[random.integers(len(starts), size=count)]
     drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
-    laws, scores, mean = started[:1], _score_laws(starts[:1], request, measure), started[0]
+    laws, scores, mean = started[:1], score_laws(starts[:1]), started[0]
     for _ in range(MAX_ROUNDS):
         laws = np.concatenate([laws, drawn])
-        scores = np.concatenate([scores, _score_laws(to_timings(drawn), request, measure)])
+        scores = np.concatenate([scores, score_laws(to_timings(drawn))])
         survivors = np.argsort(-scores, kind="stable")[: count // LAWS_PER_SURVIVOR]
         laws, scores = laws[survivors], scores[survivors]
         if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
             break
         weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
-        steps = np.tensordot(weights, laws - mean, axes=1)  # of the survivors' covariance about the last mean
+        steps = np.tensordot(weights, laws - mean, axes=1)  # normal, with the covariance about the last mean
         mean = laws.mean(axis=0)
         drawn = mean + steps
-    return to_timings(laws[:1])[0], float(scores[0])
+    return to_timings(laws[:1])[0], scores[0]

@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from framework.dynamics.finite_differences import FiniteDifferenceTorques
-from framework.dynamics.wrench import MeasureAlongPath, wrench_along
+from framework.dynamics.wrench import measure_at_rest, wrench_along
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import law_derivatives
 from framework.numerics.arrays import Array
 from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
 from framework.planning.result import CrossingPlan
-from framework.planning.specification import limits_within_margin
+from framework.planning.specification import specification_of
 from framework.show.captions import display_name, wrench_unit
 from framework.show.film import Film, film_plan
 from framework.show.force_polygon import limit_for_picture, plot_eyes
@@ -33,6 +33,7 @@ from framework.show.style import (
     new_figure,
     save_pages,
 )
+from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import SAME_PLACE
 
 CURVE_SAMPLES = 601
@@ -67,7 +68,7 @@ def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time, with its limits."""
     ax, times = ensure_axes(ax), _sample_times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
-    return _draw_limits(plan, ax, limits_within_margin(plan.robot, plan.request)[0])
+    return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).torque_limit)
 
 
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
@@ -77,7 +78,7 @@ def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """
     ax, times, robot = ensure_axes(ax), _sample_times(plan), plan.robot
     _draw_motors(ax, robot, times, plan.motor_angle(times, 1), "speed", robot.speed_units)
-    return _draw_limits(plan, ax, limits_within_margin(robot, plan.request)[1])
+    return _draw_limits(plan, ax, specification_of(robot, plan.request).speed_limit)
 
 
 def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
@@ -95,17 +96,17 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     ax = ensure_axes(ax)
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
-    measure = MeasureAlongPath.from_motion(plan.dynamics)
-    g = measure.evaluate_at_rest(s)
+    searched = search_path(robot, plan.path)
+    g = measure_at_rest(searched, s)
     ax.plot(s, g, label="springs at rest" if robot.n_e else None, **line_style(0))
     if plan.geometry == "deformed":
         times = _sample_times(plan)
-        deflected = measure.evaluate_in_motion(times)
+        deflected, _ = wrench_along(plan.dynamics, times)
         deflected *= np.sign(deflected[0] * g[0])
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
         ax.legend(loc="upper left")
         if plan.crossings:
-            _magnify(ax, plan, measure)
+            _magnify(ax, plan, searched)
     ax.axhline(0.0, color="black", linewidth=0.5)
     _mark_loaded(ax, plan)
     for crossing in plan.crossings:
@@ -133,10 +134,10 @@ def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
         ax.legend(loc="upper left")
 
 
-def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
+def _magnify(ax: Axes, plan: CrossingPlan, searched: SearchedPath) -> None:
     """Magnify in a corner the shift of the first crossing by the deflections."""
     crossing, loaded = plan.crossings[0], plan.loaded_points[0]
-    at_rest = measure.nearest_at_rest(crossing.s)
+    at_rest = min((point.s for point in searched.points), key=lambda s: abs(s - crossing.s))
     shift = abs(crossing.s - at_rest)
     if shift < SAME_PLACE:  # nothing to see: the deflections leave the locus where it is
         return
@@ -147,10 +148,9 @@ def _magnify(ax: Axes, plan: CrossingPlan, measure: MeasureAlongPath) -> None:
         shown.append(loaded.s)
     s = np.linspace(min(shown) - shift, max(shown) + shift, 5)
     times = crossing.time + (s - crossing.s) / crossing.speed
-    _draw_upward(inset, s - at_rest, measure.evaluate_at_rest(s), crossing.speed, line_style(0))
-    _draw_upward(
-        inset, plan.law(times) - at_rest, measure.evaluate_in_motion(times), crossing.speed, line_style(1)
-    )
+    _draw_upward(inset, s - at_rest, measure_at_rest(searched, s), crossing.speed, line_style(0))
+    deflected, _ = wrench_along(plan.dynamics, times)
+    _draw_upward(inset, plan.law(times) - at_rest, deflected, crossing.speed, line_style(1))
     inset.axhline(0.0, color="black", linewidth=0.5)
     for loaded_s in shown[2:]:
         mark = (1e6 * (loaded_s - at_rest), 0.0)

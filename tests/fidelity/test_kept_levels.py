@@ -31,7 +31,7 @@ def test_the_kept_level_is_enough_and_the_one_below_it_is_not(case):
     top = robot_at_level(robots.load(name).description, LEVELS[-1])
     plan = plan_scene(top, scene)
     place = LEVELS.index(LEVELS_BY_NAME[kept.level])
-    motions = compute_level_motions(top.description, plan.dynamics, LEVELS[-1], plan.seconds)
+    motions = compute_level_motions(top.description, plan, LEVELS[-1])
     names = [level.name for level in LEVELS[max(place - 1, 0) : place + 1]]
     reference = ReferenceMotion.of(plan, top, kept.tolerance)
     *below, enough = reference.compare_levels([(name, motions[name]) for name in names])

@@ -29,7 +29,7 @@ from framework.planning.options import OPTIONS, TYPED
 from framework.planning.request import Request
 from framework.planning.saved import plan_document, save_plan
 from framework.planning.scenes import scene_request
-from framework.planning.specification import limits_within_margin
+from framework.planning.specification import specification_of
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ASKED = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}
@@ -168,11 +168,11 @@ def test_misuse_is_told_with_what_was_expected(robot, options, says):
 
 def test_limits_are_those_asked_for_or_the_robot_file_s_less_the_margin(robot):
     asked = Request.of(robot, LINE, duration=1.5, torque_limit=0.4, margin=0.25)
-    torque, speed = limits_within_margin(robot, asked)
-    np.testing.assert_allclose(torque, [0.3, 0.3], rtol=1e-15)
+    specification = specification_of(robot, asked)
+    np.testing.assert_allclose(specification.torque_limit, [0.3, 0.3], rtol=1e-15)
     motors = robot.description.actuators
     in_file = [np.inf if motor.speed_limit is None else 0.75 * motor.speed_limit for motor in motors]
-    np.testing.assert_allclose(speed, in_file, rtol=1e-15)
+    np.testing.assert_allclose(specification.speed_limit, in_file, rtol=1e-15)
 
 
 @pytest.mark.parametrize("none", [[None], [None, np.inf], {"left_motor": None}])

@@ -1,10 +1,9 @@
-"""Every reason to say no to a plan, in the order in which they are asked.
+"""All reasons to refuse a plan, in the order in which they are checked.
 
-Each has its error, its sentence, and below them the functions that decide, here or in the packages below.
-`framework.` is left out. What was given and cannot be right is refused before (`planning.options`,
-`planning.request`: InvalidInput). Open `refusal_proofs` for the numbers on which a refusal rests;
-`turning_back` refuses laws that run backwards or leave the path; `planning.plan` adds what to ask for
-instead.
+Each entry has the error, the reason, and below them the functions that decide, here or in lower packages; the
+prefix `framework.` is left out. Invalid options are refused before (`planning.options`, `planning.request`:
+InvalidInput). Open `refusal_proofs` for the numbers on which a refusal rests; `turning_back` refuses laws
+that run backwards or leave the path; `planning.plan` adds the remedy.
 
 On the path, springs at rest:
 

@@ -11,15 +11,15 @@ from framework.numerics.arrays import Array
 from framework.planning.specification import Specification
 from framework.tolerances import LIMIT_MARGIN
 
-# of limits over the least peak: nearer ones leave little room for a smooth law
+# Ratio of advised limits to the least peak. Limits nearer to the peak leave little room for a smooth law.
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
 
 
 class UnmetCondition(NamedTuple):
-    """Condition (8) at s that no motion can meet.
+    """A condition (8) alpha s" + beta s'^2 + gamma = 0 at s that no motion can meet.
 
-    It is alpha s" + beta s'^2 + gamma = 0. `stop`: the path ends at s, with s' = s" = 0, and gamma is not
-    zero. Else alpha is zero, and no s'^2 > 0 makes beta s'^2 + gamma vanish.
+    stop: the path starts or ends at s, where s' = s" = 0, and gamma is not zero. Otherwise alpha is zero, and
+        beta s'^2 + gamma vanishes for no s'^2 > 0.
     """
 
     s: float
@@ -30,9 +30,9 @@ class UnmetCondition(NamedTuple):
 
 
 class StaticFold(NamedTuple):
-    """Deflections at rest at an end s of the path end in a fold as the springs get softer.
+    """A fold of the deflections at rest at an end s of the path, as springs get softer.
 
-    compliance: of the softest springs that reach, over that of the robot's.
+    compliance: of the softest springs with an equilibrium, over that of the robot's springs.
     """
 
     s: float
@@ -40,69 +40,57 @@ class StaticFold(NamedTuple):
 
 
 class LeastLimits(NamedTuple):
-    """Limits (n_a,) within which a law was found, over the limits given.
+    """The least limits of torque or speed within which a law was found.
 
-    torque_peak: the least peak of torque found in the duration asked, over the torque limits and within the
-        speed limits; None where no law was found, or without a torque limit.
-    speed_peak: the same of speed, within the torque limits.
-    torque, speed: limits a little above these peaks, motor side; None as the peaks.
-    together: neither is enough alone, and the peaks are those of one law, with the larger of torque and
-        squared speed least.
+    torque_peak: the least peak of torque found in the requested duration and within the speed limits, over
+        the torque limits; None if no law was found, or without a torque limit.
+    speed_peak: the least peak of speed found within the torque limits, over the speed limits, likewise.
+    together: raising one kind of limit is not enough. Both peaks are then of one law, for which the larger of
+        the torque ratio and the squared speed ratio is least.
+    options: limits (n_a,) a little above these peaks, motor side, as options of a plan without margin;
+        several entries are alternatives.
     """
 
     torque_peak: float | None
     speed_peak: float | None
-    torque: Array | None
-    speed: Array | None
     together: bool
+    options: list[dict[str, Array]]
 
     @staticmethod
     def of(
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
-        """Return the least limits for peaks over the limits of a specification."""
-        return LeastLimits(
-            torque,
-            speed,
-            None if torque is None else RAISED_RATIO * torque * specification.torque_limit,
-            None if speed is None else RAISED_RATIO * speed * specification.speed_limit,
-            together,
-        )
-
-    @property
-    def options(self) -> list[dict[str, Array]]:
-        """The limits to raise, as options without margin.
-
-        They are alternatives, or all needed together.
-        """
-        limits = {"torque_limit": self.torque, "speed_limit": self.speed}
-        options = {name: limit for name, limit in limits.items() if limit is not None}
-        return [options] if self.together else [{name: limit} for name, limit in options.items()]
+        """Return the least limits for peaks of torque and speed over the limits of a specification."""
+        limits = {}
+        if torque is not None:
+            limits["torque_limit"] = RAISED_RATIO * torque * specification.torque_limit
+        if speed is not None:
+            limits["speed_limit"] = RAISED_RATIO * speed * specification.speed_limit
+        options = [limits] if together else [{name: limit} for name, limit in limits.items()]
+        return LeastLimits(torque, speed, together, options)
 
 
 def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
-    """Return limits (n_a,) of torque and speed that suffice, in words."""
+    """Return the advice to raise limits (n_a,) of torque and speed, in words."""
     units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
     words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
     return f"{' with '.join(words)} would do"
 
 
 def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
-    """Return limits rounded up to four digits: one for all motors, or by joint."""
+    """Return limits (n_a,) rounded up to four digits: one for all motors, or by joint."""
     rounded = [f"{round_up(limit, 4):.4g}" for limit in limits]
     if len(set(rounded)) == 1 and len(set(units)) == 1:
         return f"{rounded[0]} {units[0]}"
-    return " ".join(
-        f"{joint}={number}"
-        for joint, number in zip(robot.actuator_names, rounded, strict=True)
-        if number != "inf"
-    )
+    by_joint = zip(robot.actuator_names, rounded, strict=True)
+    return " ".join(f"{joint}={number}" for joint, number in by_joint if number != "inf")
 
 
 class HoldingTorque(NamedTuple):
-    """A holding torque above a motor's limit at an end of the path.
+    """A motor torque that holds the robot at an end s of the path, above the limit.
 
-    The motor is at `joint`, the end at s. torque, limit: motor side [N m], or [N] of a motor that slides.
+    joint: of the motor.
+    torque, limit: motor side [N m], or [N] for a motor that slides.
     """
 
     joint: str
@@ -112,17 +100,17 @@ class HoldingTorque(NamedTuple):
 
 
 def _ratio_text(ratio: float | None) -> str:
-    """Return a ratio with enough digits to differ from 1; empty without one."""
+    """Return a ratio with enough digits to differ from 1; empty for None."""
     return "" if ratio is None else format_distinct(ratio, 1.0)[0]
 
 
 class SearchEvidence(NamedTuple):
-    """Numbers of a search without a law; no proof that none exists.
+    """The numbers of a search that found no law; no proof that none exists.
 
-    cells: number of intervals of the piecewise polynomial that the squared speed was sought as.
-    least: the limits within which a law was found, in the duration asked.
-    quickest: the least duration [s] found within the limits; None where none was found.
-    limits: options with raised limits within which a law was planned, or None.
+    cells: number of intervals of the piecewise polynomial that represents the squared speed.
+    least: the least limits within which a law was found, in the requested duration.
+    quickest: the least duration [s] found within the limits; None if none was found.
+    limits: options with raised limits, for which there is a plan; None if none was found.
     """
 
     cells: int

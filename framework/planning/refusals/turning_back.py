@@ -1,4 +1,7 @@
-"""Laws that do not always advance: they would meet a singular point again, where condition (8) is not met."""
+"""The refusal of laws that do not always advance.
+
+They could meet a singular point once more, at an instant where condition (8) does not hold.
+"""
 
 from __future__ import annotations
 
@@ -14,25 +17,23 @@ from framework.tolerances import AT_REST, OVERSHOOT
 def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     """Refuse a law that turns back, leaves the path or repeats a crossing.
 
-    The singular points are at s (k,). A law that always advances passes; so does one that overshoots an end
-    by less than `tolerances.OVERSHOOT` and comes back to it, as the paper's case C does with degree 8.
+    A law may overshoot an end by less than `tolerances.OVERSHOOT` and return to it, as the law of degree 8 in
+    the paper's case C does.
 
     Args:
+        s: of the singular points (k,).
         name: of the robot.
 
     Raises:
-        NoLaw: says where and when.
+        NoLaw: with the place and the time of the fault.
     """
     fault = _find_fault(law, s)
-    if fault is not None:
+    if fault:
         raise NoLaw(f"{name}: the law does not always advance: it {fault}; choose other times or speeds")
 
 
-def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str | None:
-    """Find the fault of a law with singular points (k,), in words.
-
-    None without any.
-    """
+def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
+    """Find the first fault of a law with singular points at s (k,), in words; empty without one."""
     times = np.linspace(0.0, law.duration, 2001)
     s, ds = law_derivatives(law, times, 2)
     for end, beyond in ((0.0, -s), (1.0, s - 1.0)):
@@ -44,10 +45,9 @@ def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str | None:
     if is_backwards.any():
         first = np.argmax(is_backwards)
         return f"runs backwards at t = {times[first]:.4g} s, s = {s[first]:.4g}"
-    for place in singular:
-        meetings = np.flatnonzero(np.diff(s > place))
+    for s_singular in singular:
+        meetings = times[:-1][np.diff(s > s_singular)]  # [s]
         if len(meetings) > 1:
-            instants = ", ".join(f"{times[k]:.4g}" for k in meetings)
-            count = len(meetings)
-            return f"meets the singular point s = {place:.6g} {count} times (about t = {instants} s)"
-    return None
+            instants = f"{len(meetings)} times (about t = {', '.join(f'{t:.4g}' for t in meetings)} s)"
+            return f"meets the singular point s = {s_singular:.6g} {instants}"
+    return ""
