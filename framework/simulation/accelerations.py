@@ -66,8 +66,8 @@ def accelerations(
     # Z' M Z alpha = Z' (force - M a_0) over all motions of the basis. alpha is 0 along those without mass:
     # their rows and columns are replaced by those of the unit matrix, their right sides by 0
     Z_rows = Z.swapaxes(1, 2)  # Z'
-    inertia = matmul(Z_rows, matmul(tangent.mass, Z))  # (T, d, d)
-    inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), inertia)
+    reduced_mass = matmul(Z_rows, matmul(tangent.mass, Z))  # Z' M Z, (T, d, d)
+    inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), reduced_mass)
     unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))  # (T, d)
     a += matvec(Z, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
 
