@@ -46,8 +46,8 @@ class ControlLoop:
 
     def __post_init__(self) -> None:
         """Check tolerances and the name of the sensors."""
-        for name in ("tolerance", "end"):
-            positive(name, getattr(self, name))
+        positive("tolerance", self.tolerance)
+        positive("end", self.end)
         check_choice("sensors", self.sensors, SENSORS)
 
 
@@ -157,8 +157,6 @@ class DelayLine(NamedTuple):
         A run has its first torques until its delay has passed.
         """
         self.past.append(torque)
-        if len(self.past) == 1:
-            return torque
         delays = np.minimum(self.delays, len(self.past) - 1)
         return np.array([self.past[-1 - delay][run] for run, delay in enumerate(delays)])
 

@@ -67,9 +67,9 @@ class ReadOnlyArrays:
     """
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore an object that was pickled or copied; its arrays arrive writeable."""
-        for name, value in state.items():
-            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+        """Restore a pickled or copied object, whose arrays arrive writeable."""
+        self.__dict__.update(state)
+        ReadOnlyArrays.__post_init__(self)
 
     def __post_init__(self) -> None:
         """Replace all arrays by read-only ones."""

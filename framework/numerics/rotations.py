@@ -44,7 +44,7 @@ def rotation_vector(rotation: Array) -> Array:
     R - R' is the matrix of the cross product with 2 sin(t) axis, and the trace is 1 + 2 cos(t). From 120
     degrees on R - R' loses digits, and scipy's conversion is used.
     """
-    trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
+    trace = np.trace(rotation, axis1=1, axis2=2)
     doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) axis
     angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
     vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]

@@ -28,7 +28,6 @@ from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import matmul, matvec
 from framework.simulation.consistent import allowed_motions, balancing_step
 from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.schemes import State
 from framework.tolerances import RANK_ROUNDING, SPRINGS_BALANCED
 
 
@@ -58,7 +57,7 @@ def accelerations(
     force = equations.motor_forces(torque) + applied - tangent.force
     for k in np.flatnonzero(light.any(axis=1)).tolist():
         row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, State(q[k : k + 1], v[k : k + 1]), Z[k][:, light[k]], force[k], row)
+        _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
 
     drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, v))
     a = -matvec(closing, drift)  # a_0, (T, nv)
@@ -75,14 +74,10 @@ def accelerations(
     return Accelerations(a, light_rates / robot.column_scale > RANK_ROUNDING)
 
 
-def _check_balance(equations: EquationsOfMotion, state: State, light: Array, free: Array, row: str) -> None:
-    """Refuse a state (T = 1) in which springs do not balance the forces `free` (nv,).
-
-    The balance is that along the massless motions `light` (nv, k).
-    """
+def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
+    """Refuse q (nq,) unless the forces (nv,) are in balance along massless motions `light` (nv, k)."""
     robot = equations.robot
-    tangent = equations.tangent(*state, np.zeros((1, robot.nv)))
-    step = light @ balancing_step(equations, tangent, light, -free)
+    step = light @ balancing_step(equations, equations.tangent_at_rest(q), light, -force)
     distances = np.abs(step / robot.column_scale)
     worst = int(np.argmax(distances))
     if distances[worst] > SPRINGS_BALANCED:

@@ -114,9 +114,9 @@ class CollocationStep(ReadOnlyArrays):
     unresolved: float  # estimate of the first Legendre coefficient left out [rad, robot lengths]
 
     @property
-    def times(self) -> Array:
-        """The instants (s,) of the nodes [s]."""
-        return self.time + self.length * self.table.nodes
+    def end(self) -> float:
+        """The instant of the end [s]."""
+        return self.time + self.length
 
 
 class StepFailed(Exception):

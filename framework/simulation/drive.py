@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 
 FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and the same a second: step of differences of a feedback torque
-MOTION = ("duration", "torque", "platform", "configuration", "velocity")  # attributes of a planned motion
 
 
+@runtime_checkable
 class PlannedMotion(Protocol):
     """Planned torques with their motion, as returned by `inverse_dynamics`."""
 
@@ -49,8 +49,8 @@ def planned_motion(source: Any) -> PlannedMotion | None:
     A plan holds its motion as `dynamics`.
     """
     for candidate in (getattr(source, "dynamics", None), source):
-        if all(hasattr(candidate, name) for name in MOTION):
-            return cast(PlannedMotion, candidate)
+        if isinstance(candidate, PlannedMotion):
+            return candidate
     return None
 
 

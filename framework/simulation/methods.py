@@ -44,7 +44,6 @@ class MethodSettings(NamedTuple):
     stages: int = 0  # nodes of a collocation step; 0 for methods without collocation
     tolerance: float = 0.0  # unresolved part of a collocation step [rad, robot lengths]
     step: float = 0.0  # fixed step, or the longest one [s]; 0 for the default of the method
-    event_samples: int = 1  # instants of a step at which events are evaluated
 
 
 class IntegrationTask(NamedTuple):
@@ -55,34 +54,27 @@ class IntegrationTask(NamedTuple):
     start: State
     duration: float
     events: Sequence[Event]
-    advanced: Callable[[float], None] | None
-
-
-@dataclass(frozen=True, eq=False)
-class Integration:
-    """The result of a method: the motion, and the energy balance at the ends of its K steps."""
-
-    trajectory: Trajectory
-    supplied: Array  # (K + 1,) work of motors and world since the start, less that of damping [J]
-    exchanged: float  # sum of the absolute work of all steps [J]
-    occurrences: tuple[Occurrence, ...]
-    unresolved: float  # see `Simulation`
-    iterations: int
+    report_progress: Callable[[float], None] | None  # called with the finished share of the motion
 
 
 @dataclass
-class _Record:
-    """The energy balance and the events of a run so far."""
+class RunRecord:
+    """The energy balance and the events of a run, over the K steps so far."""
 
     task: IntegrationTask
-    event_samples: int  # instants of each step
-    supplied: list[float] = field(default_factory=lambda: [0.0])
-    exchanged: float = 0.0
+    event_samples: int  # instants of a step at which events are evaluated
+    supplied: list[float] = field(default_factory=lambda: [0.0])  # K + 1 values, see `add_step` [J]
+    exchanged: float = 0.0  # sum of the exchanged energy of all steps [J]
     occurred: list[Occurrence] = field(default_factory=list)
-    last_values: dict[Event, float] = field(default_factory=dict)
+    last_values: dict[Event, float] = field(default_factory=dict)  # of events at the end of the last step
 
     def add_step(self, step: Trajectory, work: float, exchange: float) -> bool:
-        """Add a step with its work and exchanged energy [J]; return whether an event ends the run."""
+        """Add a step; return whether an event ends the run.
+
+        Args:
+            work: work of motors and world less that of damping [J], summed up in `supplied`.
+            exchange: the absolute value of this work [J], integrated over the step.
+        """
         task = self.task
         self.supplied.append(self.supplied[-1] + work)
         self.exchanged += exchange
@@ -90,19 +82,23 @@ class _Record:
             self.occurred += occurrences(task.events, step, self.event_samples, self.last_values)
             if self.occurred and self.occurred[-1].terminal:
                 return True
-        if task.advanced is not None:
-            task.advanced(min(float(step.edges[-1]) / task.duration, 1.0))
+        if task.report_progress is not None:
+            task.report_progress(min(float(step.edges[-1]) / task.duration, 1.0))
         return False
 
-    def integration(self, trajectory: Trajectory, unresolved: float, iterations: int) -> Integration:
-        """Return the result of the run."""
-        supplied = np.array(self.supplied)
-        return Integration(trajectory, supplied, self.exchanged, tuple(self.occurred), unresolved, iterations)
+
+class Integration(NamedTuple):
+    """The result of a method."""
+
+    record: RunRecord
+    trajectory: Trajectory
+    unresolved: float  # see `Simulation`
+    iterations: int
 
 
 def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by Radau IIA steps of variable length; see `collocate`."""
-    robot, record = task.equations.robot, _Record(task, settings.event_samples)
+    robot, record = task.equations.robot, RunRecord(task, event_samples=2 * settings.stages)
     steps = list[CollocationStep]()
     for step in collocate(
         task.equations,
@@ -121,7 +117,7 @@ def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) ->
             break
     unresolved = max(step.unresolved for step in steps)
     iterations = sum(step.iterations for step in steps)
-    return record.integration(Polynomials(robot, tuple(steps)), unresolved, iterations)
+    return Integration(record, Polynomials(robot, tuple(steps)), unresolved, iterations)
 
 
 def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
@@ -134,7 +130,7 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
             f"needs {MIN_FIXED_STEPS} steps"
         )
     edges = np.linspace(0.0, task.duration, count + 1)
-    record = _Record(task, settings.event_samples)
+    record = RunRecord(task, event_samples=1)
     trajectory, _ = _collect_steps(record, _fixed_steps(task, edges), edges)
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
@@ -145,7 +141,7 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
             f"out; take steps of {advised:.1g} s, or method stiff",
             residual=error,
         )
-    return record.integration(trajectory, error, len(trajectory.q) - 1)
+    return Integration(record, trajectory, error, len(trajectory.q) - 1)
 
 
 def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
@@ -177,12 +173,12 @@ def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings)
     edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     steps = explicit_steps(task.equations, dynamics, task.drive, task.start, edges)
-    record = _Record(task, settings.event_samples)
+    record = RunRecord(task, event_samples=4)
     trajectory, largest_error = _collect_steps(record, steps, edges)
-    return record.integration(trajectory, largest_error, len(trajectory.q) - 1)
+    return Integration(record, trajectory, largest_error, len(trajectory.q) - 1)
 
 
-def _collect_steps(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
+def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
     """Collect steps up to the end or a terminal event; return the motion and the largest error of a step.
 
     Raises:
@@ -244,12 +240,10 @@ class Method(NamedTuple):
 
 
 METHODS: dict[str, Method] = {
-    "reference": Method(
-        integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12, event_samples=32)
-    ),
+    "reference": Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12)),
     "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
-    "explicit": Method(integrate_by_explicit_steps, MethodSettings(event_samples=4)),
-    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7, event_samples=10)),
+    "explicit": Method(integrate_by_explicit_steps, MethodSettings()),
+    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7)),
 }
 
 

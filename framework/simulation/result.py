@@ -116,7 +116,8 @@ def simulation_result(
     """Return the result of a run: sampled states and errors."""
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
-    end = min([edges[-1], *(event.time for event in run.occurrences if event.terminal)])
+    occurrences = tuple(run.record.occurred)
+    end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])
     if isinstance(trajectory, Cubics):  # fixed steps are reported as they are
         times = np.append(edges[edges < end], end)
     else:
@@ -138,7 +139,7 @@ def simulation_result(
         steps=len(edges) - 1,
         iterations=run.iterations,
         seconds=seconds,
-        occurrences=run.occurrences,
+        occurrences=occurrences,
         trajectory=trajectory,
     )
 
@@ -151,12 +152,12 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     """
     robot, edges = equations.robot, run.trajectory.edges
     energy = equations.energy(q, v)
-    error = np.abs(energy - energy[0] - run.supplied).max()
+    error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
     gravity = np.linalg.norm(robot.model.gravity.linear)
     acceleration = gravity + robot.length / (edges[-1] - edges[0]) ** 2
     rounding = np.finfo(float).eps * robot.mass * acceleration * robot.length
-    scale = max(run.exchanged, np.ptp(energy), kinetic.max(), rounding)
+    scale = max(run.record.exchanged, np.ptp(energy), kinetic.max(), rounding)
     return float(error / scale) if scale > 0 else 0.0
 
 

@@ -137,7 +137,7 @@ def _method_settings(
         if not settings.stages:
             raise InvalidInput(f"stages: method {method} has none")
         stages = whole_number("stages", stages, *STAGE_RANGE)
-        settings = settings._replace(stages=stages, event_samples=2 * stages)
+        settings = settings._replace(stages=stages)
     if step is not None:
         if not finite_numbers("step", [step], 1)[0] > 0:
             raise InvalidInput(f"step: must be positive [s], got {step!r}")

@@ -24,7 +24,7 @@ class Polynomials:
     @property
     def edges(self) -> Array:
         """The ends (K + 1,) of the K steps [s]."""
-        return np.array([self.steps[0].time, *(step.times[-1] for step in self.steps)])
+        return np.array([self.steps[0].time, *(step.end for step in self.steps)])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Evaluate positions (T, nq) and velocities (T, nv) at times (T,) [s].
