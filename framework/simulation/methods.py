@@ -98,7 +98,8 @@ class Integration(NamedTuple):
 
 def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by Radau IIA steps of variable length; see `collocate`."""
-    robot, record = task.equations.robot, RunRecord(task, event_samples=2 * settings.stages)
+    robot = task.equations.robot
+    record = RunRecord(task, event_samples=2 * settings.stages)  # twice the degree of a step
     steps = list[CollocationStep]()
     for step in collocate(
         task.equations,
@@ -142,6 +143,14 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
             residual=error,
         )
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
+
+
+class FixedStep(NamedTuple):
+    """A step of fixed length."""
+
+    end: State
+    power: float  # mean power of motors and world less that of damping [W]
+    error: float = 0.0  # estimated error of q in this step [rad, m]; 0 without an estimate
 
 
 def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
@@ -232,29 +241,6 @@ def _count_steps(length: float, step: float) -> int:
     return max(1, int(np.ceil(count - COUNT_ROUNDING)))
 
 
-class Method(NamedTuple):
-    """An integrator with its default settings."""
-
-    run: Callable[[IntegrationTask, MethodSettings], Integration]
-    settings: MethodSettings
-
-
-METHODS: dict[str, Method] = {
-    "reference": Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12)),
-    "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
-    "explicit": Method(integrate_by_explicit_steps, MethodSettings()),
-    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7)),
-}
-
-
-class FixedStep(NamedTuple):
-    """A step of fixed length."""
-
-    end: State
-    power: float  # mean power of motors and world less that of damping [W]
-    error: float = 0.0  # estimated error of q in this step [rad, m]; 0 without an estimate
-
-
 def explicit_steps(
     equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: State, edges: Array
 ) -> Iterator[FixedStep]:
@@ -293,3 +279,18 @@ def explicit_steps(
         y = y + h * (DOP853.B @ slopes)
         error = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])  # against the embedded method of order 5
         yield FixedStep(State(*np.split(y, 2)), power, float(np.abs(error).max()))
+
+
+class Method(NamedTuple):
+    """An integrator with its default settings."""
+
+    run: Callable[[IntegrationTask, MethodSettings], Integration]
+    settings: MethodSettings
+
+
+METHODS: dict[str, Method] = {
+    "reference": Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12)),
+    "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
+    "explicit": Method(integrate_by_explicit_steps, MethodSettings()),
+    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7)),
+}
