@@ -29,6 +29,9 @@ from framework.simulation.world_forces import WorldForces
 SENSORS = ("motors", "joints")  # where the encoders are
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
 PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platform with the plan
+MAX_JOINT_STEP = 3.0  # [rad, robot lengths] of a joint in one sampling period; a run that is faster is lost
+FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below this speed friction is smoothed
+MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ class RunMonitor:
 
     alive: (R,) whether a run still goes on.
     why: R reasons of failures, empty so far for other runs.
-    worst, error: (R,) largest and last distance of the platform from the plan [robot lengths, rad].
+    worst, error: (R,) largest and last distance of the platform from the plan [robot lengths, rad];
+        MAX_DEVIATION for runs that are over.
     peak: (R, n_a) largest motor torques [N m].
     positions: platform coordinates (R, n) of each check.
     torques: motor torques (R, n_a) [N m] of each period, if recorded.
@@ -97,7 +101,7 @@ class RunMonitor:
         deviations = np.abs((x - planned) / self.robot.platform_scale)
         self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)
         self.end(time, ~(self.error < MAX_DEVIATION))
-        self.worst = np.maximum(self.worst, np.where(self.alive, self.error, MAX_DEVIATION))
+        self.worst = np.maximum(self.worst, self.error)
         self.positions.append(np.where(self.alive[:, None], x, np.nan))
 
     def end(self, time: float, runs: BoolArray) -> None:
@@ -105,6 +109,7 @@ class RunMonitor:
         for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"
         self.alive = self.alive & ~runs
+        self.error = np.where(self.alive, self.error, MAX_DEVIATION)
 
     def add_torque(self, torque: Array, *, record: bool) -> None:
         """Update the peaks by torques (R, n_a) of one period; store the torques if `record`."""
@@ -114,28 +119,22 @@ class RunMonitor:
 
     def conclude(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
         """Judge the runs at their end; return their outcomes."""
-        error = np.where(self.alive, self.error, MAX_DEVIATION)
         is_near_plan = self.worst <= loop.tolerance
-        is_near_end = error <= loop.end
+        is_near_end = self.error <= loop.end
         for run in np.flatnonzero(self.alive & ~is_near_plan):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
         for run in np.flatnonzero(self.alive & is_near_plan & ~is_near_end):
-            self.why[run] = f"{error[run]:.3g} off at the end"
+            self.why[run] = f"{self.error[run]:.3g} off at the end"
         return Run(
             passed=self.alive & is_near_plan & is_near_end,
             why=tuple(self.why),
             tracking_error=self.worst,
-            end_error=error,
+            end_error=self.error,
             peak_torque=self.peak,
             payload=np.array([variation.payload for variation in variations]),
             x=np.array(self.positions),
             torque=np.array(self.torques) if self.torques else None,
         )
-
-
-MAX_JOINT_STEP = 3.0  # [rad, robot lengths] of a joint in one sampling period; a run that is faster is lost
-FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below this speed friction is smoothed
-MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
 
 
 class DelayLine(NamedTuple):

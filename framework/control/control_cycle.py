@@ -186,7 +186,7 @@ class ControlCycle:
             jacobian = jacobian.take(self._independent, axis=0)
             residual = residual.take(self._independent)
         self.T[:] = 0.0
-        self.T[self._actuated, range(len(self._actuated))] = 1.0
+        self.T[self._actuated] = np.eye(len(self._actuated))
         if not len(columns):
             self._determinant, self.type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0

@@ -116,7 +116,8 @@ def solve_damped(matrices: Array, right: Array) -> Array:
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
     threshold = FADING_RATIO * sigma[:, :1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), sigma / threshold**2)
+        damped_inverse = sigma / threshold**2
+        inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), damped_inverse)
     components = inverse * matvec(U.transpose(0, 2, 1), right)  # along the right singular vectors
     return np.where(is_finite, matvec(V_rows.transpose(0, 2, 1), components), np.nan)
 

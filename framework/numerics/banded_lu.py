@@ -154,8 +154,8 @@ class BandFactors:
         The pivots of these factors decide which matrices are singular: rounding may differ in dense factors.
         """
         sign, size = DenseFactors(self.band.fill(self.values)).slogdet
-        pivots = self.lu[self.band.lower + self.band.upper].reshape(-1, self.band.size)
-        is_singular = (pivots == 0.0).any(axis=1)
+        main_diagonal = self.lu[self.band.lower + self.band.upper]  # (T k,)
+        is_singular = (main_diagonal.reshape(-1, self.band.size) == 0.0).any(axis=1)
         return np.where(is_singular, 0.0, sign), np.where(is_singular, -np.inf, size)
 
 

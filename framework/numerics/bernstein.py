@@ -51,8 +51,7 @@ def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     truncated coefficients, the last two coefficients (for those that are not computed, see `Bernstein`) and
     rounding.
     """
-    count = len(values)
-    shape = values.shape[2:]
+    count, _, *shape = values.shape
     polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # T_j at the nodes
     series = np.linalg.inv(polynomials) @ values.reshape(count, NODES, -1)  # (k, NODES, all components)
     largest = np.abs(series).max(axis=1)

@@ -43,7 +43,8 @@ def _transform_matrix(size: int) -> Array:
     f(x_j), with the nodes x_j in descending order and w = 1/2 for the first and the last index.
     """
     k = np.arange(size)
-    matrix = np.cos(np.pi * np.outer(k, size - 1 - k) / (size - 1)) * (2.0 / (size - 1))
+    angles = np.pi * np.outer(k, size - 1 - k) / (size - 1)  # coefficients by nodes
+    matrix = np.cos(angles) * (2.0 / (size - 1))
     matrix[:, [0, -1]] *= 0.5
     matrix[[0, -1], :] *= 0.5
     return read_only(matrix)
@@ -59,11 +60,12 @@ def tail(series: Array) -> float:
 
     The tail is 0 for a series of zeros, and infinite for a series that is not finite.
     """
-    largest = float(np.max(np.abs(series), initial=0.0))
+    sizes = np.abs(series)
+    largest = float(sizes.max(initial=0.0))
     if not np.isfinite(largest):
-        return float("inf")
+        return np.inf
     count = max(2, series.shape[-2] // 8)
-    return float(np.max(np.abs(series[..., -count:, :]))) / largest if largest > 0 else 0.0
+    return float(sizes[..., -count:, :].max()) / largest if largest > 0 else 0.0
 
 
 def evaluate(x: Array, series: Array) -> Array:
@@ -74,7 +76,8 @@ def evaluate(x: Array, series: Array) -> Array:
     """
     if x.size > MIN_CLENSHAW_POINTS and series[0].size < MIN_PRODUCT_SERIES:
         return np.asarray(chebyshev.chebval(x, series).T)
-    return np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series
+    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(len(series)))  # T_k(x), (T, size)
+    return polynomials @ series
 
 
 def extrema(series: Array) -> Array:

@@ -224,7 +224,8 @@ def _upper_triangle(matrix: LinearMatrix) -> Affine:
     # the upper triangle by columns is the lower triangle by rows, transposed
     column, row = np.tril_indices(len(matrix.offset))
     weight = np.where(row == column, 1.0, np.sqrt(2.0))
-    return Affine(weight[:, None] * matrix.slopes[row, column], weight * matrix.offset[row, column])
+    slopes = matrix.slopes[row, column]  # (entries, n)
+    return Affine(weight[:, None] * slopes, weight * matrix.offset[row, column])
 
 
 def _cone_settings(regularization: float, refinements: int) -> Any:

@@ -95,15 +95,15 @@ def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
     return table
 
 
-def mapping_of(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
-    """Return a reader of a mapping from names to values; any name is valid without `read_name`."""
+def mapping_of(read: Reader[T], read_name: Reader[str] = lambda _, name: str(name)) -> Reader[dict[str, T]]:
+    """Return a reader of a mapping from names to values; any name is valid by default."""
 
     def read_named(where: str, raw: Any) -> dict[str, T]:
         """Read each name and its value."""
         values = {}
         for name, value in mapping(where, raw).items():
             place = below(where, name)
-            values[read_name(place, name) if read_name else str(name)] = read(place, value)
+            values[read_name(place, name)] = read(place, value)
         return values
 
     return read_named

@@ -13,6 +13,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 from typing import NoReturn
 
@@ -34,12 +35,11 @@ def _signal_of(stop: BaseException) -> signal.Signals:
     return signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT
 
 
+@dataclass
 class Heard:
     """The interruption that has arrived, if any, even if its exception was turned into another."""
 
-    def __init__(self) -> None:
-        """Record no interruption yet."""
-        self.stop: KeyboardInterrupt | None = None
+    stop: KeyboardInterrupt | None = None
 
     def check(self) -> None:
         """Raise the interruption once more, if one has arrived."""

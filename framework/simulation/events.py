@@ -94,7 +94,7 @@ def _event_value(event: Event, t: float, q: Array, v: Array) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        number = float("nan")
+        number = np.nan
     if np.isnan(number):
         raise InvalidInput(f"event {event.name}: needs one number, got {value!r} at t = {t:.9g} s")
     return number
