@@ -93,7 +93,7 @@ def run_study(
     def report(names: Collection[str]) -> None:
         """Count the runs of finished chunks, and report their number."""
         nonlocal finished_runs
-        finished_runs = sum(len(chunks[name]) for name in names)
+        finished_runs = sum(len(chunks[chunk_name]) for chunk_name in names)
         progress(finished_runs)
 
     task = partial(run_chunk, controller, loop, spread, seed)

@@ -159,8 +159,7 @@ class TimeFunction(ReadOnlyArrays):
         """
         check_order(order)
         times = np.asarray(t, dtype=float)
-        start = self.edges[0]
-        end = self.edges[-1]
+        start, end = self.edges[0], self.edges[-1]
         slack = SAME_PLACE * (end - start)
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")

@@ -211,7 +211,7 @@ def _restrict(read: Reader[T], is_valid: Callable[[T], bool], complaint: str) ->
 def number(where: str, raw: Any) -> float:
     """Read a finite number of at most LARGEST_NUMBER.
 
-    A number may be given as text, since YAML 1.1 takes 1e5 for a text.
+    A number may be given as text, since YAML 1.1 reads 1e5 as text.
     """
     try:
         if isinstance(raw, bool) or not isinstance(raw, Real | str):

@@ -25,13 +25,13 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM has arrived."""
 
 
-def exit_code(stop: BaseException) -> int:
+def exit_code(stop: KeyboardInterrupt) -> int:
     """Return 128 plus the number of the signal, as shells do: 130 for Ctrl-C, 143 for SIGTERM."""
     return 128 + _signal_of(stop)
 
 
-def _signal_of(stop: BaseException) -> signal.Signals:
-    """Return the signal that raised a KeyboardInterrupt."""
+def _signal_of(stop: KeyboardInterrupt) -> signal.Signals:
+    """Return the signal that raised an interruption."""
     return signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT
 
 

@@ -25,12 +25,13 @@ def dot(a: Array, b: Array) -> Array:
     """Compute the sums (...) of products a b (..., n) over the last axis."""
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
-    if a.size + b.size < SMALL_STACK:
+    if a.size + b.size < SMALL_STACK:  # few calls of numpy
         terms = a * b
         total = terms[..., 0]
         for k in range(1, terms.shape[-1]):
             total = total + terms[..., k]
         return total
+    # little memory
     total = np.asarray(a[..., 0] * b[..., 0])
     term = np.empty_like(total)
     for k in range(1, a.shape[-1]):

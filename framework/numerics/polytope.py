@@ -100,10 +100,10 @@ def slabs(rows: Array, limits: Array) -> Polytope:
     in_span = rows @ span.T  # (m, r) rows in coordinates of the row space
     signs = _sign_combinations(rank)  # (2^r, r)
     corners = [np.zeros((0, rows.shape[1]))]
-    for subset in map(list, combinations(range(len(rows)), rank) if rank else ()):
-        chosen = in_span[subset]
-        if singular_values(chosen)[-1] > rounding:
-            coordinates = np.linalg.solve(chosen, (signs * limits[subset]).T)  # (r, 2^r)
+    for subset in combinations(range(len(rows)), rank) if rank else ():
+        chosen = list(subset)
+        if singular_values(in_span[chosen])[-1] > rounding:
+            coordinates = np.linalg.solve(in_span[chosen], (signs * limits[chosen]).T)  # (r, 2^r)
             corners.append(coordinates.T @ span)
     points = np.concatenate(corners)
     is_vertex = np.all(np.abs(points @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)

@@ -168,9 +168,9 @@ class StepEquations:
                 raise StepFailed("Newton steps too far")
             a, multipliers = a + a_change, multipliers + multiplier_change
             rate = size / last_size if last_size > 0 else 0.0
-            # if each further step is `rate` times the one before, all of them sum up to size rate / (1 -
-            # rate)
-            if size <= accuracy or (iteration > 1 and rate < 0.5 and size * rate / (1 - rate) <= accuracy):
+            # further steps, each `rate` times the one before, sum up to size rate / (1 - rate)
+            is_contracting = iteration > 1 and rate < 0.5
+            if size <= accuracy or (is_contracting and size * rate / (1 - rate) <= accuracy):
                 return self._solution(a, multipliers, balance, iteration)
             if iteration > 2 and rate > DIVERGENCE_RATE and size > DIVERGENCE_STEP:
                 raise StepFailed("Newton diverges")

@@ -130,7 +130,7 @@ def _method_settings(
     if tolerance is not None:
         if not settings.stages:
             raise InvalidInput(f"tolerance: method {method} has none; its step [s] sets how exact it is")
-        if not MIN_TOLERANCE <= float(finite_numbers("tolerance", [tolerance], 1)[0]) < 1:
+        if not MIN_TOLERANCE <= finite_numbers("tolerance", [tolerance], 1)[0] < 1:
             raise InvalidInput(f"tolerance: must lie in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
         settings = settings._replace(tolerance=float(tolerance))
     if stages is not None:
