@@ -91,7 +91,6 @@ class ControlCycle:
         self._steps_add = robot.model.nq == robot.model.nv  # no balls: q + step is the next configuration
         self.q, self.x = start.q.copy(), start.x.copy()
         self.T = np.zeros((robot.nv, robot.n_a))
-        self._determinant = 0.0
         self._factor_loops(self.q)
         if not abs(self._determinant) > 0.0:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")

@@ -65,22 +65,22 @@ def _implicit_mass(mass: Array, stack: RobotStack, h: float) -> Array:
     return matrix
 
 
-def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     """Step by the linear implicit midpoint rule, h [s], under generalised forces `driven` (R, nv).
 
-    All terms are evaluated in the predicted middle of the step. Bias forces and the drift of the loops depend
-    on the velocity there, so the equations are solved twice: for a first guess of the acceleration, which
-    gives that velocity, and with it.
+    All terms are evaluated in the predicted middle of the step. The equations are solved twice: the first
+    acceleration is a guess that predicts the velocity in the middle, on which bias forces and the drift of
+    the loops depend.
     """
-    robot = stack.robots[0]
+    robot, (q, v) = stack.robots[0], start
     middle = integrate(robot, q, 0.5 * h * v)
     terms = stack.terms(middle, v)
     implicit_mass = _implicit_mass(terms.mass, stack, 0.5 * h)
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
     drift = stack.drift(terms, v)
     gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift  # (R, m) Taylor series back to q
-    springs = spring_forces(robot, stack.stiffness, stack.rest, middle)
-    steady = driven - springs - stack.damping * v  # (R, nv) forces that do not depend on the velocity there
+    # forces (R, nv) that are the same in both solutions
+    steady = driven - spring_forces(robot, stack.stiffness, stack.rest, middle) - stack.damping * v
     closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
     guess = _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
     v_middle = v + 0.5 * h * guess
@@ -112,13 +112,12 @@ def _step_by_euler(
     return State(integrate(robot, q, h * v_end), v_end), closing_rate
 
 
-def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+def extrapolate(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     """Step by the extrapolated linear implicit Euler method, h [s], under generalised forces (R, nv).
 
     The result is twice that of two half steps less that of the whole step. Extrapolation requires that whole
     and half steps approach the same solution, so all close the loops at the same rate.
     """
-    start = State(q, v)
     whole, closing_rate = _step_by_euler(stack, start, driven, h)
     half, _ = _step_by_euler(stack, start, driven, 0.5 * h, closing_rate)
     halves, _ = _step_by_euler(stack, half, driven, 0.5 * h, closing_rate)
@@ -127,5 +126,5 @@ def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) 
     return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
 
 
-Scheme = Callable[[RobotStack, Array, Array, Array, float], State]
+Scheme = Callable[[RobotStack, State, Array, float], State]
 SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolate}

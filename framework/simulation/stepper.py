@@ -103,7 +103,7 @@ class Stepper:
         if world is not None:
             driven += world
         with np.errstate(over="ignore", invalid="ignore"):
-            new = SCHEMES[self.scheme](self.stack, runs, rates, driven, h)
+            new = SCHEMES[self.scheme](self.stack, State(runs, rates), driven, h)
         return State(new.q.reshape(q.shape), new.v.reshape(v.shape))
 
     def platform(self, q: Array, v: Array) -> tuple[Array, Array]:

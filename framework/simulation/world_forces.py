@@ -67,7 +67,7 @@ class WorldForces:
         force = np.zeros((len(q), robot.nv))
         for entry in self.wrenches.entries:
             frame = frame_index(robot.model, entry.frame)
-            wrenches = np.array(entry(s))  # (T, 6)
+            wrenches = entry(s)  # (T, 6)
             for k, configuration in enumerate(q):
                 jacobian = pin.computeFrameJacobian(models[k], data, configuration, frame, AXES)
                 wrench = wrenches[k]
