@@ -103,7 +103,8 @@ class CollocationStep(ReadOnlyArrays):
     table: Collocation
     time: float
     length: float
-    start: State
+    start: Array  # (nq,)
+    start_velocity: Array  # (nv,)
     q: Array  # (s, nq)
     v: Array  # (s, nv)
     a: Array  # (s, nv)
@@ -260,7 +261,8 @@ class StepEquations:
             table=self.table,
             time=self.time,
             length=self.length,
-            start=self.start,
+            start=self.start.q,
+            start_velocity=self.start.v,
             q=q,
             v=v,
             a=a,

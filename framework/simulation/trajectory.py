@@ -35,12 +35,12 @@ class Polynomials:
         index, table = _step_index(self.edges, t), self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
         basis = table.basis((t - times[index]) / lengths[index])  # (T, stages + 1)
-        starts = np.array([step.start.q for step in self.steps])[index]
+        starts = np.array([step.start for step in self.steps])[index]
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
             step, is_inside = self.steps[k], index == k
             offset[is_inside] = basis[is_inside] @ (step.length * table.series_of_integral @ step.slope)
-            velocities = np.vstack([step.start.v, step.v])
+            velocities = np.vstack([step.start_velocity, step.v])
             v[is_inside] = basis[is_inside] @ (table.series_with_start @ velocities)
         return integrate(self.robot, starts, offset), v
 
