@@ -247,8 +247,9 @@ class _VariedRobots(NamedTuple):
         try:
             varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
             stepper = Stepper.of(varied_robots, like=ref.robot)
-            q, torque = (np.tile(row, (len(variations), 1)) for row in (ref.motion.q[0], ref.torque[0]))
-            start = stepper.start(q, None, torque, world=world)
+            copies = (len(variations), 1)
+            q = np.tile(ref.motion.q[0], copies)
+            start = stepper.start(q, None, np.tile(ref.torque[0], copies), world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
@@ -272,6 +273,7 @@ class _VariedRobots(NamedTuple):
         """
         ref = self.reference
         robot = ref.robot
+        # (R, nv) each
         noise, rate_noise = np.zeros((2, *v.shape)) if self.noise is None else self.noise[k].swapaxes(0, 1)
         rates = v + rate_noise
         n, motors = robot.gear_ratio, robot.actuated

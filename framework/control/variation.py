@@ -67,7 +67,10 @@ def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variati
 def draw_noise(
     robot: ParallelRobot, spread: Spread, seeds: Sequence[tuple[int, int]], samples: int
 ) -> Array | None:
-    """Draw encoder noise (samples, R, 2, nv) of positions and speeds [rad, m, /s]; None without noise."""
+    """Draw encoder noise (samples, R, 2, nv) of positions and speeds; None without noise.
+
+    Positions are in rad or m, speeds in rad/s or m/s.
+    """
     if not (spread.noise or spread.speed_noise):
         return None
     deviation = np.array([spread.noise, spread.speed_noise])[:, None]
