@@ -70,10 +70,7 @@ def interruptible() -> Iterator[Heard]:
         raise heard.stop
 
     def raise_lost(unraisable: sys.UnraisableHookArgs) -> None:
-        """Repeat an interruption that was raised in a callback of weakref or in __del__.
-
-        Python drops exceptions of such callbacks.
-        """
+        """Repeat an interruption that a callback of weakref or __del__ raised, and Python dropped."""
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return

@@ -55,10 +55,7 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
 
 
 def _parabola_vertex(left: Array, centre: Array, right: Array) -> Array:
-    """Return the vertices, cut to [-1, 1], of parabolas with maxima through values (m,) at -1, 0, 1.
-
-    A parabola without a maximum has 0.
-    """
+    """Return the maxima in [-1, 1] of parabolas through values (m,) at -1, 0, 1; 0 without a maximum."""
     curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
     vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(curvature), where=curvature > 0.0)
     return np.clip(vertex, -1.0, 1.0)

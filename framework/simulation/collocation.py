@@ -200,8 +200,8 @@ class StepEquations:
     def _offset_rate(self, v: Array, guess: Array) -> Array:
         """Compute the rate (s, nv) of the tangent offset from the start for velocities v (s, nv).
 
-        Without balls the rate is v. With balls it depends on the offset, which is the integral of the rate:
-        it is found by fixed-point iteration from a `guess`, or from v if the guess is zero.
+        Without balls the rate is v. With balls it depends on the offset, its own integral, and is found by
+        fixed-point iteration from a `guess`, or from v if the guess is zero.
         """
         robot, q0 = self.equations.robot, self.start.q
         if not robot.has_balls:

@@ -58,11 +58,8 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
 
 
 def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
-    """Compute the pseudo-inverses (T, k, m) of matrices (T, m, k), m <= k, from their decomposition.
-
-    The decomposition is left (T, m, m) times the singular `sizes` (T, m) times right (T, k, k).
-    """
-    m, k = sizes.shape[1], right.shape[1]
+    """Compute pseudo-inverses (T, k, m), m <= k, from singular vectors and singular values `sizes` (T, m)."""
+    m, k = sizes.shape[1], right.shape[1]  # left (T, m, m), right (T, k, k)
     rounding = np.finfo(float).eps * k
     is_nonzero = sizes > rounding * sizes.max(axis=1, initial=0.0, keepdims=True)
     inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=is_nonzero)
@@ -71,10 +68,7 @@ def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
 
 
 def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array, Array]:
-    """Compute bases of the allowed motions, (nv, d) with mass and (nv, k) without.
-
-    `tangent` is that of one state, T = 1.
-    """
+    """Compute bases of the allowed motions of one state, (nv, d) with mass and (nv, k) without."""
     allowed = allowed_motions(equations, tangent)
     basis, light = allowed.basis[0], allowed.light[0]
     return basis[:, ~light], basis[:, light]

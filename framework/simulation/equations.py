@@ -8,9 +8,7 @@
 * n tau: the motor torques on the joint side;
 * F, J: the independent loop equations and their Jacobian.
 
-The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J itself does
-not.
-
+The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J does not.
 Pinocchio is called once for each state; all other computations are stacked.
 """
 
@@ -77,10 +75,7 @@ class EquationsOfMotion:
         return equations._load_idle_joints()
 
     def _load_idle_joints(self) -> EquationsOfMotion:
-        """Return the equations with unit inertia on idle joints without mass.
-
-        No force acts on these joints, so they stay at rest; the inertia keeps M regular.
-        """
+        """Return the equations with unit inertia on idle joints without mass, which no force moves."""
         idle = self.robot.structure.idle
         if not len(idle):
             return self
@@ -150,7 +145,7 @@ class EquationsOfMotion:
 def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array) -> Array:
     """Compute the spring forces K (q - rest) (T, nv) at q (T, nq).
 
-    Stiffness K and rest are (nv,) or (T, nv); `rest` is an offset from the neutral configuration.
+    K and `rest`, an offset from the neutral configuration, are (nv,) or (T, nv).
     """
     if not stiffness.any():
         return np.zeros((len(q), robot.nv))

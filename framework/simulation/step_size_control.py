@@ -57,10 +57,7 @@ class StepSizeControl:
     accepted: int = 0  # number of steps
 
     def next_length(self, remaining: float) -> float:
-        """Return the length [s] of the next step.
-
-        A stretch ends with two equal steps rather than a long one and a tiny one.
-        """
+        """Return the length [s] of the next step; the last two of a stretch are equal."""
         count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
         return remaining / count if count <= 2 else self.length
 
@@ -99,12 +96,8 @@ def collocate(
 ) -> Iterator[CollocationStep]:
     """Yield the steps from `start` at 0 to `duration` [s], each resolved to `tolerance`.
 
+    A step has `stages` nodes and at most the length `longest` [s]. The tolerance is in rad or robot lengths.
     A step over a singularity of the closures may leave more unresolved; see `CollocationStep.unresolved`.
-
-    Args:
-        stages: collocation nodes of a step.
-        tolerance: unresolved part of a step [rad, robot lengths].
-        longest: length of the longest step [s].
 
     Raises:
         NotConverged: no step, however short, can be solved or resolved; or too many steps are needed.
@@ -150,11 +143,8 @@ def _largest_motion(equations: EquationsOfMotion, step: CollocationStep) -> floa
 
 
 def _step_growth(ratio: float, stages: int) -> float:
-    """Return the factor on the length of the next step, cautious and within bounds.
-
-    `ratio` is the admissible over the unresolved part of the step, which grows with the length to the power
-    stages + 1.
-    """
+    """Return the factor on the length of the next step for the ratio of admissible to unresolved part."""
+    # the unresolved part grows with the length of a step to the power stages + 1
     return float(np.clip(STEP_SAFETY * ratio ** (1 / (stages + 1)), MIN_STEP_GROWTH, MAX_STEP_GROWTH))
 
 

@@ -69,10 +69,8 @@ class Stepper:
     ) -> State:
         """Find the consistent state next to q (nq,) or (R, nq): loops closed, massless parts in balance.
 
-        Args:
-            v: (nv,) or (R, nv), zero by default.
-            torque: motor torques (n_a,) or (R, n_a) [N m], motor side, zero by default.
-            world: forces of the world, taken at t = 0.
+        v (nv,) or (R, nv) and motor torques (n_a,) or (R, n_a) [N m], motor side, are zero by default. The
+        forces of the world are those at t = 0.
 
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
@@ -92,10 +90,7 @@ class Stepper:
         """Compute the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
 
         The result is NaN or infinite for a run that diverges or has singular equations. A run has the same
-        result, to the last bit, in any stack.
-
-        Args:
-            world: constant generalised forces (nv,) or (R, nv), none by default.
+        result, to the last bit, in any stack. The forces of the `world` (nv,) or (R, nv) are constant, too.
         """
         runs, rates = np.atleast_2d(q), np.atleast_2d(v)  # (R, nq), (R, nv)
         driven = np.zeros(rates.shape)  # generalised forces of motors and world

@@ -54,9 +54,7 @@ class RobotStack:
     ) -> RobotStack:
         """Stack one robot or several of the same structure.
 
-        Args:
-            like: the robot that decides which loop equations are independent and which joints idle; the first
-                of the robots by default.
+        `like`, by default the first, decides which loop equations are independent and which joints idle.
 
         Raises:
             InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.

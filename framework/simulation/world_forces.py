@@ -59,8 +59,7 @@ class WorldForces:
     ) -> Array:
         """Compute the generalised forces (T, nv) at t (T,) [s] and q (T, nq).
 
-        Args:
-            models: a model of the robot's structure for each state; the robot's own by default.
+        Each state may have its own of `models`, all of the robot's structure.
         """
         data, s = scratch_of(robot).data, self._path_coordinates(t)
         models = [robot.model] * len(q) if models is None else models
