@@ -1,15 +1,18 @@
-"""Motor controllers that drive a planned crossing, and studies of their robustness to errors of the model.
+"""Motor controllers for a planned crossing, and studies of their robustness to model errors.
 
     reference = reference_of(plan, period=1e-3)
     study = run_study(tuned_controller("lqr", reference), ControlLoop(), Spread(payload=0.05), runs=200)
 
-Open `study` first (many runs), then `closed_loop` (one sampling period after the other).
-`tuned_controller` makes one of `CONTROLLERS` for a plan, `run_closed_loop` drives robots that differ from the
-model as `Spread` says, `run_study` draws and judges many of them, and `load_study` reads what `crossing
-robustness --out` wrote. The controllers stand in `controllers`; friction and delay act between them and the
-robot, and `run_store` keeps finished runs. `variation` draws robots, `reference` samples the plan, and
-`study_setup` stores a study. A controller of one's own follows the protocol `Controller`. `ControlCycle`
-(control_cycle) has the pose and the torques of one robot once a millisecond.
+Open `study` first (many runs), then `closed_loop` (the loop over sampling periods).
+
+* `controllers`: `tuned_controller` makes one of `CONTROLLERS` for a plan; other controllers follow the
+  protocol `Controller`;
+* `reference`: the plan at the sampling instants of the controller;
+* `variation`: random robots that differ from the model as `Spread` says;
+* `closed_loop`: `run_closed_loop` drives such robots, with friction and delay between controller and robot;
+* `study`: `run_study` draws robots and judges their runs, `run_store` stores finished runs;
+* `study_setup`: `load_study` reads a study that `crossing robustness --out` wrote;
+* `control_cycle`: `ControlCycle` computes pose and torques of one robot once a millisecond.
 """
 
 from framework.control.closed_loop import ControlLoop, Run, run_closed_loop

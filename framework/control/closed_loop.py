@@ -1,6 +1,6 @@
-"""A controller on robots that differ from its model: sampling, delay, noise, saturation, friction.
+"""A controller on robots that differ from its model, with sampling, delay, noise, saturation and friction.
 
-A monitor compares the platforms with the plan, ends lost runs, and says which runs pass.
+A monitor compares the platforms with the plan, ends lost runs and decides which runs pass.
 """
 
 from __future__ import annotations
@@ -26,67 +26,68 @@ from framework.simulation import Stepper
 from framework.simulation.schemes import State
 from framework.simulation.world_forces import WorldForces
 
-SENSORS = ("motors", "joints")
-MAX_DEVIATION = 1.0  # [robot lengths, rad] from the plan: beyond, the run is over
+SENSORS = ("motors", "joints")  # where the encoders are
+MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
 PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platform with the plan
+MAX_JOINT_STEP = 3.0  # [rad, robot lengths] of a joint in one sampling period; a run that is faster is lost
+FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below this speed friction is smoothed
+MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
 
 
 @dataclass(frozen=True)
 class ControlLoop:
     """Tolerances, torque limits and sensors of all runs.
 
-    A run passes if the platform is never farther than `tolerance` from the plan and ends within `end` of the
-    end of the path, in robot lengths and radians. `limit` (n_a) are the largest motor torques [N m]; None:
-    the torque limits of the robot file, or ten times the peaks of the plan.
+    A run passes if the platform always stays within `tolerance` of the plan and ends within `end` of the end
+    of the path.
     """
 
-    tolerance: float = 2.5e-3
-    end: float = 2.5e-3
-    limit: tuple[float, ...] | None = None
+    tolerance: float = 2.5e-3  # [robot lengths, rad]
+    end: float = 2.5e-3  # [robot lengths, rad]
+    limit: tuple[float, ...] | None = None  # (n_a) largest motor torques [N m]; None: see `torque_limit`
     sensors: str = "motors"  # encoders on the motors, or on all "joints"
 
     def __post_init__(self) -> None:
         """Check tolerances and the name of the sensors."""
-        for name in ("tolerance", "end"):
-            positive(name, getattr(self, name))
+        positive("tolerance", self.tolerance)
+        positive("end", self.end)
         check_choice("sensors", self.sensors, SENSORS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcomes(ReadOnlyArrays):
-    """The outcomes of R runs.
+    """The outcomes of R runs."""
 
-    `passed`: the platform came to rest near the end, see `ControlLoop`.
-    """
-
-    passed: BoolArray  # (R,)
-    why: tuple[str, ...]  # (R,) empty for those that passed
-    tracking_error: Array  # (R,) [robot lengths, rad] largest distance from the plan
+    passed: BoolArray  # (R,) whether the platform kept the tolerances of the `ControlLoop`
+    why: tuple[str, ...]  # (R,) reasons of failures, empty for runs that passed
+    tracking_error: Array  # (R,) largest distance of the platform from the plan [robot lengths, rad]
     end_error: Array  # (R,) the same at the end
     peak_torque: Array  # (R, n_a) [N m], motor side
-    payload: Array  # (R,) factor
+    payload: Array  # (R,) factor on the platform's inertia
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run(Outcomes):
     """R runs that were driven together."""
 
-    x: Array  # (checks, R, n) of the platforms, every PERIODS_PER_CHECK sampling periods
-    torque: Array | None = None  # (K, R, n_a) if it was recorded
+    x: Array  # (checks, R, n) platform coordinates, every PERIODS_PER_CHECK sampling periods
+    torque: Array | None = None  # (K, R, n_a) [N m], if recorded
 
 
 class RunMonitor:
     """Errors and torques of R runs so far, with the reasons of failures.
 
-    alive: (R,) runs that are not over.
-    why: R reasons of failures.
-    worst, error: (R,) the largest and the last error.
-    peak: (R, n_a) largest torque [N m].
-    positions: of platforms (R, n) at each check; torques: (R, n_a) of each period, if recorded.
+    alive: (R,) whether a run still goes on.
+    why: R reasons of failures, empty so far for other runs.
+    worst, error: (R,) largest and last distance of the platform from the plan [robot lengths, rad];
+        MAX_DEVIATION for runs that are over.
+    peak: (R, n_a) largest motor torques [N m].
+    positions: platform coordinates (R, n) of each check.
+    torques: motor torques (R, n_a) [N m] of each period, if recorded.
     """
 
     def __init__(self, count: int, robot: ParallelRobot) -> None:
-        """Monitor `count` runs that have not begun."""
+        """Prepare to monitor `count` runs."""
         self.robot = robot
         self.alive = np.ones(count, bool)
         self.why = [""] * count
@@ -96,39 +97,39 @@ class RunMonitor:
         self.torques: list[Array] = []
 
     def check(self, time: float, x: Array, planned: Array) -> None:
-        """Compare platforms x (R, n) with the plan (n,); end runs that are too far off."""
-        scale = self.robot.platform_scale
-        self.error = np.nan_to_num(np.abs((x - planned) / scale), nan=MAX_DEVIATION).max(axis=1)
+        """Compare platform coordinates x (R, n) with the plan (n,); end runs that are too far off."""
+        deviations = np.abs((x - planned) / self.robot.platform_scale)
+        self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)
         self.end(time, ~(self.error < MAX_DEVIATION))
-        self.worst = np.maximum(self.worst, np.where(self.alive, self.error, MAX_DEVIATION))
+        self.worst = np.maximum(self.worst, self.error)
         self.positions.append(np.where(self.alive[:, None], x, np.nan))
 
     def end(self, time: float, runs: BoolArray) -> None:
-        """End the runs of a mask (R,) that are not over yet."""
+        """End the runs of a mask (R,) that still go on, at `time` [s]."""
         for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"
         self.alive = self.alive & ~runs
+        self.error = np.where(self.alive, self.error, MAX_DEVIATION)
 
     def add_torque(self, torque: Array, *, record: bool) -> None:
-        """Update the peaks by torques (R, n_a) of one period; store all if `record`."""
+        """Update the peaks by torques (R, n_a) of one period; store the torques if `record`."""
         self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
         if record:
             self.torques.append(torque)
 
     def conclude(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
-        """Return the runs with the reasons why some did not pass."""
-        error = np.where(self.alive, self.error, MAX_DEVIATION)
+        """Judge the runs at their end; return their outcomes."""
         is_near_plan = self.worst <= loop.tolerance
-        is_near_end = error <= loop.end
+        is_near_end = self.error <= loop.end
         for run in np.flatnonzero(self.alive & ~is_near_plan):
             self.why[run] = f"{self.worst[run]:.3g} off the plan on the way"
         for run in np.flatnonzero(self.alive & is_near_plan & ~is_near_end):
-            self.why[run] = f"{error[run]:.3g} off at the end"
+            self.why[run] = f"{self.error[run]:.3g} off at the end"
         return Run(
             passed=self.alive & is_near_plan & is_near_end,
             why=tuple(self.why),
             tracking_error=self.worst,
-            end_error=error,
+            end_error=self.error,
             peak_torque=self.peak,
             payload=np.array([variation.payload for variation in variations]),
             x=np.array(self.positions),
@@ -136,49 +137,42 @@ class RunMonitor:
         )
 
 
-MAX_JOINT_STEP = 3.0  # [rad, robot lengths] that a joint may move in one sampling period: more is a runaway
-FRICTION_SMOOTHING = 0.02  # speed over the largest planned motor speed, below which friction is smoothed
-MIN_SPEED = 1e-12  # [rad/s] instead of 0 for motors that stand still all the time: no 0 / 0
-
-
 class DelayLine(NamedTuple):
-    """A buffer that delays the torques of each run by its own number of periods."""
+    """A buffer that delays the torques of each run by that run's own number of periods."""
 
     delays: IntArray  # (R,) [sampling periods]
     past: deque[Array]  # torques (R, n_a) of the last periods
 
     @staticmethod
-    def of(controller: Controller, variations: Sequence[Variation]) -> DelayLine:
-        """Return an empty buffer with the delays of R varied robots."""
-        ref = controller.reference
+    def of(ref: Reference, variations: Sequence[Variation]) -> DelayLine:
+        """Make an empty buffer with the delays of R varied robots."""
         periods = np.rint([variation.delay / ref.period for variation in variations])
         delays = np.minimum(periods, len(ref.times)).astype(np.intp)  # at most the whole motion
         return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
 
     def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return the delayed ones (R, n_a).
+        """Store commanded torques (R, n_a); return the delayed torques (R, n_a).
 
-        Until a run's delay has passed, these are the first torques.
+        A run has its first torques until its delay has passed.
         """
         self.past.append(torque)
-        if len(self.past) == 1:
-            return torque
         delays = np.minimum(self.delays, len(self.past) - 1)
         return np.array([self.past[-1 - delay][run] for run, delay in enumerate(delays)])
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
-    """Return the largest motor torques (n_a,) [N m] of the loop.
+    """Return the torque limits (n_a,) [N m] of the loop.
 
-    By default those of the robot file; without a limit 10 times the plan's peaks.
+    By default they are the limits of the robot file, or 10 times the plan's peaks for motors without one.
 
     Raises:
-        InvalidInput: a limit that is no torque.
+        InvalidInput: an invalid limit.
     """
     try:
         limits = motor_limits(reference.robot, "torque_limit", loop.limit)
     except InvalidInput as reason:
-        raise InvalidInput(str(reason).removeprefix("torque_")) from None  # the loop calls it limit
+        # the option of the loop is called limit, that of the robot file torque_limit
+        raise InvalidInput(str(reason).removeprefix("torque_")) from None
     return np.where(np.isfinite(limits), limits, 10 * np.abs(reference.torque).max(axis=0))
 
 
@@ -193,21 +187,21 @@ def run_closed_loop(
 ) -> Run:
     """Drive R varied robots along the plan, from rest at its start.
 
-    In every sampling period the encoders are read, the controller commands torques, these are limited and
-    delayed, and the robots move. Runs that are lost end early.
+    In every sampling period the encoders are read, the controller commands torques, the torques are limited
+    and delayed, and the robots move. Lost runs end early.
 
     Args:
-        record: whether all torques are returned with the run.
-        report_progress: called with the share of the motion that is done.
+        record: whether the torques of all periods are returned.
+        report_progress: called with the finished share of the motion.
 
     Raises:
-        InvalidInput: the loops of a varied robot do not close; a limit that is no torque.
+        InvalidInput: the loops of a varied robot do not close; an invalid torque limit.
     """
     ref = controller.reference
     limit = torque_limit(ref, loop)
-    robots = _VariedRobots.of(controller, spread, variations)
+    robots = _VariedRobots.of(ref, spread, variations)
     last = len(ref.times) - 1
-    delay_line = DelayLine.of(controller, variations)
+    delay_line = DelayLine.of(ref, variations)
     monitor = RunMonitor(len(variations), ref.robot)
     q, v = robots.start
     for k in range(last + 1):
@@ -222,7 +216,7 @@ def run_closed_loop(
             break
         q, v = robots.step(k, q, v, torque)
         monitor.end(ref.times[k + 1], _are_lost(ref, q, v))
-        # NaN of one run would spoil the stacked solutions of all: put ended runs back to their start
+        # put ended runs back to their start: NaN in one run would spoil the stacked solution of all runs
         is_running = monitor.alive[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
@@ -230,7 +224,7 @@ def run_closed_loop(
 
 
 def _are_lost(ref: Reference, q: Array, v: Array) -> BoolArray:
-    """Return which runs (R,) have joints that are not finite or too fast."""
+    """Return a mask (R,) of the runs with joints that are not finite or too fast."""
     is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
     return np.asarray(~(np.isfinite(q).all(axis=1) & is_slow.all(axis=1)))
 
@@ -243,21 +237,19 @@ class _VariedRobots(NamedTuple):
     start: State  # q (R, nq), v (R, nv)
     world: WorldForces
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
-    smoothing_speed: Array  # (n_a,) [rad/s] of motors, below which friction is smoothed
-    noise: Array | None  # (K, R, 2, nv) of the encoders
+    smoothing_speed: Array  # (n_a,) [rad/s] motor speed below which friction is smoothed
+    noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds
 
     @staticmethod
-    def of(controller: Controller, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
+    def of(ref: Reference, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
         """Place the robots at rest at the start of the plan, loops closed."""
-        ref = controller.reference
-        count = len(variations)
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
             varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
             stepper = Stepper.of(varied_robots, like=ref.robot)
-            torque = np.tile(ref.torque[0], (count, 1))
-            q = np.tile(ref.motion.q[0], (count, 1))
-            start = stepper.start(q, None, torque, world=world)
+            copies = (len(variations), 1)
+            q = np.tile(ref.motion.q[0], copies)
+            start = stepper.start(q, None, np.tile(ref.torque[0], copies), world=world)
         except NotAssembled as error:
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
@@ -270,34 +262,35 @@ class _VariedRobots(NamedTuple):
         return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
-        """Compute platform coordinates (R, n) at instant k."""
+        """Compute platform coordinates (R, n) at instant k, with angles in the turn of the plan."""
         return self.reference.robot.platform.unwrap(self.stepper.platform(q, v)[0], self.reference.x[k])
 
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
         """Read the encoders at instant k, with their noise.
 
-        With encoders on all joints their noise moves the measured platform by dx/dq, the pseudo-inverse of
+        Noise of encoders on all joints carries over to the measured platform by dx/dq, the pseudo-inverse of
         the planned N = dq/dx.
         """
         ref = self.reference
-        robot = self.reference.robot
-        noise = np.zeros_like(v) if self.noise is None else self.noise[k][:, 0]
-        rates = v if self.noise is None else v + self.noise[k][:, 1]
-        n = robot.gear_ratio
-        motors = robot.actuated
+        robot = ref.robot
+        # (R, nv) each
+        noise, rate_noise = np.zeros((2, *v.shape)) if self.noise is None else self.noise[k].swapaxes(0, 1)
+        rates = v + rate_noise
+        n, motors = robot.gear_ratio, robot.actuated
         angle = n * (robot.actuated_coordinates(q) + noise[:, motors])
         speed = n * rates[:, motors]
         if sensors == "motors":
-            return Measurement(motor_angle=angle, motor_speed=speed, state=None)
+            return Measurement(angle, speed, state=None)
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
         x = self.platform(k, q, v) + matvec(dx_dq, noise)
         dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])
         return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
 
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
-        """Compute the states one period after instant k under motor torques (R, n_a).
+        """Compute the states one period after instant k under motor torques (R, n_a) [N m].
 
-        Wrenches of the world are those in the middle of the period, where the present rates lead.
+        Wrenches of the world are evaluated in the middle of the period, at q predicted from the present
+        rates.
         """
         ref = self.reference
         world = None

@@ -5,13 +5,13 @@
     torque = cycle.torque(ddq_a)                # motor side
 
 A cycle predicts the pose along the tangent T = dq/dq_a of the last cycle and closes the loops by Newton's
-method on the passive joints, P dq_p = -(residual). With a_0 the accelerations at ddq_a = 0,
+method on the passive joints, P dq_p = -residual. With the joint accelerations a_0 at ddq_a = 0,
 
-    torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' RNEA(q, v, a_0) / n + ...,
+    torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' (RNEA(q, v, a_0) + ...) / n,
 
-without loop forces. A step is accepted by the same measures as in `predictor_corrector`. Where it is not,
-`forward_kinematics` follows the motors in short steps, or reports the singularity where the assembly mode
-ends.
+where T' eliminates the loop forces, and damping and joint springs are added to RNEA. A step is accepted by
+the same criteria as in `predictor_corrector`. If a step is refused, `forward_kinematics` follows the motors
+in short steps, or reports the singularity at which the assembly mode ends.
 """
 
 from __future__ import annotations
@@ -41,41 +41,45 @@ from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import BRANCHES_MEET, DETERMINANT_LOST
 
-MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is not accepted
-# [rad, robot lengths] of the joints: the error of the rates; that of the pose is its square
+MAX_ITERATIONS = 5  # of Newton's method in a cycle; a prediction that needs more is refused
+# [rad, robot lengths]: the last Newton step is smaller. It is the error of the rates, since T is computed
+# before the step; the error of the pose is its square
 LAST_STEP = 1e-10
 
 
 class ControlCycle:
     """The state and the dynamics of a robot along its motors, updated once a cycle.
 
-    It starts at an assembled configuration, the reference by default, and stays in its assembly mode or
-    raises. Springs keep the deflections of the start, as in `forward_kinematics`. The next `update`
-    overwrites all arrays; one object serves one thread.
+    The cycle starts at an assembled configuration, the reference by default. It stays in its assembly mode or
+    raises an error. Springs keep the deflections of the start, as in `forward_kinematics`. The next `update`
+    overwrites all arrays. One object serves one thread.
 
     q, v: all joints (nq,) and their rates (nv,).
-    x, dx: the platform's coordinates (n,), continuous from the start over full turns, and their rates.
-    T: joint rates for unit rates of the motors' joints (nv, n_a).
-    residual: the largest of all loop equations at q, those dropped as redundant included [m or rad].
-    type2: distance from Type 2, 1 / |P^-1| in the 1-norm [rad, robot lengths]. P (m, m) are the passive
-        columns of the loops, with least singular value sigma: it lies in [sigma / sqrt(m), sigma sqrt(m)].
-        Never negative, as the cycle stays in its assembly mode; infinite without passive joints.
+    x, dx: platform coordinates (n,), continuous over full turns from the start, and their rates.
+    T: joint rates (nv, n_a) for unit rates of the motors' joints.
+    residual: largest residual of all loop equations at q, redundant ones included [m or rad].
+    type2: distance from Type 2, 1 / |P^-1| in the 1-norm [rad, robot lengths]. With P (m, m) the passive
+        columns of the loops and sigma their least singular value, the distance lies in [sigma / sqrt(m),
+        sigma sqrt(m)]. It is never negative, as the cycle stays in its assembly mode, and infinite without
+        passive joints.
     """
 
     def __init__(self, robot: ParallelRobot, *, near: ArrayLike | Configuration | None = None) -> None:
-        """Make the cycle of a robot.
+        """Start the cycle of a robot at the pose `near`.
 
         Raises:
-            InvalidInput: motors that depend on one another, or a platform that does not determine the joints;
-                damping or armature of balls that drives an idle turn; near is not assembled.
-            SingularPose: the start is on a Type 2 singularity.
+            InvalidInput: motors depend on one another; the platform does not determine the joints; damping or
+                armature of balls drives an idle turn; `near` is not assembled.
+            SingularPose: the start is at a Type 2 singularity.
         """
         expect_robot(robot)
         require_square(robot)
         check_motors_are_free(robot)
         require_turns_at_rest(robot)
         start = start_pose(robot, near)
-        self.robot, self._equations, self._data = robot, SinglePose(robot), robot.model.createData()
+        self.robot = robot
+        self._equations = SinglePose(robot)
+        self._data = robot.model.createData()
         self._names = ", ".join(robot.actuator_names)
         self._actuated, self._following = robot.actuated, robot.following
         self._independent = robot.structure.independent
@@ -84,28 +88,22 @@ class ControlCycle:
         self._passive_lengths = robot.column_scale[robot.following]
         self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
         self._steps_add = robot.model.nq == robot.model.nv  # no balls: q + step is the next configuration
-        self._motors = robot.actuated_coordinates(start.q[None])[0].copy()
-        self.q, self.x, self.dx = start.q.copy(), start.x.copy(), np.zeros(robot.n)
-        self.v, self.T = np.zeros(robot.model.nv), np.zeros((robot.model.nv, robot.n_a))
-        self.residual = 0.0
-        self._determinant, self.type2 = 0.0, 0.0
+        self.q, self.x = start.q.copy(), start.x.copy()
+        self.T = np.zeros((robot.nv, robot.n_a))
         self._factor_loops(self.q)
         if not abs(self._determinant) > 0.0:
             raise type2_pose(robot, start.x, "is unbounded there: start elsewhere")
-        self._drift: Array | None = None  # a_0, computed when needed
-        self._search: PoseSearch | None = None
+        self._search: PoseSearch | None = None  # made when needed
         self._has_joint_springs = bool(robot.joint_stiffness.any())
-        self._set_state(self.q, np.zeros(robot.n_a))
+        self._rest_at(self.q)
 
     def update(self, q_a: ArrayLike, dq_a: ArrayLike) -> None:
-        """Move the pose to motor joints q_a (n_a,) with rates dq_a (n_a,).
-
-        Joint side of the gears.
+        """Follow the motors to q_a (n_a,) with rates dq_a (n_a,), on the joint side of the gears.
 
         Raises:
             InvalidInput: not n_a finite numbers each.
-            Type2Singularity: between the last cycle and q_a this assembly mode ends at a singularity, which
-                the error describes. The state remains that of the last cycle.
+            Type2Singularity: the assembly mode ends at a singularity between the last cycle and q_a; the
+                error describes the singularity. The state remains that of the last cycle.
             NotAssembled: the motors cannot be followed for another reason.
         """
         target = finite_numbers(f"q_a ({self._names})", q_a, self.robot.n_a)
@@ -119,11 +117,11 @@ class ControlCycle:
         self._set_state(q, rates)
 
     def approach(self, x: ArrayLike) -> NearestPose:
-        """Move the pose to platform coordinates x (n,), or as near as found, and rest.
+        """Move to platform coordinates x (n,), or to the nearest pose found, and rest.
 
-        The search starts from the pose of the last cycle and keeps its modes. It ends at the ranges of
-        joints, at stretched legs (Type 1) and just before Type 2. `update` and `approach` go on from there.
-        A search takes some 10 to 80 ms.
+        The search starts at the pose of the last cycle and stays in its working and assembly mode. The ranges
+        of joints, stretched legs (Type 1) and Type 2 end the search. `update` and `approach` go on from the
+        pose found. A search takes some 10 to 80 ms.
 
         Raises:
             InvalidInput: not n finite numbers.
@@ -131,17 +129,16 @@ class ControlCycle:
         target = finite_numbers(f"x ({', '.join(self.robot.axis_names)})", x, self.robot.n)
         self._search = self._search or PoseSearch(self.robot, motors_hold=True)
         nearest = self._search.find(self.q, self.x, target)
-        q, self.x = nearest.q.copy(), nearest.x.copy()  # from which turns are counted on
+        q, self.x = nearest.q.copy(), nearest.x.copy()  # full turns are counted from this x on
         self._factor_loops(q)
-        self._motors = self.robot.actuated_coordinates(q[None])[0].copy()
-        self._set_state(q, np.zeros(self.robot.n_a))
+        self._rest_at(q)
         return nearest
 
     def torque(self, ddq_a: ArrayLike) -> Array:
         """Compute motor torques (n_a,) [N m, N] for motor accelerations ddq_a (n_a,).
 
-        Torques are on the motor side of the gears, accelerations on the joint side. Rotors, armature, damping
-        and joint springs count, but no dry friction and no wrenches of the world.
+        Torques are on the motor side of the gears, accelerations on the joint side. The torques include
+        rotors, armature, damping and joint springs, but neither dry friction nor wrenches of the world.
 
         Raises:
             InvalidInput: not n_a finite numbers.
@@ -153,10 +150,7 @@ class ControlCycle:
 
     @property
     def mass(self) -> Array:
-        """Motor torques (n_a, n_a) for unit accelerations of the motors.
-
-        torque = mass ddq_a + bias.
-        """
+        """Motor torques (n_a, n_a) for unit accelerations: torque = mass ddq_a + bias."""
         M = mass_matrices(self.robot, self.q[None])[0] + np.diag(self.robot.rotors)
         return self.T.T @ M @ self.T / self.robot.gear_ratio[:, None]
 
@@ -167,9 +161,9 @@ class ControlCycle:
 
     @property
     def type1(self) -> float:
-        """Distance from Type 1: least singular value of dx/dq_a, with a sign.
+        """Signed distance from Type 1: least singular value of dx/dq_a [rad, robot lengths].
 
-        In radians and robot lengths. The sign is that of the determinant, which changes at Type 1.
+        The sign is that of the determinant, which changes at Type 1.
         """
         robot = self.robot
         X = robot.platform.jacobian(self._equations.frame_stack(self.q))[0]
@@ -178,23 +172,26 @@ class ControlCycle:
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
 
     def _factor_loops(self, q: Array) -> float:
-        """Decompose P at q (nq,); set T, Newton's step and distance; return the step's size.
+        """Factorise P at q (nq,); set T, `type2` and Newton's step; return the size of the step.
 
-        P [dq_p, T_p] = -[residual, J_a] gives the step dq_p (n_p,) and the passive rows of T in one solution.
+        The system P [dq_p, T_p] = -[residual, J_a] has the step dq_p (n_p,) and the passive rows T_p of T as
+        its solutions. The size is infinite if P is singular.
         """
         equations, columns = self._equations, self._following
         equations.place(q)
         jacobian, residual = equations.jacobian, equations.residual
         if not self._all_rows:
-            jacobian, residual = jacobian.take(self._independent, axis=0), residual.take(self._independent)
+            jacobian = jacobian.take(self._independent, axis=0)
+            residual = residual.take(self._independent)
         self.T[:] = 0.0
-        self.T[self._actuated, range(len(self._actuated))] = 1.0
+        self.T[self._actuated] = np.eye(len(self._actuated))
         if not len(columns):
             self._determinant, self.type2, self._step = 1.0, np.inf, np.empty(0)
             return 0.0
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
         if not self._factor(P):
             return np.inf
+        # LAPACK overwrites right sides in this order of memory by their solutions
         right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
         right_sides[:, 0] = residual / self._row_sizes
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]
@@ -205,7 +202,7 @@ class ControlCycle:
         return float(np.abs(solution[:, 0]).max())
 
     def _factor(self, P: Array) -> bool:
-        """Factor P (m, m) as L U, with determinant and `type2`; return whether P is regular."""
+        """Factorise P (m, m); set its determinant and `type2`; return whether P is regular."""
         norm = np.abs(P).sum(axis=0).max()  # 1-norm
         self._lu, self._pivots, is_singular = dgetrf(P, overwrite_a=1)
         if is_singular:
@@ -218,17 +215,18 @@ class ControlCycle:
         return True
 
     def _predict_and_correct(self, target: Array) -> Array | None:
-        """Close the loops at motor joints (n_a,) from the tangent; None if refused.
+        """Return the configuration (nq,) at motor joints `target` (n_a,); None if refused.
 
-        Accepted are steps whose correction is small beside the prediction, along which the tangent turns
-        little, and which stay in the assembly mode, away from Type 2.
+        The step from the last cycle is accepted if its correction is small beside the prediction, the tangent
+        turns little along the step, and the pose stays in the assembly mode, away from Type 2.
         """
-        columns, determinant = self._following, self._determinant
+        last_determinant = self._determinant
         motor_step = target - self._motors
         prediction = self.T @ motor_step
-        q, correction = self._integrate(self.q, prediction), np.zeros(len(columns))
+        q = self._integrate(self.q, prediction)
         if self._steps_add:
-            q[self._actuated] = target  # to the last bit
+            q[self._actuated] = target  # exactly, without the rounding of the sum
+        correction = np.zeros(len(prediction))
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(MAX_ITERATIONS):
             size = self._factor_loops(q)
@@ -236,20 +234,22 @@ class ControlCycle:
                 return None
             if size > 0.0:
                 step = np.zeros(len(prediction))
-                step[columns] = self._step
-                q, correction, previous_size = self._integrate(q, step), correction + self._step, size
+                step[self._following] = self._step
+                q = self._integrate(q, step)
+                correction += step
+                previous_size = size
             if size < LAST_STEP:
                 break
         else:
             return None
         lengths = self.robot.column_scale
-        corrected = np.abs(correction / self._passive_lengths).max(initial=0.0)
+        corrected = np.abs(correction / lengths).max()
         predicted = np.abs(prediction / lengths).max()
         tangent_change = np.abs((self.T @ motor_step - prediction) / lengths).max()
         is_accepted = (
             is_small(corrected, predicted)
             and is_straight(tangent_change, corrected, predicted)
-            and self._determinant * determinant > DETERMINANT_LOST * determinant**2
+            and self._determinant * last_determinant > DETERMINANT_LOST * last_determinant**2
             and self.type2 > BRANCHES_MEET
         )
         return q if is_accepted else None
@@ -258,12 +258,18 @@ class ControlCycle:
         """Return the configuration (nq,) after a step (nv,) from q."""
         return q + step if self._steps_add else pin.integrate(self.robot.model, q, step)
 
-    def _set_state(self, q: Array, rates: Array) -> None:
-        """Set q (nq,), the joint rates at motor rates (n_a,), residual and platform.
+    def _rest_at(self, q: Array) -> None:
+        """Set the state of rest at q (nq,)."""
+        self._motors = self.robot.actuated_coordinates(q[None])[0].copy()
+        self._set_state(q, np.zeros(self.robot.n_a))
 
-        T is computed at q already.
+    def _set_state(self, q: Array, rates: Array) -> None:
+        """Set q (nq,), the joint rates at motor rates `rates` (n_a,), residual and platform.
+
+        T must already be that at q.
         """
-        self.q, self.v, self._drift = q, self.T @ rates, None
+        self.q, self.v = q, self.T @ rates
+        self._drift: Array | None = None  # a_0, computed when needed
         self._equations.move(q, self.v)
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
@@ -275,8 +281,8 @@ class ControlCycle:
     def _platform_motion(self, platform: FramePlatform) -> tuple[Array, Array]:
         """Compute x and dx (n,) of a platform that is a frame.
 
-        Rates of its attitude follow from the angular velocity w: of a rotation vector r by dr = Jexp(-r)^-1
-        w, of other attitudes by their own matrix.
+        The rates of its attitude follow from the angular velocity w. A rotation vector r has the rates
+        dr = Jexp(-r)^-1 w; other attitudes have a matrix of their own.
         """
         linear, w = self._equations.platform_twist()
         attitude, position = platform.attitude, self._equations.platform_origin
@@ -295,10 +301,7 @@ class ControlCycle:
         return x, dx
 
     def _drift_acceleration(self) -> Array:
-        """Compute joint accelerations a_0 (nv,) at motor accelerations 0.
-
-        P a_p = -drift.
-        """
+        """Compute joint accelerations a_0 (nv,) at zero motor accelerations, by P a_p = -drift."""
         if self._drift is None:
             columns = self._following
             self._drift = np.zeros(len(self.v))
@@ -309,7 +312,7 @@ class ControlCycle:
         return self._drift
 
     def _motor_torque(self, a: Array) -> Array:
-        """Compute motor torques (n_a,) for joint accelerations a (nv,), without rotors."""
+        """Compute motor torques (n_a,) for joint accelerations a (nv,), rotors left out."""
         robot = self.robot
         force = pin.rnea(robot.model, self._data, self.q, self.v, a)
         if robot.is_damped:

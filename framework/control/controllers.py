@@ -1,27 +1,28 @@
-"""The controllers by name: feedforward, LQR and computed torque; the measurements and estimates they use.
+"""Controllers by name, with the measurements and state estimates that they use.
 
-With encoders only on the motors, the platform's coordinates follow from the motor angles by the inverse of
-G = d(motor angles)/dx. G is singular at Type 2, like A: near it the naive estimate is noise divided by nearly
-zero. In the directions that the motors do not determine the aware estimate is the plan.
+With encoders only on the motors, the platform coordinates follow from the motor angles by the inverse of G =
+d(motor angles)/dx. Like A, G is singular at Type 2. The naive estimate divides noise by nearly zero there.
+The aware estimate takes the plan in the directions that the motors do not determine.
 
 Feedforward: planned torques with proportional and derivative feedback at each motor. The planned torque is
-finite at the crossing, and the feedback does not invert A: the controller works at a singularity as
-elsewhere.
+finite at the crossing, and the feedback does not invert A. So the controller needs no change at a
+singularity.
 
 Time-varying LQR on the manifold of closed loops: the dynamics are linearised along the plan in platform
-coordinates, where they are regular at Type 2. There G loses rank, and for an instant the motors do not
-control one direction. The Riccati equation takes this into account: gains before and after the crossing
-correct the errors in that direction. After Bordalba, Ros and Porta, A Singularity-Robust LQR Controller for
-Parallel Robots, IROS 2018.
+coordinates, in which they are regular at Type 2. G loses rank there, so that the motors do not control one
+direction for an instant. The Riccati equation takes this into account: the gains before and after the
+crossing correct the errors in that direction. After Bordalba, Ros and Porta, A Singularity-Robust LQR
+Controller for Parallel Robots, IROS 2018.
 
-Computed torque: the inverse dynamics of the measured state, naive or aware of the singularity. Both ask for
-the platform acceleration ddx_c = ddx + k_d (dx error) + k_p (x error) and compute torques from P' lambda =
-r_p, tau = r_a - J_a' lambda (see `framework.dynamics.forces`). At a Type 2 singularity P loses rank. The
-naive controller inverts P nevertheless: condition (8) holds for the plan, but not for the feedback added to
-it. The aware controller starts from the multipliers of the plan, which are finite at the crossing, and
-corrects them only in directions in which P is regular. Elsewhere both are equal. After Pagis, Bouton, Briot
-and Martinet, Enlarging parallel robot workspace through Type-2 singularity crossing, Control Engineering
-Practice 39, 2015, who switch to a model that stays consistent near the singularity.
+Computed torque: the inverse dynamics of the measured state, naive or aware of the singularity. Both
+controllers command the platform acceleration ddx_c = ddx + k_d (dx error) + k_p (x error) and compute torques
+from P' lambda = r_p, tau = r_a - J_a' lambda (see `framework.dynamics.forces`). P loses rank at a Type 2
+singularity. The naive controller inverts P nevertheless; condition (8) holds for the plan, but not for the
+feedback added to it. The aware controller starts from the planned multipliers, which are finite at the
+crossing, and corrects them only in directions in which P is regular. Away from singularities both controllers
+are equal. After Pagis, Bouton, Briot and Martinet, Enlarging parallel robot workspace through Type-2
+singularity crossing, Control Engineering Practice 39, 2015, who switch to a model that stays consistent near
+the singularity.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ from framework.kinematics.loop_matrices import scaled_loops
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import matvec, solve
 
-FADING_RATIO = 0.1  # singular values below this share of the largest count as near the singularity
+FADING_RATIO = 0.1  # singular values below this share of the largest one are damped, see `solve_damped`
 
 
 class RobotState(NamedTuple):
@@ -58,11 +59,11 @@ class RobotState(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """The readings of the encoders; `state` is None with encoders only on the motors."""
+    """The readings of the encoders of R runs."""
 
     motor_angle: Array  # (R, n_a) [rad], motor side
-    motor_speed: Array  # (R, n_a)
-    state: RobotState | None
+    motor_speed: Array  # (R, n_a) [rad/s]
+    state: RobotState | None  # None with encoders only on the motors
 
 
 class Controller(Protocol):
@@ -78,24 +79,24 @@ class Controller(Protocol):
 
 
 def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aware: bool) -> RobotState:
-    """Return the measured state at instant k, or its estimate from the motors.
+    """Return the measured state at instant k, or an estimate from the motors.
 
-    The estimate is one Newton step from the plan. G dx = (measured - planned motor angles) gives the step of
-    the platform, N dx that of the joints; rates alike.
+    The estimate is one Newton step from the plan. The step dx of the platform solves G dx = measured -
+    planned motor angles; the step of the joints is N dx. Rates are estimated in the same way.
     """
     if measurement.state is not None:
         return measurement.state
     robot = reference.robot
     N = reference.N[k]
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
-    angle_error = measurement.motor_angle - reference.motor_angle[k]
-    speed_error = measurement.motor_speed - reference.motor_speed[k]
-    errors = np.stack([angle_error, speed_error])
+    angle_step = measurement.motor_angle - reference.motor_angle[k]
+    speed_step = measurement.motor_speed - reference.motor_speed[k]
+    steps = np.stack([angle_step, speed_step])
     if aware:
-        x_step, dx_step = solve_damped(G[None], errors)
+        x_step, dx_step = solve_damped(G[None], steps)
     else:
         inverse = solve(G[None], np.eye(len(G))[None])
-        x_step, dx_step = matvec(inverse, errors)
+        x_step, dx_step = matvec(inverse, steps)
     return RobotState(
         q=integrate(robot, reference.motion.q[k], matvec(N, x_step)),
         v=reference.motion.v[k] + matvec(N, dx_step),
@@ -107,22 +108,26 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
 def solve_damped(matrices: Array, right: Array) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
 
-    Instead of 1 / sigma a singular value below t = FADING_RATIO times the largest has the factor sigma / t^2:
-    it is continuous at t and falls to zero with sigma. NaN where a matrix is not finite.
+    The inverse of a singular value sigma below the threshold t = FADING_RATIO times the largest one is sigma
+    / t^2 instead of 1 / sigma. This is continuous at t and falls to zero with sigma. The solution is NaN if a
+    matrix is not finite.
     """
-    finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]
-    U, sigma, V_rows = np.linalg.svd(np.where(finite[:, None], matrices, 0.0), full_matrices=False)
+    is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
+    U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
     threshold = FADING_RATIO * sigma[:, :1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), sigma / threshold**2)
-    solutions = matvec(V_rows.transpose(0, 2, 1), inverse * matvec(U.transpose(0, 2, 1), right))
-    return np.where(finite, solutions, np.nan)
+        damped_inverse = sigma / threshold**2
+        inverse = np.where(sigma > threshold, 1.0 / np.maximum(sigma, threshold), damped_inverse)
+    components = inverse * matvec(U.transpose(0, 2, 1), right)  # along the right singular vectors
+    return np.where(is_finite, matvec(V_rows.transpose(0, 2, 1), components), np.nan)
 
 
-# natural frequencies [rad/s] of controlled motors and of the platform, both critically damped
+# natural frequencies [rad/s], critically damped: of each motor under feedforward, of the platform under
+# computed torque
 FREQUENCY, COMPUTED_TORQUE_FREQUENCY = 40.0, 20.0
-POSITION_DEVIATION, SPEED_DEVIATION = 1e-3, 2e-2  # [robot lengths, robot lengths/s] of equal cost for LQR
-MAX_SAMPLED_DAMPING = 0.5  # damping over that which stops a rotor within one sampling period; 2 is unstable
+POSITION_DEVIATION, SPEED_DEVIATION = 1e-3, 2e-2  # [robot lengths, robot lengths/s] with equal cost for LQR
+# of the damping that stops a rotor within one sampling period; twice that damping is unstable
+MAX_SAMPLED_DAMPING = 0.5
 
 
 # ------------------------------------------------------------------ feedforward
@@ -137,10 +142,11 @@ class FeedforwardPD:
 
     @staticmethod
     def tune(reference: Reference) -> FeedforwardPD:
-        """Tune the gains to the natural frequency FREQUENCY of each motor, critically damped.
+        """Tune each motor to the natural frequency FREQUENCY, critically damped.
 
-        The inertia is that which a motor moves alone at the start of the motion. With springs a fast motor
-        moves only its rotor: w is lowered to a damping k_d that is stable with this sampling period.
+        The inertia is that of a motor moving alone at the start of the motion. A fast motor moves only its
+        rotor if there are springs. Then the frequency w is lowered until the damping gain k_d is stable with
+        this sampling period.
         """
         robot = reference.robot
         inertia = motor_inertia(robot, reference.motion.q[0])
@@ -170,10 +176,10 @@ class TimeVaryingLQR:
 
     @staticmethod
     def tune(reference: Reference) -> TimeVaryingLQR:
-        """Tune the gains for equal costs of the three deviations below.
+        """Compute the gains of least quadratic cost.
 
-        The cost is the integral of e' Q e + u' R u with diagonal weights 1 / POSITION_DEVIATION^2, 1 /
-        SPEED_DEVIATION^2 and 1 / (peak torque of the plan)^2.
+        The cost is the integral of e' Q e + u' R u with diagonal weights 1 / POSITION_DEVIATION^2 of
+        positions, 1 / SPEED_DEVIATION^2 of speeds and 1 / (peak torque of the plan)^2 of torques.
 
         Raises:
             InvalidInput: the robot has springs.
@@ -201,34 +207,29 @@ class TimeVaryingLQR:
 def linearise_error(reference: Reference) -> tuple[Array, Array]:
     """Compute A (K, 2n, 2n), B (K, 2n, n_a) of the error dynamics along the plan.
 
-    With the error e = [x; dx], de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0],
-    [d(ddx)/dtau]].
+    The error e = [x; dx] follows de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and
+    B = [[0], [d(ddx)/dtau]].
     """
-    robot = reference.robot
-    motion = reference.motion
-    n = reference.robot.n
     slopes = forward_derivatives(
-        robot,
-        motion.q,
-        motion.v,
+        reference.robot,
+        reference.motion.q,
+        reference.motion.v,
         reference.torque,
         wrenches=reference.planned_wrenches,
         turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
     )
-    by_x = slopes.acceleration_y
-    by_dx = slopes.acceleration_dy
-    by_torque = slopes.acceleration_torque
-    identity = np.broadcast_to(np.eye(n), by_x.shape)
-    A = np.block([[np.zeros_like(by_x), identity], [by_x, by_dx]])
+    by_x, by_torque = slopes.acceleration_y, slopes.acceleration_torque
+    identity = np.broadcast_to(np.eye(reference.robot.n), by_x.shape)
+    A = np.block([[np.zeros_like(by_x), identity], [by_x, slopes.acceleration_dy]])
     return A, np.concatenate([np.zeros_like(by_torque), by_torque], axis=1)
 
 
 def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
-    """Solve the discrete Riccati equation backwards in time: gains (K, n_a, 2n).
+    """Solve the discrete Riccati equation backwards in time for gains (K, n_a, 2n).
 
-    Torques are constant for a period h: e_(k+1) = F e_k + G tau_k with [F, G; 0, 1] = exp([A, B; 0, 0] h).
-    With the cost to go e' P e the gain is K = (R + G' P G)^-1 G' P F, and the cost to go one step earlier
-    Q + K' R K + (F - G K)' P (F - G K).
+    Torques are constant over a period h: e_(k+1) = F e_k + G tau_k with [F, G; 0, 1] = exp([A, B; 0, 0] h).
+    With the cost-to-go e' P e the gain is K = (R + G' P G)^-1 G' P F. One step earlier the cost-to-go has
+    Q + K' R K + (F - G K)' P (F - G K) in place of P.
     """
     from scipy.linalg import expm
 
@@ -239,8 +240,8 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     F = transition[:, :size, :size]
     G = transition[:, :size, size:]
     gain = np.empty((count, inputs, size))
-    P = Q.copy()
-    for k in range(count - 1, -1, -1):
+    P = Q
+    for k in reversed(range(count)):
         PG = P @ G[k]
         gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
         closed = F[k] - G[k] @ gain[k]
@@ -253,13 +254,10 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
 
 @dataclass(frozen=True, eq=False)
 class ComputedTorque:
-    """Computed torque in platform coordinates.
-
-    `multipliers` (K, m) of the plan make the controller aware of the singularity; None: the naive one.
-    """
+    """Computed torque in platform coordinates, naive or aware of the singularity."""
 
     reference: Reference
-    multipliers: Array | None
+    multipliers: Array | None  # (K, m) of the plan, for the aware controller; None for the naive one
 
     @staticmethod
     def tune(reference: Reference, *, aware: bool) -> ComputedTorque:
@@ -278,29 +276,30 @@ class ComputedTorque:
         return ComputedTorque(reference, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]; infinite in a division by zero.
+        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero.
 
-        The joints that follow (p) give the multipliers lambda of the loops, P' lambda = r_p; then the motors
-        (a) need tau = r_a - J_a' lambda on the joint side. r are the forces of the open tree.
+        r are the forces of the open tree. The passive joints (p) determine the multipliers lambda of the
+        loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda on the joint side.
         """
         ref = self.reference
-        robot = self.reference.robot
+        robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
         w = COMPUTED_TORQUE_FREQUENCY
-        command = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
-        motion = _constrained_motion(ref, k, state, command)
-        columns = robot.following
-        J = scale_jacobian(robot, motion.loops, robot.loops.rotation)  # (R, m, nv) dimensionless
+        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
+        motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale
-        P = J[:, :, columns].transpose(0, 2, 1)
+        # J', rows of joints: (R, nv, m), dimensionless
+        J_T = scale_jacobian(robot, motion.loops, robot.loops.rotation).transpose(0, 2, 1)
+        P_T, r_p = J_T[:, robot.following], r[:, robot.following]
         if self.multipliers is None:
-            multipliers = solve(P, r[:, columns])
+            multipliers = solve(P_T, r_p)
         else:
             planned = self.multipliers[k]
-            multipliers = planned + solve_damped(P, r[:, columns] - matvec(P, planned))
-        torque = ((r - matvec(J.transpose(0, 2, 1), multipliers)) / robot.column_scale)[:, robot.actuated]
+            multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned))
+        torque = (r - matvec(J_T, multipliers)) / robot.column_scale  # (R, nv)
         n = robot.gear_ratio
-        return robot.rotor_inertia * n * motion.a[:, robot.actuated] + torque / n
+        rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]
+        return rotor_torque + torque[:, robot.actuated] / n
 
 
 class _Motion(NamedTuple):
@@ -309,50 +308,53 @@ class _Motion(NamedTuple):
     q: Array  # (R, nq)
     v: Array  # (R, nv)
     a: Array  # (R, nv)
-    loops: Array  # (R, m, nv)
+    loops: Array  # (R, m, nv) J
     wrenches: tuple[AppliedWrench, ...]
 
 
 def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:
     """Compute joint rates and accelerations for platform accelerations ddx (R, n).
 
-    Rates of the platform are those of the states. With F = [X; J] of platform and loops, F v = [twist; 0] and
-    F a = [twist rate; 0] - drift. Wrenches are those of the plan at instant k.
+    With F = [X; J] of platform and loops, the rates solve F v = [twist; 0] and the accelerations
+    F a = [twist rate; 0] - drift. Both are infinite if the platform does not determine the joints. Wrenches
+    are those of the plan at instant k.
 
-    `motion_at` factors all instants as one band matrix, so its rounding depends on the number of runs. Here
-    each run is solved on its own. Infinite where the platform does not determine the joints.
+    Each run is solved by itself. `motion_at` would factorise all of them as one band matrix, so that rounding
+    would depend on the number of runs.
     """
-    robot = reference.robot
+    robot, rows, columns = reference.robot, reference.robot.loops, reference.robot.moving
     frames = frames_at(robot, state.q)
-    columns = robot.moving
-    rows = robot.loops
-    loops = loop_equations(rows, frames).jacobian
-    F = np.concatenate([robot.platform.jacobian(frames), loops], axis=1)[:, :, columns]
+    J = loop_equations(rows, frames).jacobian
+    F = np.concatenate([robot.platform.jacobian(frames), J], axis=1)[:, :, columns]
     twist, twist_rate = robot.platform.twist(state.x, state.dx, ddx)
-    v, a = np.zeros((2, len(state.q), robot.model.nv))
-    v[:, columns] = solve(F, np.concatenate([twist, np.zeros((len(twist), len(rows.names)))], axis=1))
+    v, a = np.zeros((2, len(state.q), robot.nv))
+    loop_rates = np.zeros(J.shape[:2])
+    v[:, columns] = solve(F, np.concatenate([twist, loop_rates], axis=1))
+
     motions = frame_motions(robot, frames, v)
     platform_part = twist_rate - robot.platform.drift(motions)
     loop_part = -closure_drift(rows, motions)
     a[:, columns] = solve(F, np.concatenate([platform_part, loop_part], axis=1))
-    s = np.asarray(reference.law(np.repeat(reference.times[k], len(state.q))))
-    return _Motion(state.q, v, a, loops, reference.wrenches.evaluate(robot, frames, s))
+
+    s = np.full(len(state.q), reference.law(reference.times[k]))
+    return _Motion(state.q, v, a, J, reference.wrenches.evaluate(robot, frames, s))
 
 
 def _planned_multipliers(reference: Reference) -> Array:
     """Compute the multipliers lambda (K, m) of the scaled loop rows along the plan.
 
-    At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows J' lambda = r - S' tau
-    do, with the torque tau of the plan.
+    At the crossing the passive rows P' lambda = r_p do not determine lambda, but all rows
+    J' lambda = r - S' tau do, with the planned torque tau on the joint side.
     """
     robot = reference.robot
     motion = reference.motion
-    r = tree_forces(robot, motion)
     n = robot.gear_ratio
-    r[:, robot.actuated] -= n * (reference.torque - robot.rotor_inertia * n * motion.a[:, robot.actuated])
+    rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]
+    force = tree_forces(robot, motion)  # r, then r - S' tau
+    force[:, robot.actuated] -= n * (reference.torque - rotor_torque)
     J = scaled_loops(robot, motion.linearised)
     inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
-    return np.matvec(inverse, r * robot.column_scale)
+    return np.matvec(inverse, force * robot.column_scale)
 
 
 # ------------------------------------------------------------------ all by name
@@ -367,10 +369,10 @@ CONTROLLERS: Mapping[str, Callable[[Reference], Controller]] = {
 
 
 def tuned_controller(name: str, reference: Reference) -> Controller:
-    """Return the controller of that name with its default gains.
+    """Return the controller of a name, with its default gains.
 
     Raises:
-        InvalidInput: unknown name, or a robot that the controller is not for.
+        InvalidInput: unknown name, or a robot that the controller cannot drive.
     """
     check_choice("controller", name, CONTROLLERS)
     return CONTROLLERS[name](reference)

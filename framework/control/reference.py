@@ -15,12 +15,12 @@ from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.planning.result import CrossingPlan
 
 MAX_SAMPLES = 200_000
-PERIOD_ROUNDING = 1e-12  # of the duration over the period, so that the last instant is the end
+PERIOD_ROUNDING = 1e-12  # of the number of periods: rounding must not lose the instant at the end
 
 
 @dataclass(frozen=True, eq=False)
 class Reference(ReadOnlyArrays):
-    """The planned motion at K sampling instants, k * `period`."""
+    """The planned motion at the K sampling instants k * `period`."""
 
     robot: ParallelRobot  # the controller's model
     period: float  # [s]
@@ -30,12 +30,12 @@ class Reference(ReadOnlyArrays):
     dx: Array  # (K, n)
     ddx: Array  # (K, n)
     torque: Array  # (K, n_a) [N m], motor side
-    period_torque: Array  # (K, n_a) torque in the middle of the period, best if it is constant for the period
+    period_torque: Array  # (K, n_a) in the middle of the period after each instant, to be constant over it
     motor_angle: Array  # (K, n_a) [rad], motor side
     motor_speed: Array  # (K, n_a)
     N: Array  # (K, nv, n) joint rates for unit rates of x, springs at rest
     law: MotionLaw
-    wrenches: ExternalWrenches  # of the world, as planned
+    wrenches: ExternalWrenches  # wrenches of the world, as planned
 
     @property
     def planned_wrenches(self) -> dict[str, Array]:
@@ -58,31 +58,32 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
             f"period: must lie in ({shortest:g}, {longest:g}] s for a motion of {plan.duration:g} s, "
             f"got {period!r}"
         )
-    robot = plan.robot
+    robot, dynamics = plan.robot, plan.dynamics
     count = int(np.floor(plan.duration / period * (1 + PERIOD_ROUNDING))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
-    x, dx, ddx = (plan.platform(times, order) for order in range(3))
-    motion = plan.dynamics.motion(times)
+    middles = np.minimum(times + period / 2, plan.duration)
+    motion = dynamics.motion(times)
+    x = plan.platform(times)
     return Reference(
         robot=robot,
         period=period,
         times=times,
         motion=motion,
         x=x,
-        dx=dx,
-        ddx=ddx,
-        torque=plan.dynamics.torque_without_friction(times),
-        period_torque=plan.dynamics.torque_without_friction(np.minimum(times + period / 2, plan.duration)),
+        dx=plan.platform(times, 1),
+        ddx=plan.platform(times, 2),
+        torque=dynamics.torque_without_friction(times),
+        period_torque=dynamics.torque_without_friction(middles),
         motor_angle=plan.motor_angle(times),
         motor_speed=plan.motor_angle(times, 1),
-        N=platform_rates(robot, motion, x),
+        N=joint_rates_by_platform(robot, motion, x),
         law=plan.law,
-        wrenches=plan.dynamics.wrenches,
+        wrenches=dynamics.wrenches,
     )
 
 
-def platform_rates(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
+def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
     """Compute N = dq/dx (T, nv, n) along a motion at constant deflections."""
-    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n): of unit rates of x
+    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n) twists at unit rates of x
     rates = joint_rates(robot, motion.linearised, twists, np.zeros((len(x), robot.n_e)))
     return np.moveaxis(rates, 0, 2)

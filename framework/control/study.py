@@ -1,8 +1,8 @@
-"""Many runs of one controlled crossing on robots that differ from their model.
+"""Studies: many runs of one controlled crossing on robots that differ from their model.
 
 Runs are computed in chunks by any `concurrent.futures.Executor`. Each run is drawn from its own seed and has
 the same result in any chunk, so results depend neither on the executor nor on the chunks. Finished chunks can
-be stored, for a study that is interrupted.
+be stored, so that an interrupted study can go on.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from framework.control.variation import Spread, draw
 from framework.errors import InvalidInput
 from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chunks
 
-RUNS_PER_CHUNK = 250  # runs that are stacked; more do not make a run cheaper
+RUNS_PER_CHUNK = 250  # runs that are stacked; larger stacks do not make a run cheaper
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Study(Outcomes):
-    """The outcomes of many runs, drawn one after the other."""
+    """The outcomes of many runs, numbered from 0."""
 
     controller: str
     spread: Spread
@@ -37,7 +37,7 @@ class Study(Outcomes):
 
     @property
     def probability(self) -> float:
-        """Fraction of the runs that passed."""
+        """Share of the runs that passed."""
         return float(self.passed.mean())
 
     @property
@@ -51,7 +51,7 @@ class Study(Outcomes):
 
     @property
     def failures(self) -> list[tuple[int, int]]:
-        """Seeds of the failed runs; `draw(robot, spread, seed)` returns the same robot again."""
+        """Seeds of the failed runs; `draw(robot, spread, seed)` reproduces the robot of each."""
         return [(self.seed, int(k)) for k in np.flatnonzero(~self.passed)]
 
 
@@ -71,12 +71,12 @@ def run_study(
     """Do `runs` closed-loop runs, each of a robot drawn from the spread.
 
     Args:
-        executor: where chunks of runs are computed; this process when None. It must be able to pickle
+        executor: where chunks of runs are computed, by default in this process. It must be able to pickle
             the controller.
-        chunk: runs that are computed together, at most and by default 250; no result depends on it.
-        keeper: stores finished chunks; chunks that it has already are not computed again.
-        progress: called with the number of finished runs. Without an executor, the share of the motion that
-            is done counts for runs that are not finished.
+        chunk: runs that are computed together, at most and by default 250. Results do not depend on it.
+        keeper: stores finished chunks; stored chunks are not computed again.
+        progress: called with the number of finished runs. Without an executor, unfinished runs count by the
+            finished share of their motion.
 
     Raises:
         InvalidInput: fewer than one run, a negative seed.
@@ -88,17 +88,19 @@ def run_study(
     started = time.perf_counter()
     size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
     chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
-    finished: Collection[str] = ()
+    finished_runs = 0
 
-    def report(names: Collection[str], partial_runs: float = 0.0) -> None:
-        nonlocal finished
-        finished = names
-        progress(sum(len(chunks[name]) for name in names) + int(partial_runs))
+    def report(names: Collection[str]) -> None:
+        """Count the runs of finished chunks, and report their number."""
+        nonlocal finished_runs
+        finished_runs = sum(len(chunks[chunk_name]) for chunk_name in names)
+        progress(finished_runs)
 
     task = partial(run_chunk, controller, loop, spread, seed)
 
-    def run_and_report(part: range) -> Arrays:
-        return task(part, lambda share: report(finished, share * len(part)))
+    def run_and_report(chunk_runs: range) -> Arrays:
+        """Do the runs of a chunk in this process, and report the share that is done."""
+        return task(chunk_runs, lambda share: progress(finished_runs + int(share * len(chunk_runs))))
 
     arrays = complete_chunks(
         run_and_report if executor is None else task,
@@ -123,7 +125,7 @@ def run_chunk(
 ) -> Arrays:
     """Do the runs of one chunk; return their outcomes as arrays, by field of `Outcomes`.
 
-    `report_progress` is called with the share of the motion that is done.
+    `report_progress` is called with the finished share of the motion.
     """
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
@@ -133,18 +135,21 @@ def run_chunk(
 
 def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
     """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`."""
-    numbers = ArrayField("f", (len(chunk),))
-    return dict.fromkeys(("tracking_error", "end_error", "payload"), numbers) | {
-        "passed": ArrayField("b", (len(chunk),)),
-        "why": ArrayField("U", (len(chunk),)),
-        "peak_torque": ArrayField("f", (len(chunk), motors)),
+    runs = len(chunk)
+    return {
+        "passed": ArrayField("b", (runs,)),
+        "why": ArrayField("U", (runs,)),
+        "tracking_error": ArrayField("f", (runs,)),
+        "end_error": ArrayField("f", (runs,)),
+        "peak_torque": ArrayField("f", (runs, motors)),
+        "payload": ArrayField("f", (runs,)),
     }
 
 
 def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunks:
     """Return the store in the folder `out` for runs of a controller.
 
-    `setup` is a document of JSON, of which the time to plan does not count.
+    The store depends on the JSON document `setup`, except for the time that planning took.
     """
     plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
     return KeptChunks.of(out, {**setup, "plan": plan}, controller)

@@ -1,4 +1,4 @@
-"""The set-up of a study, as stored in robustness.json: with its seed it reproduces any run."""
+"""The set-up of a study, stored in robustness.json; with its seed it reproduces any run."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ class StudySetup:
 
     @staticmethod
     def of(plan: CrossingPlan, *, period: float, loop: ControlLoop, spread: Spread, seed: int) -> StudySetup:
-        """Make the setup of a new study.
+        """Make the set-up of a new study.
 
-        The plan is written to a document and read again, so that its torques are those of a later rerun to
+        The plan is written to a document and read back, so that its torques equal those of a later rerun to
         the last bit.
 
         Raises:
-            InvalidInput: a plan that no document can hold; an invalid period or limit.
+            InvalidInput: a plan that cannot be written to a document; an invalid period or limit.
         """
         plan = plan_from_document(plan_document(plan), Path(FILE))
         limit = tuple(map(float, torque_limit(reference_of(plan, period=period), loop)))
@@ -60,23 +60,20 @@ class StudySetup:
 
     @cached_property
     def reference(self) -> Reference:
-        """The plan at the instants of the controller."""
+        """The plan at the sampling instants of the controller."""
         return reference_of(self.plan, period=self.period)
 
     def controller(self, name: str) -> Controller:
-        """Return the controller of this name with its default gains.
-
-        Raises as `tuned_controller`.
-        """
+        """Return the controller of a name with its default gains; errors as of `tuned_controller`."""
         return tuned_controller(name, self.reference)
 
     def run(self, controller: str, *numbers: int, record: bool = False) -> Run:
-        """Repeat runs of the study together, by their numbers; `record` keeps the torques."""
+        """Repeat runs of the study together, by their numbers; with `record` also return the torques."""
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
-        """Return the content of robustness.json in a folder, with the versions of libraries."""
+        """Return the content of a robustness.json in `folder`, with the versions of libraries."""
         return {
             "seed": self.seed,
             "period": self.period,
@@ -105,15 +102,13 @@ def library_versions() -> dict[str, str]:
 
 
 def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
-    """Read the set-up of a study that `crossing robustness --out` wrote.
-
-    Return also the whole document.
+    """Read the set-up of a study that `crossing robustness --out` wrote; return also its document.
 
     Args:
         robot_file: the robot's file, if not where the document says.
 
     Raises:
-        InvalidInput: there is no robustness.json, it is another document, or its robot has changed since.
+        InvalidInput: there is no robustness.json, the file is another document, or the robot has changed.
     """
     file = Path(folder) / FILE
     saved = read_document(file, "robustness")

@@ -1,18 +1,19 @@
-"""What knows no robot: arrays, series, solvers, many processes, and files read and written whole.
+"""Numerical and system services without any robot: arrays, series, solvers, processes and files.
 
-Each file stands for itself. Open `chebyshev` first: in its series all functions of time are written.
+The modules do not build on one another much; any can be read alone. Open `chebyshev` first, whose series
+represent all functions of time.
 
 * `arrays`: types of arrays, frozen objects; `rotations`: rotation vectors and the left Jacobian of SO(3);
-* `ordered_sums`: products of stacks whose items do not feel each other, to the last bit;
-* `banded_lu`: the factorisation of sparse matrices in a band; `krylov`: systems of which only products are
-  known; `polytope`: zonotopes and slabs; `subspaces`: row spaces and null spaces;
+* `ordered_sums`: products of stacks in which each item is computed as if it were alone, to the last bit;
+* `banded_lu`: factorisation of sparse matrices in a band; `krylov`: linear systems given by products alone;
+  `polytope`: zonotopes and slabs; `subspaces`: row spaces and null spaces;
 * `chebyshev`: functions of time as Chebyshev series on panels; `peaks`: their largest values;
   `bernstein`: bounds of functions on cells;
-* `cone_program`: second-order cone programs in named unknowns, the only door to the solver;
+* `cone_program`: second-order cone programs in named unknowns, the only access to the solver;
 * `tasks`, `workers`, `kept`: many independent computations on the cores of this machine or of a cluster, in
-  chunks that are the same whatever computes them, kept as they are finished;
-* `input`, `output`, `fields`: files within limits, written together or not at all; typed values out of
-  documents; `interruption`: Ctrl-C and SIGTERM; `time_limit`: a search that ends with its best so far.
+  chunks whose results do not depend on where they are computed, stored as they finish;
+* `input`, `output`: files read within limits, and written together or not at all; `fields`: typed values
+  from documents; `interruption`: Ctrl-C and SIGTERM; `time_limit`: searches that end with their best result.
 """
 
 MAX_WORKERS = 1000  # processes

@@ -1,4 +1,4 @@
-"""Types of arrays and of names that signatures use, and frozen objects whose arrays are frozen too."""
+"""Types of arrays and names for signatures, stacks of arrays, and frozen objects with read-only arrays."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 Names = tuple[str, ...]  # of joints, axes, equations, in the order of the entries that they name
-LEAST_DIVISOR = 1e-300  # the least divisor: what it divides is zero too, or infinite
+LEAST_DIVISOR = 1e-300  # replaces a divisor of zero: the quotient is zero or huge, but not NaN
 _Any = TypeVar("_Any", bound=NDArray[Any])
 Stack = TypeVar("Stack", bound=tuple[Any, ...])  # a named tuple of arrays, one item each in all of them
 
 
 def select(stack: Stack, which: Any) -> Stack:
-    """Return the items `which` (index, slice or mask) of all arrays of a named tuple, nested ones too."""
+    """Select items `which` (index, slice or mask) of all arrays of a named tuple, also of nested ones."""
     make: Any = type(stack)
     return make(*(part[which] if isinstance(part, np.ndarray) else select(part, which) for part in stack))
 
 
 def assign(stack: Stack, rows: Any, new: Stack) -> None:
-    """Assign the items of `new` to some rows of all arrays of a named tuple."""
+    """Assign the items of `new` to `rows` of all arrays of a named tuple."""
     for values, new_values in zip(stack, new, strict=True):
         values[rows] = new_values
 
 
 def join(stacks: Sequence[Stack]) -> Stack:
-    """Return the items of several stacks, at least one, one after the other."""
+    """Concatenate one or more stacks, array by array."""
     make: Any = type(stacks[0])
     parts = zip(*stacks, strict=True)
     return make(*(np.concatenate(part) if isinstance(part[0], np.ndarray) else join(part) for part in parts))
 
 
 def read_only(array: _Any) -> _Any:
-    """Return the array if read-only and owner of its data, else a read-only copy."""
+    """Return a read-only array that owns its data: the same one if possible, else a copy."""
     if array.flags.writeable or not array.flags.owndata:
         array = array.copy()
         array.flags.writeable = False
@@ -47,7 +47,7 @@ def read_only(array: _Any) -> _Any:
 
 
 def freeze(value: object) -> None:
-    """Make the arrays of our own tuple or dataclass read-only, nested ones included."""
+    """Make all arrays of a tuple or dataclass read-only in place, nested ones included."""
     remaining = [value]
     while remaining:
         item = remaining.pop()
@@ -62,13 +62,14 @@ def freeze(value: object) -> None:
 class ReadOnlyArrays:
     """Base of frozen dataclasses that hold their arrays read-only.
 
-    The arrays of the caller may change, the copies do not: a law always fits the torques computed for it. A
-    subclass with a `__post_init__` of its own calls this one, too.
+    Arrays that the caller may still change are copied. So a law always stays the one for which torques were
+    computed. A subclass with its own `__post_init__` must call this one.
     """
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():  # from another process, or a deep copy: arrays come writeable
-            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+        """Restore a pickled or copied object, whose arrays arrive writeable."""
+        self.__dict__.update(state)
+        ReadOnlyArrays.__post_init__(self)
 
     def __post_init__(self) -> None:
         """Replace all arrays by read-only ones."""

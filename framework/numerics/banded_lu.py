@@ -1,14 +1,13 @@
-"""Square systems of one sparsity at many instants, solved as a single banded one.
+"""Square systems of one sparsity pattern at many instants, solved as a single banded system.
 
-Set one below the other along a diagonal, the matrices of all instants are one banded matrix, and LAPACK
-factors it with partial pivoting in one call. A pivot never leaves its instant, since outside of it all
-entries are zero. Rows and columns are put in an order of small bandwidth (reverse Cuthill-McKee): where
-legs touch only their neighbours the width is that of a leg and the cost of an instant proportional to
-their number; where all legs meet in one platform the band is nearly full, and still no slower than
-dense solves one by one.
+The matrices of all instants, placed along a diagonal, form one banded matrix, which LAPACK factorises with
+partial pivoting in one call. A pivot never leaves its instant, since all entries outside of it are zero. Rows
+and columns are ordered for a small bandwidth (reverse Cuthill-McKee). If legs touch only their neighbours,
+the bandwidth is that of a leg, and the cost of an instant is proportional to the number of legs. If all legs
+meet in one platform, the band is nearly full, but still no slower than dense solutions one by one.
 
-Systems of at most MAX_DENSE unknowns need no band: numpy solves them as quickly, without scipy, whose import
-takes longer than the plan of a small robot.
+Systems of at most MAX_DENSE unknowns need no band: numpy solves them as fast. This avoids the import of
+scipy, which takes longer than the plan of a small robot.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ import numpy as np
 
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 
-MAX_DENSE = 8  # unknowns; up to here numpy solves as quickly as LAPACK factors and solves in a band
+MAX_DENSE = 8  # largest number of unknowns that numpy solves as fast as LAPACK does in a band
 
 
 @dataclass(frozen=True, eq=False)
 class DenseFactors:
-    """Square matrices (T, k, k), solved one by one, in the place of `BandFactors`."""
+    """Square matrices (T, k, k), solved one by one; the same methods as `BandFactors`."""
 
     matrices: Array
 
@@ -47,40 +46,40 @@ class DenseFactors:
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
-        """Signs and logarithms of the sizes of the determinants, each (T,); 0 and -inf where singular."""
+        """Signs and logarithms of the absolute determinants, (T,) each; 0 and -inf where singular."""
         with np.errstate(all="ignore"):
             return np.linalg.slogdet(self.matrices)
 
 
 @dataclass(frozen=True, eq=False)
 class Band(ReadOnlyArrays):
-    """The places in a band of the entries of matrices (k, k) of one sparsity."""
+    """The positions in a band of the E entries of matrices (k, k) of one sparsity pattern."""
 
     size: int  # k
-    row: IntArray  # (E,) of each entry
+    row: IntArray  # (E,) of each entry in the matrix
     column: IntArray  # (E,)
-    lower: int  # diagonals below the main one
-    upper: int  # above it
-    row_order: IntArray  # (k,) the rows as they stand in the band
+    lower: int  # number of diagonals below the main one
+    upper: int  # number of diagonals above it
+    row_order: IntArray  # (k,) rows of the matrix in the order of the band
     column_order: IntArray  # (k,)
-    row_position: IntArray  # (k,) where each row stands in the band
+    row_position: IntArray  # (k,) position of each row of the matrix in the band
     column_position: IntArray  # (k,)
-    index: IntArray  # (E,) where each entry stands in the memory of one instant, k columns of the band
+    index: IntArray  # (E,) of each entry in the memory of one instant, k columns of the band
 
     @staticmethod
     def of(row: IntArray, column: IntArray, size: int) -> Band:
-        """Return the band of matrices (size, size) whose entries stand at (row, column), each (E,)."""
+        """Make the band of matrices (size, size) with entries at (row, column), (E,) each."""
         order = np.arange(2 * size) if size <= MAX_DENSE else _order_by_bandwidth(row, column, size)
         row_order = order[order < size]
         column_order = order[order >= size] - size
         row_position = np.argsort(row_order)
         column_position = np.argsort(column_order)
-        i = row_position[row]  # of each entry in the band
+        i = row_position[row]  # row of each entry in the band
         j = column_position[column]
         lower = int(np.max(i - j, initial=0))
         upper = int(np.max(j - i, initial=0))
-        # LAPACK stores entry (i, j) in column j of the band, at lower + upper + i - j; the first `lower`
-        # numbers of a column are room for its pivots
+        # LAPACK stores entry (i, j) in column j of the band at row lower + upper + i - j. The first `lower`
+        # rows are space for pivoting
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
         return Band(
             size, row, column, lower, upper, row_order, column_order, row_position, column_position, index
@@ -88,17 +87,17 @@ class Band(ReadOnlyArrays):
 
     @property
     def height(self) -> int:
-        """Numbers in one column of the band."""
+        """Number of rows of the band in LAPACK's storage."""
         return 2 * self.lower + self.upper + 1
 
     def fill(self, values: Array) -> Array:
-        """Return the matrices (T, k, k) with entries `values` (T, E)."""
+        """Return the dense matrices (T, k, k) with entries `values` (T, E)."""
         matrices = np.zeros((len(values), self.size, self.size))
         matrices[:, self.row, self.column] = values
         return matrices
 
     def factor(self, values: Array) -> Factors:
-        """Compute the LU factors of the matrices with entries `values` (T, E)."""
+        """Factorise the matrices with entries `values` (T, E)."""
         if self.size <= MAX_DENSE:
             return DenseFactors(self.fill(values))
         from scipy.linalg.lapack import dgbtrf
@@ -115,10 +114,10 @@ class BandFactors:
     """LU factors of T matrices (k, k)."""
 
     band: Band
-    values: Array  # (T, E)
-    lu: Array  # (height, T k)
+    values: Array  # (T, E) entries of the matrices
+    lu: Array  # (height, T k) LU factors in LAPACK's storage
     pivots: IntArray  # (T k,)
-    singular: int  # 0, or one more than the column of the first pivot that is zero
+    singular: int  # column of the first zero pivot, counted from 1; 0 without one
 
     def solve(self, right: Array) -> Array:
         """Compute solutions (..., T, k) for right-hand sides (..., T, k).
@@ -135,7 +134,7 @@ class BandFactors:
         return self._solve(right, band.column_order, band.row_position, transposed=True)
 
     def _solve(self, right: Array, order: IntArray, position: IntArray, *, transposed: bool) -> Array:
-        """Solve with rows of right-hand sides in `order`; return unknowns by their `position`."""
+        """Solve for right-hand sides put in `order`; return the unknowns taken from their `position`."""
         from scipy.linalg.lapack import dgbtrs
 
         if self.singular:
@@ -150,20 +149,21 @@ class BandFactors:
 
     @cached_property
     def slogdet(self) -> tuple[Array, Array]:
-        """Signs and logarithms of the sizes of the determinants, as of `DenseFactors`.
+        """Signs and logarithms of the absolute determinants, as of `DenseFactors`.
 
-        Singular is what these factors say, whatever the last bit of others.
+        The pivots of these factors decide which matrices are singular: rounding may differ in dense factors.
         """
         sign, size = DenseFactors(self.band.fill(self.values)).slogdet
-        pivots = self.lu[self.band.lower + self.band.upper].reshape(-1, self.band.size)
-        is_singular = (pivots == 0.0).any(axis=1)
+        main_diagonal = self.lu[self.band.lower + self.band.upper]  # (T k,)
+        is_singular = (main_diagonal.reshape(-1, self.band.size) == 0.0).any(axis=1)
         return np.where(is_singular, 0.0, sign), np.where(is_singular, -np.inf, size)
 
 
 def _order_by_bandwidth(row: IntArray, column: IntArray, size: int) -> IntArray:
-    """Order the rows, then the columns (2 k,), of entries at (row, column) for a small bandwidth.
+    """Order rows and columns (2 k,) of entries at (row, column) for a small bandwidth.
 
-    They are the nodes of a graph, in which an entry joins its row and its column.
+    Rows 0 .. k - 1 and columns k .. 2 k - 1 are the nodes of a graph in which an entry connects its row and
+    its column.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee

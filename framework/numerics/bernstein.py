@@ -1,8 +1,9 @@
-"""Functions on cells as Bernstein polynomials, whose coefficients bound all values.
+"""Functions on cells as Bernstein polynomials, whose coefficients bound their values.
 
 On a cell, scaled to u in [0, 1], a polynomial of degree n is the sum of c_i B_i(u) with the Bernstein
-polynomials B_i = binom(n, i) u^i (1 - u)^(n - i). It lies between its least and its largest coefficient. Its
-mean over the cell is the mean of the c_i, and its mean absolute value is at most the mean of the |c_i|.
+polynomials B_i = binom(n, i) u^i (1 - u)^(n - i). The polynomial lies between its least and its largest
+coefficient. Its mean over the cell is the mean of the c_i, and its mean absolute value is at most the mean of
+the |c_i|.
 
 Source: Farouki, The Bernstein polynomial basis: a centennial retrospective, CAGD 29 (2012).
 """
@@ -18,18 +19,19 @@ from numpy.polynomial import chebyshev
 
 from framework.numerics.arrays import Array, BoolArray, read_only
 
-# degree of the polynomials; number of nodes of a cell, even so that none is in the middle
+# degree of the polynomials; number of nodes of a cell, even so that no node is in the middle
 DEGREE, NODES = 3, 6
-# sum of the last two Chebyshev coefficients over the largest coefficient, for a function to be resolved
+# of the largest coefficient: a function is resolved if its last two Chebyshev coefficients sum up to less
 MAX_TAIL = 2.0 ** (1 - DEGREE - 2)
-VALUE_ROUNDING = 1e-11  # error of values at nodes, over the largest coefficient
+VALUE_ROUNDING = 1e-11  # error of values at nodes, relative to the largest coefficient
 
 
 class Bernstein(NamedTuple):
     """Functions on k cells: coefficients (k, DEGREE + 1, ...), and bounds (k, ...) of their error.
 
-    The bounds rest on the decay of Chebyshev coefficients, as the certificate of a plan does: where each is
-    at most half of the one before, those not computed change values by no more than the last two.
+    The bounds rely on the decay of Chebyshev coefficients, as the certificate of a plan does. If each
+    coefficient is at most half of the one before, all those that are not computed sum up to no more than the
+    last two.
     """
 
     coefficients: Array
@@ -45,11 +47,11 @@ def cell_nodes() -> Array:
 def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return also a mask (k,) of resolved cells.
 
-    The Chebyshev series through all nodes is cut after `DEGREE`. The bound of the error adds the coefficients
-    that are cut off, an estimate of those beyond the nodes (the last two, as in `Bernstein`), and rounding.
+    The Chebyshev series through all nodes is truncated after `DEGREE`. The error bound is the sum of the
+    truncated coefficients, the last two coefficients (for those that are not computed, see `Bernstein`) and
+    rounding.
     """
-    count = len(values)
-    shape = values.shape[2:]
+    count, _, *shape = values.shape
     polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # T_j at the nodes
     series = np.linalg.inv(polynomials) @ values.reshape(count, NODES, -1)  # (k, NODES, all components)
     largest = np.abs(series).max(axis=1)
@@ -66,34 +68,34 @@ def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
 def _from_chebyshev() -> Array:
     """Return the matrix from Chebyshev to Bernstein coefficients of degree `DEGREE`.
 
-    Both bases have the same values at DEGREE + 1 points u: B c = T a, so c = B^-1 T a.
+    A polynomial has the same values in both bases at DEGREE + 1 points u: B c = T a, so c = B^-1 T a.
     """
-    u = np.linspace(0.0, 1.0, DEGREE + 1)[:, None]
+    points = np.linspace(0.0, 1.0, DEGREE + 1)
+    u = points[:, None]
     i = np.arange(DEGREE + 1)
     binomials = np.array([comb(DEGREE, k) for k in i])
     bernstein_values = np.asarray(binomials * u**i * (1.0 - u) ** (DEGREE - i), dtype=float)
-    chebyshev_values = chebyshev.chebvander(2.0 * u[:, 0] - 1.0, DEGREE)
+    chebyshev_values = chebyshev.chebvander(2.0 * points - 1.0, DEGREE)
     return read_only(np.linalg.solve(bernstein_values, chebyshev_values))
 
 
 @lru_cache(maxsize=8)
 def product_weights(m: int, n: int) -> Array:
-    """Return weights w (m + n + 1, m + 1, n + 1) of products of coefficients.
+    """Return the weights w (m + n + 1, m + 1, n + 1) of products of coefficients.
 
     The product of polynomials of degrees m and n with coefficients a and b has the coefficients c_k = sum of
     w_kij a_i b_j, where w_kij = binom(m, i) binom(n, j) / binom(m + n, k) for k = i + j, and 0 for other k.
     """
     weights = np.zeros((m + n + 1, m + 1, n + 1))
-    for i in range(m + 1):
-        for j in range(n + 1):
-            weights[i + j, i, j] = comb(m, i) * comb(n, j) / comb(m + n, i + j)
+    for i, j in np.ndindex(m + 1, n + 1):
+        weights[i + j, i, j] = comb(m, i) * comb(n, j) / comb(m + n, i + j)
     return read_only(weights)
 
 
 def multiply(first: Array, second: Array) -> Array:
     """Return coefficients (k, m + n + 1, ...) of the products of polynomials of degrees m and n.
 
-    They are c_j = sum over a, b of w_jab first_a second_b, see `product_weights`.
+    The coefficients are c_j = sum over a, b of w_jab first_a second_b, see `product_weights`.
     """
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
     return np.einsum("jab,ka...,kb...->kj...", weights, first, second)
@@ -102,18 +104,17 @@ def multiply(first: Array, second: Array) -> Array:
 def elevation_matrix(degree: int, to: int) -> Array:
     """Return the matrix (to + 1, degree + 1) that raises the degree of coefficients.
 
-    It multiplies by the constant 1, whose coefficients are all 1.
+    It multiplies a polynomial by the constant 1 of degree to - degree, whose coefficients are all 1.
     """
     return product_weights(to - degree, degree).sum(axis=1)
 
 
 def bound_mean_size(coefficients: Array, halvings: int) -> Array:
-    """Bound the means (k, ...) of absolute values of polynomials (k, degree + 1, ...) from above.
+    """Bound the mean absolute values (k, ...) of polynomials (k, degree + 1, ...) from above.
 
     The bound is the mean of the absolute coefficients. Each halving of the cells makes it tighter.
     """
-    count = len(coefficients)
-    shape = coefficients.shape[2:]
+    count, _, *shape = coefficients.shape
     for _ in range(halvings):
         coefficients = _halve_cells(coefficients)
     return np.abs(coefficients).reshape(count, -1, *shape).mean(axis=1)
@@ -122,15 +123,14 @@ def bound_mean_size(coefficients: Array, halvings: int) -> Array:
 def _halve_cells(coefficients: Array) -> Array:
     """Return the coefficients (2 k, degree + 1, ...) on the halves of k cells by de Casteljau's algorithm.
 
-    Neighbours are averaged until one number is left. The first numbers of all rounds are the coefficients of
-    the left half, the last ones, in reverse order, those of the right half.
+    Neighbouring coefficients are averaged until one is left. The first averages of all rounds are the
+    coefficients of the left half. The last averages, in reverse order, are those of the right half.
     """
+    count, size, *shape = coefficients.shape
+    halves = np.empty((count, 2, size, *shape))
     averages = coefficients
-    left = list[Array]()
-    right = list[Array]()
-    while averages.shape[1]:
-        left.append(averages[:, 0])
-        right.append(averages[:, -1])
+    for k in range(size):
+        halves[:, 0, k] = averages[:, 0]
+        halves[:, 1, size - 1 - k] = averages[:, -1]
         averages = 0.5 * (averages[:, 1:] + averages[:, :-1])
-    halves = np.stack([np.stack(left, axis=1), np.stack(right[::-1], axis=1)], axis=1)
-    return halves.reshape(-1, *coefficients.shape[1:])
+    return halves.reshape(2 * count, size, *shape)

@@ -1,9 +1,9 @@
 """Functions of time as Chebyshev series, panel by panel.
 
-All functions of time of a plan are sampled on Chebyshev points and represented by their coefficients. A
-removable quotient 0/0 between two nodes is then no event. The decay of the coefficients tells whether the
-function is resolved: `TimeFunction.tail` is the certificate. A function with kinks, as at the knots of a
-spline, gets a panel on either side.
+All functions of time of a plan are sampled at Chebyshev points and represented by their coefficients. A
+removable quotient 0/0 between two nodes does no harm, since it is never evaluated. The decay of the
+coefficients shows whether the function is resolved; `TimeFunction.tail` is this certificate. Where a function
+has a kink, as at the knots of a spline, one panel ends and the next begins.
 
 Source: Trefethen, Approximation Theory and Approximation Practice, SIAM 2013, chapters 3, 8 and 21.
 """
@@ -23,10 +23,10 @@ from framework.errors import InvalidInput, check_order
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays, read_only
 from framework.tolerances import SAME_PLACE
 
-MIN_CLENSHAW_POINTS = 400  # from which a step of its recurrence costs less than the cosines it saves
-MIN_PRODUCT_SERIES = 16  # from which a product of matrices is quicker for any number of points
+MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
+MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
 COEFFICIENT_ROUNDING = 1e-15  # of the largest coefficient of a series
-NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: what may be rounding
+NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: below this a coefficient is rounding
 
 
 @lru_cache(maxsize=64)
@@ -43,7 +43,8 @@ def _transform_matrix(size: int) -> Array:
     f(x_j), with the nodes x_j in descending order and w = 1/2 for the first and the last index.
     """
     k = np.arange(size)
-    matrix = np.cos(np.pi * np.outer(k, size - 1 - k) / (size - 1)) * (2.0 / (size - 1))
+    angles = np.pi * np.outer(k, size - 1 - k) / (size - 1)  # coefficients by nodes
+    matrix = np.cos(angles) * (2.0 / (size - 1))
     matrix[:, [0, -1]] *= 0.5
     matrix[[0, -1], :] *= 0.5
     return read_only(matrix)
@@ -57,24 +58,26 @@ def coefficients(values: Array) -> Array:
 def tail(series: Array) -> float:
     """Return the largest of the last eighth of |coefficients| (..., size, k) over the largest of all.
 
-    0 for a series of zeros, infinity for one that is not finite.
+    The tail is 0 for a series of zeros, and infinite for a series that is not finite.
     """
-    largest = float(np.max(np.abs(series), initial=0.0))
+    sizes = np.abs(series)
+    largest = float(sizes.max(initial=0.0))
     if not np.isfinite(largest):
-        return float("inf")
+        return np.inf
     count = max(2, series.shape[-2] // 8)
-    return float(np.max(np.abs(series[..., -count:, :]))) / largest if largest > 0 else 0.0
+    return float(sizes[..., -count:, :].max()) / largest if largest > 0 else 0.0
 
 
 def evaluate(x: Array, series: Array) -> Array:
     """Compute the values (T, k) at x (T,) in [-1, 1] of Chebyshev series (size, k).
 
-    At a few points, or of many series, the polynomials are quicker all at once, as T_k(x) = cos(k arccos x),
-    than by Clenshaw's recurrence, which takes `size` steps in Python.
+    At few points, or for many series, a product with all T_k(x) = cos(k arccos x) is faster than Clenshaw's
+    recurrence, which takes `size` steps in Python.
     """
     if x.size > MIN_CLENSHAW_POINTS and series[0].size < MIN_PRODUCT_SERIES:
         return np.asarray(chebyshev.chebval(x, series).T)
-    return np.cos(np.arccos(x)[:, None] * np.arange(series.shape[0])) @ series
+    polynomials = np.cos(np.arccos(x)[:, None] * np.arange(len(series)))  # T_k(x), (T, size)
+    return polynomials @ series
 
 
 def extrema(series: Array) -> Array:
@@ -85,32 +88,33 @@ def extrema(series: Array) -> Array:
 def real_roots(series: Array) -> Array:
     """Return the real roots in [-1, 1] of one Chebyshev series (size,), ascending.
 
-    Roots are eigenvalues of the colleague matrix; of degree 2, as p' of a law through one crossing, in closed
-    form. Those that rounding moves off the real axis or beyond an end, within SAME_PLACE, are accepted.
+    The roots are the eigenvalues of the colleague matrix, or in closed form for degree 2, the degree of p' of
+    a law through one crossing. Roots that rounding moves off the real axis or beyond an end, within
+    SAME_PLACE, are accepted.
     """
-    size = np.abs(series)
-    degree = int(np.flatnonzero(size > COEFFICIENT_ROUNDING * size.max(initial=0.0)).max(initial=0))
-    if degree == 0 or _constant_dominates(size[: degree + 1]):
+    sizes = np.abs(series)
+    is_rounding = sizes <= COEFFICIENT_ROUNDING * sizes.max(initial=0.0)
+    degree = int(np.flatnonzero(~is_rounding).max(initial=0))
+    if degree == 0 or _constant_dominates(sizes[: degree + 1]):
         return np.empty(0)
     roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
     return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
 
-def _constant_dominates(size: Array) -> bool:
-    """Whether |c_0| is above the sum of all other terms, so no root exists.
+def _constant_dominates(sizes: Array) -> bool:
+    """Whether |c_0| exceeds the sum of all other terms, so that no root exists.
 
-    The terms are those where roots are accepted. There |T_k| is at most base^k, with |c_k| as `size` (degree
-    + 1,).
+    `sizes` (degree + 1,) are the |c_k|. Where roots are accepted, |T_k| is at most base^k.
     """
     base = 1.0 + 2.0 * SAME_PLACE**0.25
-    return bool(size[0] > size[1:] @ base ** np.arange(1, len(size)))
+    return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
 
 
 def _quadratic_roots(series: Array) -> NDArray[Any]:
     """Return both roots, complex, of c0 + c1 x + c2 (2 x^2 - 1) = 0.
 
-    The larger root is computed without cancellation, the other one from the product of both.
+    The larger root is computed without cancellation, the other root from the product of both.
     """
     middle = -0.25 * series[1] / series[2]
     product = 0.5 * (series[0] / series[2] - 1.0)
@@ -120,11 +124,11 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
 
 
 def _all_roots(series: Array) -> NDArray[Any]:
-    """Return all roots of one Chebyshev series (degree + 1,), complex or real.
+    """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
 
-    They are the eigenvalues of the colleague matrix: that of T_degree, from whose first column the lower
-    coefficients over the last are subtracted, times weights. Rows and columns are in reverse order, which
-    reduces rounding errors, as in numpy's `chebroots`.
+    The roots are the eigenvalues of the colleague matrix. It is that of T_degree, less the lower coefficients
+    over the last one, times weights, in one column. Rows and columns are in reverse order, which reduces
+    rounding errors, as in numpy's `chebroots`.
     """
     degree = len(series) - 1
     weights = np.full(degree, 0.5)
@@ -148,15 +152,14 @@ class TimeFunction(ReadOnlyArrays):
     coefficients: Array
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
-        """Return the value, or a time derivative, at t: a scalar gives (k,), (T,) gives (T, k).
+        """Return values (k,) at one time t, (T, k) at t (T,), or their time derivatives of an `order`.
 
         Raises:
             InvalidInput: t lies outside the interval, or is not finite.
         """
         check_order(order)
         times = np.asarray(t, dtype=float)
-        start = self.edges[0]
-        end = self.edges[-1]
+        start, end = self.edges[0], self.edges[-1]
         slack = SAME_PLACE * (end - start)
         if not np.all((times >= start - slack) & (times <= end + slack)):
             raise InvalidInput(f"time {t!r} is outside [{start:g}, {end:g}] s")
@@ -164,7 +167,7 @@ class TimeFunction(ReadOnlyArrays):
         if len(self.edges) == 2:
             values = self._evaluate_panel(0, flat, order)
         else:
-            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # of each instant
+            panel = np.searchsorted(self.edges[1:-1], flat, side="right")  # (T,)
             values = np.empty((flat.size, self.coefficients.shape[2]))
             for p in np.unique(panel) if values.size else ():
                 inside = panel == p
@@ -172,7 +175,7 @@ class TimeFunction(ReadOnlyArrays):
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
     def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
-        """Compute values (T, k) of a derivative at t (T,) on one panel, from its series."""
+        """Compute values (T, k) of a time derivative at t (T,) on panel p."""
         half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
         local = (t - self.edges[p]) / half_width - 1.0
         series = self.coefficients[p]
@@ -182,18 +185,19 @@ class TimeFunction(ReadOnlyArrays):
 
     @property
     def tail(self) -> float:
-        """Relative size of the last coefficients: the certificate of resolution."""
+        """Relative size of the last coefficients: the certificate that the function is resolved."""
         return tail(self.coefficients)
 
 
 def evaluate_together(functions: Sequence[TimeFunction], t: Array) -> list[Array]:
-    """Evaluate functions of the same panels and size at t (T,): values (T, k) of each function.
+    """Evaluate functions of the same panels and size at t (T,); return values (T, k) of each.
 
     One evaluation of all components takes less time than one for each function.
     """
-    series = np.concatenate([function.coefficients for function in functions], axis=2)
-    starts = np.cumsum([function.coefficients.shape[2] for function in functions[:-1]])
-    return np.split(TimeFunction(functions[0].edges, series)(t), starts, axis=1)
+    series = [function.coefficients for function in functions]
+    starts = np.cumsum([part.shape[2] for part in series[:-1]])  # of each function but the first
+    together = TimeFunction(functions[0].edges, np.concatenate(series, axis=2))
+    return np.split(together(t), starts, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,11 +209,11 @@ class TimeGrid(ReadOnlyArrays):
 
     @cached_property
     def times(self) -> Array:
-        """All nodes, panel after panel (an inner edge appears twice), shape (panels * size,)."""
+        """All nodes (panels * size,), panel after panel; an inner edge appears twice."""
         return read_only(_nodes_between(self.edges, self.size))
 
     def fit(self, values: Array) -> TimeFunction:
-        """Return the function through values (panels * size, k) at `times`."""
+        """Fit the function through values (panels * size, k) at `times`."""
         return TimeFunction(self.edges, coefficients(self._stack_panels(values)))
 
     def _stack_panels(self, values: Array) -> Array:
@@ -218,14 +222,15 @@ class TimeGrid(ReadOnlyArrays):
 
     @property
     def resolvable(self) -> int:
-        """Number of coefficients that values at the nodes resolve: all but the last eighth."""
+        """Number of coefficients of a panel that values at the nodes resolve: all but the last eighth."""
         return self.size - max(2, self.size // 8)
 
     def fit_truncated(self, values: Array) -> TimeFunction:
-        """Fit the function through values (panels * size, k) with coefficients of rounding set to zero.
+        """Fit the function through values (panels * size, k), with zeros for coefficients of rounding.
 
-        The last eighth of a resolved series is rounding and shows its size. Differentiating twice amplifies
-        a coefficient by up to size^4, so rounding would grow in an iteration on second derivatives.
+        The last eighth of a resolved series consists of rounding errors and shows their size. Two
+        differentiations amplify a coefficient by up to size^4, so rounding would grow in an iteration on
+        second derivatives.
         """
         series = coefficients(self._stack_panels(values))
         rounding = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
@@ -234,41 +239,40 @@ class TimeGrid(ReadOnlyArrays):
         return TimeFunction(self.edges, series)
 
     def values(self, function: TimeFunction) -> tuple[Array, Array, Array]:
-        """Compute a function and its first and second derivative at the nodes, each (panels * size, k).
+        """Compute a function, its first and its second time derivative at the nodes, (panels * size, k) each.
 
-        The function has this grid's panels and size. Derivatives of its coefficients amplify the rounding of
-        each coefficient, however small; `differentiate` amplifies that of the largest value.
+        The function must have the panels and the size of this grid. Its derivatives amplify the rounding
+        error of each coefficient, which is small for a small coefficient. `differentiate` amplifies the
+        rounding error of the largest value.
         """
-        half_widths = 0.5 * np.diff(self.edges)[:, None, None]
-        series = function.coefficients
-        shape = (series.shape[0] * self.size, series.shape[2])
         basis, first, second = basis_values(self.size)
-        values = (basis @ series).reshape(shape)
-        slopes = (first @ series / half_widths).reshape(shape)
-        return values, slopes, (second @ series / half_widths**2).reshape(shape)
+        series = function.coefficients
+        return np.concatenate(basis @ series), *self._time_derivatives(first @ series, second @ series)
 
     def differentiate(self, values: Array) -> tuple[Array, Array]:
-        """Compute first and second time derivatives, each (panels * size, k), of values at the nodes."""
+        """Compute first and second time derivatives, (panels * size, k) each, of values at the nodes."""
         first, second = _differentiation_matrices(self.size)
-        half_widths = 0.5 * np.diff(self.edges)[:, None, None]
         stacked = self._stack_panels(values)
-        slopes = first @ stacked / half_widths
-        curvatures = second @ stacked / half_widths**2
-        return slopes.reshape(values.shape), curvatures.reshape(values.shape)
+        return self._time_derivatives(first @ stacked, second @ stacked)
+
+    def _time_derivatives(self, first: Array, second: Array) -> tuple[Array, Array]:
+        """Scale two derivatives (panels, size, k) from [-1, 1] to time, (panels * size, k) each."""
+        half_widths = 0.5 * np.diff(self.edges)[:, None, None]
+        return np.concatenate(first / half_widths), np.concatenate(second / half_widths**2)
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
-        """Return the grid whose nodes are farthest from `instants` [s].
+        """Return the grid with the nodes farthest from `instants` [s], relative to the mean node distance.
 
-        Candidates have `size` to `size` + 5 nodes a panel. Distances count in mean distances of nodes. A node
-        at the instant of a crossing would divide 0 by 0.
+        Candidates have `size` to `size` + 5 nodes on each panel. A node at the instant of a crossing would
+        divide 0 by 0.
         """
         best_size = size
         best_distance = -1.0
         for candidate in range(size, size + 6) if len(instants) else ():
             times = _nodes_between(edges, candidate)
             distance = float(np.abs(times - instants[:, None]).min()) * candidate
-            if distance > best_distance * 1.001:  # not for rounding
+            if distance > best_distance * 1.001:  # by more than rounding
                 best_size = candidate
                 best_distance = distance
         return TimeGrid(edges, best_size)
@@ -278,17 +282,16 @@ def _nodes_between(edges: Array, size: int) -> Array:
     """Return Chebyshev nodes (panels * size,), `size` on each panel between edges (panels + 1,)."""
     half_widths = 0.5 * (edges[1:] - edges[:-1])[:, None]
     times = edges[:-1, None] + half_widths * (nodes(size) + 1.0)
-    times[:, -1] = edges[1:]  # to the last bit
+    times[:, -1] = edges[1:]  # exactly, without rounding
     return times.ravel()
 
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Return the matrix (size, size) from coefficients of a series to coefficients of its derivative."""
-    matrix = np.eye(size)
-    count = max(size - order, 0)  # of coefficients of the derivative
-    matrix[:count] = chebyshev.chebder(matrix, order, axis=0)[:count]
-    matrix[count:] = 0.0
+    """Return the matrix (size, size) from coefficients of a series to its derivative's."""
+    matrix = np.zeros((size, size))
+    count = max(size - order, 0)  # number of coefficients of the derivative
+    matrix[:count] = chebyshev.chebder(np.eye(size), order, axis=0)[:count]
     return read_only(matrix)
 
 
@@ -306,5 +309,5 @@ def basis_values(size: int) -> tuple[Array, Array, Array]:
     values = np.asarray(chebyshev.chebvander(nodes(size), size - 1), dtype=float)
     first = values @ derivative
     second = values @ (derivative @ derivative)
-    values.setflags(write=False)  # not a copy in another memory order: its products differ in the last bit
+    values.setflags(write=False)  # no copy: in another memory order its products differ in the last bit
     return values, read_only(first), read_only(second)

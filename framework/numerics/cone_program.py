@@ -1,7 +1,6 @@
 """Second-order cone programs in named unknowns, and least squares over semidefinite matrices.
 
-This file knows no robot, and it is the only one that knows the solver (Clarabel: Goulart and Chen 2024,
-arXiv 2405.12762).
+This is the only module that calls the solver (Clarabel: Goulart and Chen 2024, arXiv 2405.12762).
 """
 
 from __future__ import annotations
@@ -9,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,13 +16,13 @@ import numpy as np
 from framework.numerics.arrays import Array
 from framework.numerics.time_limit import check_time
 
-# Regularization of the solver's linear systems and number of refinements of their solutions, tried in turn:
-# most programs end at the first, in half the time of the others.
+# regularization of the solver's linear systems and number of refinements of their solutions, tried in turn;
+# the first solves most programs, in half the time of the others
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
-TOLERANCE = 1e-8  # of the solver, in the units of the optimum
-STALLED_RATIO = 10.0  # of the tolerance with which a solution is accepted where the solver stalls
-SOLVED = ("Solved", "AlmostSolved")  # statuses of a solution within one of these tolerances
+TOLERANCE = 1e-8  # of a solution, in the units of the optimum
+STALLED_RATIO = 10.0  # tolerance of a solution that is accepted although the solver stalls, over TOLERANCE
+SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first and the second tolerance
 
 
 class Affine(NamedTuple):
@@ -36,9 +36,9 @@ class Affine(NamedTuple):
 
 
 class AffineRows(NamedTuple):
-    """The affine function (k,): offset plus the sum of parts[name] @ unknowns[name] over the names."""
+    """The affine function (k,): offset plus the sum of parts[name] @ unknowns[name] over all names."""
 
-    parts: Mapping[str, Any]  # sparse matrices (k, size)
+    parts: Mapping[str, Any]  # sparse matrices (k, size) by name of unknowns
     offset: Array  # (k,)
 
 
@@ -52,38 +52,33 @@ def linear_rows(**parts: Any) -> AffineRows:
 class ConeProgram:
     """Minimise a linear cost plus a sum of squares over unknowns that satisfy rows and cones.
 
-    sizes: numbers of unknowns, by name.
-    cost: linear costs (size,), by name.
-    square: rows whose sum of squares is added to the cost, if any.
-    equal, nonnegative: rows that must be zero; rows that must not be negative.
-    cones: each a list of rows (k,); in each of the k rows the first must be at least the norm of the others.
+    A member of `cones` is a list of functions (k,): in each of their k rows, the value of the first function
+    must be at least the norm of the values of the others.
     """
 
-    sizes: Mapping[str, int]
-    cost: Mapping[str, Array] = field(default_factory=dict)
-    square: AffineRows | None = None
-    equal: Sequence[AffineRows] = ()
-    nonnegative: Sequence[AffineRows] = ()
+    sizes: Mapping[str, int]  # number of unknowns by name
+    cost: Mapping[str, Array] = field(default_factory=dict)  # (size,) by name
+    square: AffineRows | None = None  # rows whose sum of squares is added to the cost
+    equal: Sequence[AffineRows] = ()  # rows that must be zero
+    nonnegative: Sequence[AffineRows] = ()  # rows that must not be negative
     cones: Sequence[Sequence[AffineRows]] = ()
 
     @cached_property
     def columns(self) -> dict[str, slice]:
         """Positions of the unknowns of each name in the vector x (n,) of all unknowns."""
-        columns = {}
-        first = 0
-        for name, size in self.sizes.items():
-            columns[name] = slice(first, first + size)
-            first += size
-        return columns
+        ends = accumulate(self.sizes.values())
+        return {
+            name: slice(end - size, end) for (name, size), end in zip(self.sizes.items(), ends, strict=True)
+        }
 
 
 def product_cone(
     first: Mapping[str, Any], second: Mapping[str, Any], others: Sequence[AffineRows]
 ) -> list[AffineRows]:
-    """Return the cone 4 first * second >= |others|^2, row by row, as rows of a `ConeProgram`.
+    """Return the cone 4 first * second >= |others|^2, row by row, as a member of `ConeProgram.cones`.
 
-    It is first + second >= |(first - second, others)|, with sparse matrices of `first` and `second` by name
-    of their unknowns.
+    It is equivalent to first + second >= |(first - second, others)|. The linear functions `first` and
+    `second` are sparse matrices by name of their unknowns.
     """
     zero = np.zeros(len(others[0].offset))
     negative = {name: -matrix for name, matrix in second.items()}
@@ -91,25 +86,25 @@ def product_cone(
 
 
 class Unsolved(NamedTuple):
-    """No optimum, by the solver's status."""
+    """The status of a solver that found no optimum."""
 
     status: str
 
     @property
     def infeasible(self) -> bool:
-        """Whether the solver found the rows to contradict each other."""
+        """Whether the solver proved that the rows contradict each other."""
         return self.status == "PrimalInfeasible"
 
 
 def solve_cone_program(
     program: ConeProgram, *, tolerance: float = TOLERANCE
 ) -> Mapping[str, Array] | Unsolved:
-    """Compute the unknowns of least cost by name, else the solver's status.
+    """Compute the unknowns of least cost by name, or return the solver's status.
 
-    Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b, with the slack in cones.
+    Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b, with the slack in a product of cones.
 
     Args:
-        tolerance: relative, of the cost and of the rows.
+        tolerance: of the relative gap of the cost, and of the rows.
     """
     import clarabel
 
@@ -131,8 +126,8 @@ def solve_cone_program(
 def _objective(program: ConeProgram) -> tuple[Any, Array]:
     """Return P (n, n) and q (n,) of the cost x' P x / 2 + q' x.
 
-    P is given by its upper triangle. A square is |R x + r|^2 = x' R'R x + 2 r'R x + |r|^2; its constant |r|^2
-    is left out.
+    P is returned as its upper triangle. The squares are |R x + r|^2 = x' R'R x + 2 r'R x + |r|^2. The
+    constant |r|^2 does not affect the solution and is left out.
     """
     from scipy import sparse
 
@@ -146,33 +141,38 @@ def _objective(program: ConeProgram) -> tuple[Any, Array]:
 
 
 def _constraints(program: ConeProgram) -> tuple[Any, Array, list[Any]]:
-    """Return A (m, n), b (m,) and the cones that the slack b - A x lies in.
+    """Return A (m, n), b (m,) and the cones of the slack b - A x.
 
-    The slack is the value of the rows. Their order is: rows that vanish, rows that are not negative,
-    second-order cones.
+    The slack holds the values of the rows: first those that must vanish, then those that must not be
+    negative, then second-order cones.
     """
     import clarabel
 
-    vanishing, nonnegative = ([[rows] for rows in part] for part in (program.equal, program.nonnegative))
-    rows = _interleave(program, [*vanishing, *nonnegative, *program.cones])
+    single_rows = [[rows] for rows in (*program.equal, *program.nonnegative)]
+    all_rows = _interleave(program, [*single_rows, *program.cones])
     cones: list[Any] = [
-        clarabel.ZeroConeT(sum(len(rows.offset) for rows in program.equal)),
-        clarabel.NonnegativeConeT(sum(len(rows.offset) for rows in program.nonnegative)),
+        clarabel.ZeroConeT(_count_rows(program.equal)),
+        clarabel.NonnegativeConeT(_count_rows(program.nonnegative)),
     ]
     for members in program.cones:
-        cones += [clarabel.SecondOrderConeT(len(members))] * len(members[0].offset)
-    return -rows.matrix, rows.offset, cones
+        cones += [clarabel.SecondOrderConeT(len(members))] * _count_rows(members[:1])
+    return -all_rows.matrix, all_rows.offset, cones
+
+
+def _count_rows(functions: Sequence[AffineRows]) -> int:
+    """Count the rows of all functions."""
+    return sum(len(rows.offset) for rows in functions)
 
 
 def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) -> Affine:
-    """Return groups of rows as one matrix (m, n) on all unknowns.
+    """Return groups of rows as one affine function (m,) of all unknowns.
 
-    Row i of member k stands in row m i + k of a group with m members: first the first row of every member,
-    then the second row of every member. So the rows of one second-order cone are neighbours.
+    A group lists the first row of every member, then the second row of every member, and so on. So the rows
+    of one second-order cone are neighbours: row i of member k is row (number of members) i + k of its group.
     """
     from scipy import sparse
 
-    entries = []
+    entries = []  # triples of value, row and column, as arrays
     offsets = []
     group_start = 0
     for members in groups:
@@ -180,7 +180,7 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
         for k, rows in enumerate(members):
             for name, matrix in rows.parts.items():
                 part = matrix.tocoo()
-                row = group_start + k + len(members) * part.row
+                row = group_start + len(members) * part.row + k
                 entries.append((part.data, row, program.columns[name].start + part.col))
         group_start += len(offsets[-1])
     data, row, column = (np.concatenate(values) for values in zip(*entries, strict=True))
@@ -189,7 +189,7 @@ def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) ->
 
 
 class LinearMatrix(NamedTuple):
-    """The symmetric matrix (k, k): offset plus the sum of slopes[..., i] y_i, affine in y (n,)."""
+    """The symmetric matrix (k, k) that is affine in y (n,): offset plus the sum of slopes[..., i] y_i."""
 
     slopes: Array  # (k, k, n)
     offset: Array  # (k, k)
@@ -198,8 +198,7 @@ class LinearMatrix(NamedTuple):
 def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affine) -> Array | Unsolved:
     """Compute the shortest y (n,) with positive semidefinite `matrices` and `positive`(y) >= 0.
 
-    Returns:
-        y, or `Unsolved` if the solver gives up.
+    Return the solver's status if it finds none.
     """
     import clarabel
     from scipy import sparse
@@ -209,14 +208,15 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
         *(clarabel.PSDTriangleConeT(len(matrix.offset)) for matrix in matrices),
     ]
     slack = [positive, *map(_upper_triangle, matrices)]
-    # Solve for y / scale, so that the largest slope of every matrix is at least 1: the solver stops too early
-    # where slopes are small.
+    # solve for y / scale, so that the largest slope of every matrix is at least 1: with small slopes the
+    # solver stops too early
     largest_slopes = [float(np.abs(matrix.slopes).max(initial=0.0)) or 1.0 for matrix in matrices]
     scale = 1.0 / min(largest_slopes, default=1.0)
     A = sparse.csc_array(-scale * np.concatenate([part.matrix for part in slack]))
     b = np.concatenate([part.offset for part in slack])
-    squares = sparse.csc_array(np.eye(A.shape[1]))
-    solution = clarabel.DefaultSolver(squares, np.zeros(A.shape[1]), A, b, cones, _settings()).solve()
+    n = A.shape[1]
+    squares = sparse.csc_array(np.eye(n))
+    solution = clarabel.DefaultSolver(squares, np.zeros(n), A, b, cones, _settings()).solve()
     status = str(solution.status)
     return scale * np.array(solution.x) if status in SOLVED else Unsolved(status)
 
@@ -224,15 +224,17 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
 def _upper_triangle(matrix: LinearMatrix) -> Affine:
     """Return the upper triangle of a symmetric matrix by columns, in Clarabel's form.
 
-    Entries off the diagonal are multiplied by sqrt(2), so that the norm is that of the matrix.
+    Entries off the diagonal are multiplied by sqrt(2), so that the vector has the norm of the matrix.
     """
-    column, row = np.tril_indices(len(matrix.offset))  # of the lower triangle by rows, transposed
+    # the upper triangle by columns is the lower triangle by rows, transposed
+    column, row = np.tril_indices(len(matrix.offset))
     weight = np.where(row == column, 1.0, np.sqrt(2.0))
-    return Affine(weight[:, None] * matrix.slopes[row, column], weight * matrix.offset[row, column])
+    slopes = matrix.slopes[row, column]  # (entries, n)
+    return Affine(weight[:, None] * slopes, weight * matrix.offset[row, column])
 
 
 def _cone_settings(regularization: float, refinements: int, tolerance: float) -> Any:
-    """Return settings for cone programs: regularization of linear systems, and refinements of solutions."""
+    """Return settings with a regularization of linear systems and refinements of their solutions."""
     settings = _settings()
     settings.max_iter = MAX_ITERATIONS
     settings.iterative_refinement_enable = refinements > 0
@@ -245,10 +247,10 @@ def _cone_settings(regularization: float, refinements: int, tolerance: float) ->
 
 
 def _settings() -> Any:
-    """Return settings of the solver without output and with one thread."""
+    """Return settings of the solver for no output and one thread."""
     import clarabel
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.direct_solve_method = "qdldl"  # the other method starts threads and is not faster
+    settings.direct_solve_method = "qdldl"  # the other method starts threads and is no faster
     return settings

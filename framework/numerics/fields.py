@@ -1,8 +1,8 @@
-"""Typed values out of the mappings of a document: a table for each mapping, from its keys to readers.
+"""Readers of typed values from a document: a table for each mapping, from its keys to readers.
 
-A reader is called with the place `where` a value stands, such as `actuators[0].joint`, and the value `raw`
-there. It returns the value read, or raises an InvalidInput that names the place, the value given and valid
-ones.
+A reader is called with the place of a value in the document, `where`, such as `actuators[0].joint`, and with
+the `raw` value. It returns the typed value, or raises an InvalidInput that names the place, the given value
+and valid ones.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import InvalidInput, RobotFileError, check_name, choose_from, short
 
-LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of others overflow
+LARGEST_NUMBER = 1e30  # of any quantity in SI units: powers of larger numbers overflow
 T = TypeVar("T")
 Reader = Callable[[str, Any], T]
 
@@ -31,15 +31,12 @@ class Field(NamedTuple):
 
 
 optional = Field  # declares a key that may be left out
-required = partial(Field, required=True)  # and one that must be given
+required = partial(Field, required=True)  # declares a key that must be given
 Table = Mapping[str, Field]
 
 
 def below(where: str, key: object) -> str:
-    """Return the place of a key in the mapping at `where`.
-
-    The place of the file itself is empty.
-    """
+    """Return the place of a key in the mapping at `where`, which is empty for the whole file."""
     return f"{where}.{key}" if where else str(key)
 
 
@@ -54,9 +51,10 @@ def mapping(where: str, raw: Any) -> dict[Any, Any]:
 
 
 def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | None = ()) -> dict[str, Any]:
-    """Read the value of each key of the table.
+    """Read the value of each key of a table.
 
-    The keys `others` may be given too, None for any.
+    Args:
+        others: further keys that may be given, and are not read; None for any.
 
     Raises:
         InvalidInput: a key is missing or unknown, or its reader refuses the value.
@@ -67,7 +65,8 @@ def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | 
         if key in content:
             values[key] = field.read(below(where, key), content[key])
         elif field.required:
-            similar = get_close_matches(key, [str(name) for name in content if name not in table], n=1)
+            unknown = [str(name) for name in content if name not in table]
+            similar = get_close_matches(key, unknown, n=1)
             hint = f"; is {similar[0]!r} a misspelling?" if similar else ""
             listed = ", ".join(map(str, content)) or "nothing"
             raise InvalidInput(f"{below(where, key)}: missing{hint} (given: {listed})")
@@ -83,15 +82,12 @@ def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | 
 def record(
     table: Table, make: Callable[[str, dict[str, Any]], Any] = lambda _, values: values
 ) -> Reader[Any]:
-    """Return a reader of a mapping by a table.
-
-    `make` converts place and values into the object read.
-    """
+    """Return a reader of a mapping by a table; `make` converts place and values into an object."""
     return lambda where, raw: make(where, read_table(where, raw, table))
 
 
 def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
-    """Return the table of a dataclass: a reader for each field, by type."""
+    """Return the table of a dataclass, with a reader for each type of its fields."""
     table = {}
     for field in fields(kind):
         read = readers[str(field.type)]
@@ -99,15 +95,15 @@ def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
     return table
 
 
-def mapping_of(read: Reader[T], read_name: Reader[str] | None = None) -> Reader[dict[str, T]]:
-    """Return a reader of a mapping from names to values of one kind."""
+def mapping_of(read: Reader[T], read_name: Reader[str] = lambda _, name: str(name)) -> Reader[dict[str, T]]:
+    """Return a reader of a mapping from names to values; any name is valid by default."""
 
     def read_named(where: str, raw: Any) -> dict[str, T]:
-        """Read each value, and each name if names have a reader."""
+        """Read each name and its value."""
         values = {}
         for name, value in mapping(where, raw).items():
             place = below(where, name)
-            values[read_name(place, name) if read_name else str(name)] = read(place, value)
+            values[read_name(place, name)] = read(place, value)
         return values
 
     return read_named
@@ -117,7 +113,7 @@ def list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
     """Return a reader of a list of values of one kind."""
 
     def read_list(where: str, raw: Any) -> tuple[T, ...]:
-        """Read each item, named by its place in the list."""
+        """Read each item at its place in the list."""
         if not isinstance(raw, list | tuple):
             raise InvalidInput(f"{where}: needs a list, got {short(raw)}")
         return tuple(read(f"{where}[{i}]", item) for i, item in enumerate(raw))
@@ -131,14 +127,15 @@ def one_or_list_of(read: Reader[T]) -> Reader[tuple[T, ...]]:
 
 
 def distinct(what: str, valid: Collection[str]) -> Reader[tuple[str, ...]]:
-    """Return a reader of one valid name, or of a list of different ones."""
+    """Return a reader of one valid name, or of a list of different valid names."""
 
-    def read(where: str, raw: Any) -> tuple[str, ...]:
+    def read_names(where: str, raw: Any) -> tuple[str, ...]:
+        """Read the names; refuse repeated ones."""
         names = one_or_list_of(one_of(what, valid))(where, raw)
         check_distinct(where, what, names, valid)
         return names
 
-    return read
+    return read_names
 
 
 def check_distinct(where: str, what: str, names: Sequence[str], valid: Collection[str]) -> None:
@@ -174,25 +171,16 @@ def or_null(read: Reader[T]) -> Reader[T | None]:
     return lambda where, raw: None if raw is None else read(where, raw)
 
 
-def truth(where: str, raw: Any) -> bool:
-    """Read true or false."""
-    if not isinstance(raw, bool):
-        raise InvalidInput(f"{where}: needs true or false, got {short(raw)}")
-    return raw
+def _instance_of(kind: type[T], words: str) -> Reader[T]:
+    """Return a reader of values of one type, called `words` in complaints."""
 
+    def read_instance(where: str, raw: Any) -> T:
+        """Return the value; refuse other types."""
+        if not isinstance(raw, kind):
+            raise InvalidInput(f"{where}: needs {words}, got {short(raw)}")
+        return raw
 
-def text_or_empty(where: str, raw: Any) -> str:
-    """Read a text."""
-    if not isinstance(raw, str):
-        raise InvalidInput(f"{where}: needs a text, got {short(raw)}")
-    return raw
-
-
-def text(where: str, raw: Any) -> str:
-    """Read a text that is not empty."""
-    if not isinstance(raw, str) or not raw:
-        raise InvalidInput(f"{where}: needs a text, got {raw!r}")
-    return raw
+    return read_instance
 
 
 def one_of(what: str, valid: Collection[str]) -> Reader[str]:
@@ -207,18 +195,11 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
     return read_name
 
 
-def integer(where: str, raw: Any) -> int:
-    """Read a whole number."""
-    if not isinstance(raw, int) or isinstance(raw, bool):
-        raise InvalidInput(f"{where}: needs a whole number, got {raw!r}")
-    return raw
-
-
 def _restrict(read: Reader[T], is_valid: Callable[[T], bool], complaint: str) -> Reader[T]:
-    """Return a reader that refuses values that are not valid, with a complaint."""
+    """Return a reader that refuses invalid values with a complaint."""
 
     def read_valid(where: str, raw: Any) -> T:
-        """Read a value; refuse one that is not valid."""
+        """Read a value; refuse an invalid one."""
         value = read(where, raw)
         if not is_valid(value):
             raise InvalidInput(f"{where}: {complaint}, got {raw!r}")
@@ -230,7 +211,7 @@ def _restrict(read: Reader[T], is_valid: Callable[[T], bool], complaint: str) ->
 def number(where: str, raw: Any) -> float:
     """Read a finite number of at most LARGEST_NUMBER.
 
-    A text is read, too: YAML 1.1 reads 1e5 as one.
+    A number may be given as text, since YAML 1.1 reads 1e5 as text.
     """
     try:
         if isinstance(raw, bool) or not isinstance(raw, Real | str):
@@ -247,6 +228,12 @@ def number(where: str, raw: Any) -> float:
     return value
 
 
+truth = _instance_of(bool, "true or false")
+text_or_empty = _instance_of(str, "a text")
+text = _restrict(text_or_empty, bool, "needs a text")
+integer = _restrict(
+    _instance_of(int, "a whole number"), lambda value: not isinstance(value, bool), "needs a whole number"
+)
 whole = _restrict(integer, lambda value: value >= 0, "must not be negative")
 positive = _restrict(number, lambda value: value > 0, "must be greater than zero")
 not_negative = _restrict(number, lambda value: value >= 0, "must not be negative")

@@ -1,6 +1,6 @@
-"""Read a file that a person names, within limits.
+"""Read files that users name, within limits.
 
-A pipe, a device or a folder may never end or never begin, and a large file may take all memory: all are
+Reading a pipe or a device may never end or never begin, and a large file may take all memory. Such files are
 refused before they are read.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from framework.errors import InvalidInput
 
-LARGEST_FILE = 10_000_000  # bytes
+LARGEST_FILE = 10_000_000  # bytes that are read by default
 
 
 def read_text(
@@ -25,11 +25,11 @@ def read_text(
     """Read the text of a regular file of at most `largest` bytes, in UTF-8.
 
     Raises:
-        InvalidInput: or the `error` given, with `complaint` and the reason: the file is missing, is no
-            regular file, is too large, cannot be read, or is not UTF-8 text.
+        InvalidInput: or another `error`. The message is `complaint` and the reason: the file is missing, is
+            no regular file, is too large, cannot be read, or is not UTF-8 text.
     """
     try:
-        _check_regular(os.stat(file))  # to open a device can already do something
+        _check_regular(os.stat(file))  # before it is opened: opening a device may have effects
         with open(file, "rb", opener=_open_without_waiting) as stream:
             _check_regular(os.fstat(stream.fileno()))
             content = stream.read(largest + 1)
@@ -51,10 +51,11 @@ class _Unfit(OSError):
 
 
 def _check_regular(status: os.stat_result) -> None:
+    """Refuse anything but a regular file."""
     if not stat.S_ISREG(status.st_mode):
         raise _Unfit("not a regular file")
 
 
 def _open_without_waiting(file: str, flags: int) -> int:
-    """Open a file without waiting, should a pipe have replaced the file meanwhile."""
+    """Open a file without blocking, in case a pipe has replaced the file in the meantime."""
     return os.open(file, flags | getattr(os, "O_NONBLOCK", 0))

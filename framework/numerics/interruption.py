@@ -1,7 +1,7 @@
-"""Ctrl-C and SIGTERM end a program alike: it cleans up, reports the end in one line and exits.
+"""Orderly ends by Ctrl-C and SIGTERM: the program cleans up, reports the end in one line and exits.
 
-Both reach the main thread as a KeyboardInterrupt, so that every `with` and `finally` is left in order.
-Further signals are dropped meanwhile: a program is often signalled twice.
+Both signals raise a KeyboardInterrupt in the main thread, so that every `with` and `finally` block runs.
+Further signals are ignored meanwhile, since programs are often signalled twice.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-REPEAT_INTERVAL = 0.01  # s, long for a callback to end and short for who waits
+REPEAT_INTERVAL = 0.01  # [s] until a lost signal is repeated: a callback has ended, and nobody waits long
 
 
 class Terminated(KeyboardInterrupt):
@@ -26,14 +27,19 @@ class Terminated(KeyboardInterrupt):
 
 def exit_code(stop: KeyboardInterrupt) -> int:
     """Return 128 plus the number of the signal, as shells do: 130 for Ctrl-C, 143 for SIGTERM."""
-    return 128 + (signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT)
+    return 128 + _signal_of(stop)
 
 
+def _signal_of(stop: KeyboardInterrupt) -> signal.Signals:
+    """Return the signal that raised an interruption."""
+    return signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT
+
+
+@dataclass
 class Heard:
-    """The interruption that has arrived, if any; code in between may turn the exception into another."""
+    """The interruption that has arrived, if any, even if its exception was turned into another."""
 
-    def __init__(self) -> None:
-        self.stop: KeyboardInterrupt | None = None
+    stop: KeyboardInterrupt | None = None
 
     def check(self) -> None:
         """Raise the interruption once more, if one has arrived."""
@@ -45,8 +51,8 @@ class Heard:
 def interruptible() -> Iterator[Heard]:
     """Let the first SIGINT or SIGTERM in the block raise KeyboardInterrupt.
 
-    It is raised in the main thread; further signals are dropped. Signals that the caller ignores stay
-    ignored. In other threads than the main one nothing changes.
+    Further signals are ignored, and so are signals that the caller ignores. In other threads than the main
+    thread the block runs without change.
     """
     heard = Heard()
     if threading.current_thread() is not threading.main_thread():
@@ -56,27 +62,24 @@ def interruptible() -> Iterator[Heard]:
     handlers = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
-        """Ignore further signals and raise the error of this one: `Terminated` or KeyboardInterrupt."""
+        """Ignore further signals; raise `Terminated` or KeyboardInterrupt for this one."""
         for handled in handlers:
             signal.signal(handled, signal.SIG_IGN)
-        warnings.simplefilter("ignore")  # an import that is broken off halfway may warn
+        warnings.simplefilter("ignore")  # an interrupted import may warn
         heard.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
         raise heard.stop
 
     def raise_lost(unraisable: sys.UnraisableHookArgs) -> None:
-        """Raise an interruption once more that ended in a callback.
-
-        Callbacks of weakref and __del__ lose their errors.
-        """
+        """Repeat an interruption that a callback of weakref or __del__ raised, and Python dropped."""
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return
-        number = signal.SIGTERM if isinstance(unraisable.exc_value, Terminated) else signal.SIGINT
+        number = _signal_of(unraisable.exc_value)
         signal.signal(number, stop)
-        _thread.start_new_thread(repeat, (number,))  # `Thread.start` would wait, and be interrupted itself
+        _thread.start_new_thread(repeat, (number,))  # `Thread.start` would wait, and could be interrupted
 
     def repeat(number: int) -> None:
-        """Signal the main thread once more, unless the block has ended."""
+        """Send the signal to the main thread once more, unless the block has ended."""
         if not ended.wait(REPEAT_INTERVAL):
             signal.pthread_kill(main_thread, number)
 
@@ -98,7 +101,7 @@ def interruptible() -> Iterator[Heard]:
 @contextmanager
 def defer_signals() -> Iterator[None]:
     """Defer SIGINT and SIGTERM until the block ends."""
-    if threading.current_thread() is not threading.main_thread():  # no other one is interrupted
+    if threading.current_thread() is not threading.main_thread():  # signals interrupt the main thread alone
         yield
         return
     arrived: list[int] = []
@@ -108,5 +111,5 @@ def defer_signals() -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for one in arrived[:1]:
-            signal.raise_signal(one)
+        if arrived:
+            signal.raise_signal(arrived[0])

@@ -1,6 +1,7 @@
 """Finished chunks on disk, from which a stopped computation goes on.
 
-A folder beside the results is named by all that they depend on; each chunk is a file, whole or absent.
+The chunks are in a folder beside the results. Its name is a hash of everything that the results depend on.
+Each chunk is one file, which is complete or absent.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from framework.numerics.output import written_together
 from framework.numerics.tasks import iterate_results
 
 PREFIX = ".crossing-kept-"
-WHY = "why"  # column of the reasons why a row has no numbers
+WHY = "why"  # name of the column with the reasons for rows without numbers
 Arrays = Mapping[str, NDArray[Any]]
 K = TypeVar("K")
 
@@ -37,7 +38,7 @@ class ArrayField(NamedTuple):
 
 
 def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
-    """Whether arrays have the names, kinds and shapes of a table; None never."""
+    """Whether arrays have the names, kinds and shapes of a table; never for None."""
     return arrays is not None and table == {
         name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()
     }
@@ -45,16 +46,13 @@ def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
 
 @dataclass(frozen=True)
 class KeptChunks:
-    """Arrays by the name of their chunk, in a folder."""
+    """A folder of finished chunks: arrays by the name of their chunk."""
 
     folder: Path
 
     @staticmethod
     def of(out: Path, document: Mapping[str, Any], *parts: str) -> KeptChunks:
-        """Return the store of a computation in the folder `out`.
-
-        A document describes the computation.
-        """
+        """Return the store in the folder `out` of the computation that a document describes."""
         text = json.dumps(document, sort_keys=True)
         name = f"{PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:16]}"
         return KeptChunks(out.joinpath(name, *parts))
@@ -67,7 +65,7 @@ class KeptChunks:
                 with open(file, "rb") as stream, np.load(stream) as archive:
                     chunks[file.stem] = {name: archive[name] for name in archive.files}
             except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error):
-                continue  # not one of ours: computed anew
+                continue  # not a chunk of this program; it is computed anew
         return chunks
 
     def keep(self, name: str, arrays: Arrays) -> None:
@@ -89,14 +87,14 @@ def complete_chunks(
     keeper: KeptChunks | None,
     progress: Callable[[Collection[str]], None],
 ) -> dict[str, NDArray[Any]]:
-    """Compute the chunks of all tasks that are not stored.
-
-    All arrays are returned, joined in order of the tasks.
+    """Return the arrays of all tasks, joined in order of the tasks; compute chunks that are not stored.
 
     Args:
-        compute: the arrays of a task, whose kinds and shapes are its `fields`.
-        executor: where chunks are computed; this process when None.
-        keeper: where finished chunks are stored, and taken from if stored already.
+        compute: computes the arrays of a task.
+        tasks: the task of each chunk, by the name of the chunk.
+        fields: returns the kinds and shapes of the arrays of a task.
+        executor: where chunks are computed; None for this process.
+        keeper: stores finished chunks; stored chunks are not computed again.
         progress: called with the names of all finished chunks.
     """
     stored = {} if keeper is None else keeper.read()
@@ -118,9 +116,9 @@ def compute_rows(
     refusals: tuple[type[Exception], ...],
     tasks: Iterable[K],
 ) -> dict[str, NDArray[Any]]:
-    """Compute a chunk of tasks: numbers by column, a row for each task.
+    """Compute a chunk of tasks: arrays by column, with a row for each task.
 
-    Numbers are NaN where a task is refused; the reasons are the column `why`.
+    The row of a refused task has NaN as numbers and the reason in the column `why`.
     """
     rows = []
     for task in tasks:
@@ -134,10 +132,7 @@ def compute_rows(
 
 
 def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:
-    """Compute the arrays of an item (name, task).
-
-    It is a function of the module, so that executors can pickle it.
-    """
+    """Compute the arrays of an item (name, task); executors can pickle only functions of a module."""
     return compute(item[1])
 
 

@@ -1,7 +1,7 @@
 """GMRES: linear equations A x = right solved in a Krylov space, from products with A alone.
 
-Directions that A all but annihilates are left out of the step: the small least-squares problem is solved by a
-truncated singular value decomposition, as in hybrid methods.
+The small least-squares problem is solved by a truncated singular value decomposition, as in hybrid methods.
+So the solution has no part in directions that A maps to almost zero.
 
 Source: Saad, Iterative Methods for Sparse Linear Systems, SIAM 2003, chapter 6; Hansen, Discrete Inverse
 Problems, SIAM 2010, chapter 6.
@@ -15,7 +15,8 @@ import numpy as np
 
 from framework.numerics.arrays import Array
 
-STAGNATION_PRODUCTS, STAGNATION_RATIO = 12, 0.9  # after so many products, more than this share is left
+# the search stagnates if so many products leave more than this share of the residual
+STAGNATION_PRODUCTS, STAGNATION_RATIO = 12, 0.9
 
 
 def gmres(
@@ -23,14 +24,12 @@ def gmres(
 ) -> Array:
     """Find x (n,) of least |right - A x| in the Krylov space of A and `right`.
 
-    This is the space of right, A right, A A right, ...
-
-    Arnoldi's method makes orthonormal basis vectors v_k of these with A V = V_next H, H of Hessenberg form.
-    Then x = V w with w of least | |right| e_1 - H w |.
+    Arnoldi's method makes an orthonormal basis V of the vectors right, A right, A A right, ... with
+    A V = V_next H and H of Hessenberg form. Then x = V w, where w minimises | |right| e_1 - H w |.
 
     Args:
-        product: A times a vector (n,) of length 1.
-        right: (n,).
+        product: computes A times a vector (n,) of length 1.
+        right: right-hand side (n,).
         tolerance: residual over |right| at which the search ends.
         max_products: largest number of products.
         cutoff: singular values of H below this share of the largest one count as zero.
@@ -38,7 +37,7 @@ def gmres(
     size = float(np.linalg.norm(right))
     if size == 0.0:
         return np.zeros_like(right)
-    basis = [right / size]  # v_k
+    basis = [right / size]  # v_k, columns of V
     H = np.zeros((max_products + 1, max_products))  # A v_k = sum of H[i, k] v_i
     target = np.zeros(max_products + 1)
     target[0] = size
@@ -62,7 +61,7 @@ def gmres(
 def _orthogonalise(vector: Array, basis: Array) -> tuple[Array, Array]:
     """Split a vector (n,) into components (k,) along an orthonormal basis (k, n) and a remainder (n,)."""
     components = np.zeros(len(basis))
-    for _ in range(2):  # once more: digits that cancel in the first pass are lost
+    for _ in range(2):  # the second pass restores the orthogonality that cancellation spoils
         along = basis @ vector
         components += along
         vector = vector - along @ basis
@@ -70,7 +69,7 @@ def _orthogonalise(vector: Array, basis: Array) -> tuple[Array, Array]:
 
 
 def _stagnates(residuals: list[float]) -> bool:
-    """Whether the last products have hardly reduced the residual."""
+    """Whether the last STAGNATION_PRODUCTS products have hardly reduced the residual."""
     if len(residuals) <= STAGNATION_PRODUCTS:
         return False
     return residuals[-1] > STAGNATION_RATIO * residuals[-1 - STAGNATION_PRODUCTS]

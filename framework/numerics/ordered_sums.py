@@ -1,10 +1,10 @@
-"""Products of stacks in which an item does not feel its neighbours, to the last bit.
+"""Products of stacks in which each item is the same, to the last bit, as when computed alone.
 
-BLAS chooses its kernels by shapes and addresses, and numpy the order of a sum by the layout of an array, so
-the same numbers may be rounded in another way in another stack. Here each sum runs in the order of its
-index, and all else is done element by element: an item comes out the same alone, among others, and with
-every BLAS. A study of runs needs that, to give one of them back by its seed. `np.linalg.solve`, `inv` and
-`svd` may be used beside these: they copy each matrix of a stack and hand it to LAPACK by itself.
+BLAS chooses its kernels by shapes and addresses, and numpy the order of a sum by the layout of an array. So
+the same numbers may be rounded differently in another stack. Here each sum runs in the order of its index,
+and all other operations are element by element: the result of an item depends neither on the stack nor on the
+BLAS. A study needs this to reproduce a single run by its seed. `np.linalg.solve`, `inv` and `svd` have the
+same property, as they pass each matrix of a stack to LAPACK by itself.
 """
 
 from __future__ import annotations
@@ -16,20 +16,22 @@ from numpy.typing import NDArray
 
 from framework.numerics.arrays import Array
 
-_NEXT_AXIS, _AXIS_BEFORE = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
-SMALL_STACK = 300  # numbers: up to here the calls of numpy cost, beyond it the numbers
+# a x b is the difference of the first three and the last three products a[_FIRST] b[_SECOND]
+_FIRST, _SECOND = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
+SMALL_STACK = 300  # numbers in both arguments; below, time goes by numpy's calls, above by the numbers
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Compute sums of a b (..., n) over the last axis, (...)."""
+    """Compute the sums (...) of products a b (..., n) over the last axis."""
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
-    if a.size + b.size < SMALL_STACK:
+    if a.size + b.size < SMALL_STACK:  # few calls of numpy
         terms = a * b
         total = terms[..., 0]
         for k in range(1, terms.shape[-1]):
             total = total + terms[..., k]
         return total
+    # little memory
     total = np.asarray(a[..., 0] * b[..., 0])
     term = np.empty_like(total)
     for k in range(1, a.shape[-1]):
@@ -49,7 +51,7 @@ def matmul(a: Array, b: Array) -> Array:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Solve systems with matrices (R, n, n) and right sides (R, n) or (R, n, k); infinite where singular."""
+    """Solve systems (R, n, n) with right sides (R, n) or (R, n, k); infinite where singular."""
     if right.ndim < matrix.ndim:
         return solve(matrix, right[..., None])[..., 0]
     try:
@@ -64,7 +66,7 @@ def singular_values(matrices: NDArray[Any]) -> Array:
 
 
 def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Solve systems (S, n, n) with right sides (S, n, k), by least squares where one is singular."""
+    """Solve systems (S, n, n) with right sides (S, n, k), all by least squares if one is singular."""
     try:
         return np.linalg.solve(matrices, right)
     except np.linalg.LinAlgError:
@@ -80,19 +82,12 @@ def _solve_one(matrix: Array, right: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Compute the cross product over the last axis.
-
-    It is several times faster than np.cross on stacks.
-    """
+    """Compute cross products (..., 3) over the last axis, several times faster than np.cross."""
     if a.size + b.size < SMALL_STACK:
-        both = a.take(_NEXT_AXIS, -1) * b.take(_AXIS_BEFORE, -1)
-        return both[..., :3] - both[..., 3:]
-    a1 = a[..., 0]
-    a2 = a[..., 1]
-    a3 = a[..., 2]
-    b1 = b[..., 0]
-    b2 = b[..., 1]
-    b3 = b[..., 2]
+        products = a.take(_FIRST, -1) * b.take(_SECOND, -1)
+        return products[..., :3] - products[..., 3:]
+    a1, a2, a3 = np.moveaxis(a, -1, 0)
+    b1, b2, b3 = np.moveaxis(b, -1, 0)
     product = np.empty(np.broadcast(a, b).shape, np.result_type(a, b))
     np.subtract(a2 * b3, a3 * b2, out=product[..., 0])
     np.subtract(a3 * b1, a1 * b3, out=product[..., 1])

@@ -1,4 +1,4 @@
-"""Write files whole: all files of a result, or none."""
+"""Write complete files: all files of a result, or none."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from framework.numerics.interruption import defer_signals
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 Document = dict[str, Any]  # a JSON object, or what becomes one
-UNFINISHED = ".crossing-unfinished-"  # a name that nobody else takes: what has it may be removed
+UNFINISHED = ".crossing-unfinished-"  # prefix of temporary folders, which this program may remove
 
 
 @contextmanager
@@ -34,27 +34,28 @@ def written_together(
     file: Path | None = None,
     beside: Collection[str] = (),
 ) -> Iterator[Path]:
-    """Yield a temporary folder whose files move into `folder` at the end.
+    """Yield a temporary folder whose files move into `folder` if the block ends without an error.
 
-    They move only if the block ends without an error. Before the block runs it is checked that `folder` can
-    be written, and holds no `document` of others.
+    Before the block runs, it is checked that `folder` can be written and holds no foreign `document`.
 
     Args:
-        document: the JSON file about a robot that is among the files written, and marks them as files of this
-            program. Without it in `folder`, files of the same names there are somebody else's and are kept.
-        beside: names of files about an earlier `document`; those that the block does not write are removed.
-        option: of the command line, that complaints name.
-        file: what complaints name, if it is one file and not the folder.
+        document: name of the JSON file about a robot that is written with the others and marks them as files
+            of this program. If `folder` has no such file, files of the same names there are foreign, and are
+            not overwritten.
+        beside: names of files that belong to an earlier `document`; those that the block does not write are
+            removed.
+        option: option of the command line that complaints name.
+        file: the file that complaints name instead of the folder.
 
     Raises:
-        OutputError: `folder` cannot be made or written, or holds files of others by the same names.
+        OutputError: `folder` cannot be made or written, or holds foreign files of the same names.
     """
     complaint = f"{option}: cannot write {f'into {folder}' if file is None else file}"
     new_folders = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
     locked: tuple[Path, int] | None = None
     try:
         try:
-            with defer_signals():  # an interruption is raised when all folders made are known
+            with defer_signals():  # an interruption waits until the temporary folder is known
                 folder.mkdir(parents=True, exist_ok=True)
                 _remove_abandoned(folder)
                 temporary, _ = locked = _make_locked_folder(folder)
@@ -84,7 +85,7 @@ def written_together(
 
 
 def _check_overwritten(folder: Path, names: list[str], document: str | None, complaint: str) -> None:
-    """Refuse to overwrite folders, and files that are not of this program."""
+    """Refuse to overwrite folders, and files that do not belong to this program."""
     present = [name for name in names if os.path.lexists(folder / name)]
     for name in present:
         if (folder / name).is_dir():
@@ -105,15 +106,12 @@ def _remove_locked_folder(locked: tuple[Path, int]) -> None:
 
 
 def _make_locked_folder(folder: Path) -> tuple[Path, int]:
-    """Make a temporary folder; return also the descriptor of its lock.
-
-    The folder is locked while this process lives.
-    """
+    """Make a temporary folder, locked while this process lives; return also the lock's descriptor."""
     while True:
         temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
-        with suppress(FileNotFoundError):  # taken for abandoned by another process before it was locked
+        with suppress(FileNotFoundError):  # another process removed the folder before it was locked
             lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
-            with suppress(OSError):  # a file system without locks
+            with suppress(OSError):  # the file system has no locks
                 fcntl.flock(lock, fcntl.LOCK_EX)
             if temporary.exists():
                 return temporary, lock
@@ -123,7 +121,7 @@ def _make_locked_folder(folder: Path) -> tuple[Path, int]:
 def _remove_abandoned(folder: Path) -> None:
     """Remove the unlocked temporary folders of processes that were killed while writing."""
     for temporary in folder.glob(f"{UNFINISHED}*"):
-        with suppress(OSError):  # it is locked, or another process has removed it
+        with suppress(OSError):  # the folder is locked, or another process has removed it
             lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -133,10 +131,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Convert a value for JSON.
-
-    Arrays become lists, numbers that are not finite null.
-    """
+    """Convert a value for JSON: arrays become lists, numbers that are not finite become null."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -157,24 +152,21 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 
 def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray) -> None:
-    """Write rows over time, with a head of names.
-
-    The head is `time`, and GROUP_NAME of each name in a group.
-    """
+    """Write rows over time below a header of `time` and GROUP_NAME for each name in a group."""
     names = ["time", *(f"{group}_{name}" for group, members in groups.items() for name in members)]
     np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
 
 def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
-    """Write one file whole: an existing file is replaced, or stays.
+    """Write one complete file; if this fails, an existing file stays unchanged.
 
-    Letters that UTF-8 does not have, as in paths that are not UTF-8 themselves, become question marks.
+    Characters without UTF-8 encoding, as in paths that are not UTF-8, become question marks.
 
     Raises:
-        OutputError: the file cannot be written, or something that is no file has its name.
+        OutputError: the file cannot be written, or its name belongs to something else than a file.
     """
     try:
-        target = Path(os.path.realpath(file))  # a link stays, the file that it leads to is replaced
+        target = Path(os.path.realpath(file))  # a link stays; the file to which it points is replaced
     except ValueError as error:
         raise OutputError(f"{option}: cannot write {file}: {error}") from None
     if os.path.lexists(target) and not os.path.isfile(target):
@@ -194,19 +186,19 @@ def _is_ours(document: Path) -> bool:
 
 
 def _error_words(error: Exception) -> str:
-    """Return the system's words for an error."""
+    """Return the operating system's description of an error."""
     return getattr(error, "strerror", None) or str(error)
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Remove folders made for nothing, the deepest first."""
+    """Remove folders that are empty, the deepest first."""
     for folder in folders:
         if os.path.isdir(folder) and not any(folder.iterdir()):
             folder.rmdir()
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of packages on which the last bit of results depends."""
+    """Return the versions of the packages on which the last bit of results depends."""
     from importlib.metadata import version  # takes time to import
 
     return {package: version(package) for package in PACKAGES}

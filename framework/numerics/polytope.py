@@ -1,8 +1,9 @@
-"""Convex polytopes of few dimensions that sums and bounds of linear maps make: zonotopes and slabs.
+"""Convex polytopes of few dimensions: zonotopes (images of boxes) and slabs (bounds of linear maps).
 
-Both are symmetric about a centre, and both come as half-spaces and as vertices, found by enumeration: for a
-robot's handful of motors that is exact and quick, and needs no hull. Facets of a zonotope are normal to n - 1
-of its generators (P. McMullen, On zonotopes, Trans. Amer. Math. Soc. 159, 1971).
+Both are symmetric about a centre, and both are given by half-spaces and by vertices. These are found by
+enumeration, which is exact and fast for the few motors of a robot and needs no convex hull. The normal of a
+facet of a zonotope is orthogonal to n - 1 of its generators (P. McMullen, On zonotopes, Trans. Amer. Math.
+Soc. 159, 1971).
 """
 
 from __future__ import annotations
@@ -22,39 +23,37 @@ from framework.tolerances import RANK_ROUNDING, SAME_PLACE
 class Polytope(ReadOnlyArrays):
     """The points y (n,) with normals y <= offsets.
 
-    A flat polytope has pairs of opposite half-spaces. One without bound along `free` directions has the
-    vertices of its section orthogonal to them.
+    A flat polytope has pairs of opposite half-spaces. The vertices of an unbounded polytope are those of its
+    section orthogonal to the `free` directions.
     """
 
     normals: Array  # (h, n) of unit size
     offsets: Array  # (h,)
     vertices: Array  # (k, n)
-    free: Array  # (f, n) orthonormal directions without bound
+    free: Array  # (f, n) orthonormal directions in which it is unbounded
 
     def contains(self, points: Array) -> BoolArray:
-        """Whether points (..., n) are inside, but for rounding."""
+        """Return which points (..., n) are inside, up to rounding."""
         size = np.abs(self.offsets).max(initial=0.0)
         return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
-        """Compute the least and the largest t with t direction (n,) inside.
+        """Compute the least and the largest t with t direction (n,) inside; NaN if no t is.
 
-        Both are NaN if no t is. Each half-space says slope t <= offset, slope = normal . direction: an upper
-        end where the slope is positive, a lower end where it is negative. Without a slope it holds for all t,
-        or for none.
+        Each half-space is slope t <= offset with slope = normal . direction. It bounds t from above if the
+        slope is positive, and from below if it is negative. Without a slope it holds for all t or for none.
         """
         slope = self.normals @ direction
-        is_steep = np.abs(slope) > RANK_ROUNDING * np.linalg.norm(direction)
+        rounding = RANK_ROUNDING * np.linalg.norm(direction)
+        is_upper, is_lower = slope > rounding, slope < -rounding
         size = np.abs(self.offsets).max(initial=0.0)
-        if np.any(self.offsets[~is_steep] < -SAME_PLACE * size):
+        if np.any(self.offsets[~(is_upper | is_lower)] < -SAME_PLACE * size):
             return np.nan, np.nan
-        ends = self.offsets[is_steep] / slope[is_steep]
-        slope = slope[is_steep]
-        low = float(ends[slope < 0].max(initial=-np.inf))
-        high = float(ends[slope > 0].min(initial=np.inf))
+        low = float((self.offsets[is_lower] / slope[is_lower]).max(initial=-np.inf))
+        high = float((self.offsets[is_upper] / slope[is_upper]).min(initial=np.inf))
         if low <= high:
             return low, high
-        touches = low - high <= SAME_PLACE * max(abs(low), abs(high))  # but for rounding
+        touches = low - high <= SAME_PLACE * max(abs(low), abs(high))  # up to rounding
         return (high, high) if touches else (np.nan, np.nan)
 
     def axis_ranges(self) -> Array:
@@ -72,48 +71,50 @@ class Polytope(ReadOnlyArrays):
 
 
 def zonotope(centre: Array, generators: Array) -> Polytope:
-    """Compute the sums of centre (n,) and generators (m, n), each times a factor in [-1, 1].
+    """Return the zonotope of centre (n,) plus generators (m, n), each times a factor in [-1, 1].
 
-    Its half-space along a unit normal N has the offset N . centre + sum of |N . generator|. Normals across
-    the generators make a flat zonotope flat.
+    The half-space along a unit normal N has the offset N . centre + sum of |N . generator|. If the generators
+    do not span all n dimensions, normals orthogonal to them make the zonotope flat.
     """
     span, across = split_row_space(generators, RANK_ROUNDING)
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
     normals = np.concatenate([across, *facet_normals])
     normals = _remove_repeated(np.concatenate([normals, -normals]))
-    width = np.abs(normals @ generators.T).sum(axis=1)
+    widths = np.abs(normals @ generators.T).sum(axis=1)
     is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
-    width[is_across] = 0.0  # but for rounding
-    offsets = normals @ centre + width
+    widths[is_across] = 0.0  # without rounding
+    offsets = normals @ centre + widths
     points = _remove_repeated(centre + _sign_combinations(len(generators)) @ generators)
-    return Polytope(normals, offsets, _select_vertices(points, normals, offsets), np.empty((0, len(centre))))
+    vertices = _select_vertices(points, normals, offsets)
+    return Polytope(normals, offsets, vertices, free=np.empty((0, len(centre))))
 
 
 def slabs(rows: Array, limits: Array) -> Polytope:
-    """Return the points y (n,) with |rows y| <= limits, rows (m, n) and positive limits (m,).
+    """Return the polytope of points y (n,) with |rows y| <= limits, rows (m, n), positive limits (m,).
 
-    With r independent rows, r of them at their limits, of either sign, meet in 2^r corners. Those that keep
-    the other limits are the vertices.
+    If the rows have rank r, any r independent rows at their limits, of either sign, meet in 2^r corners. The
+    vertices are the corners that satisfy the other limits.
     """
-    sizes = np.linalg.norm(rows, axis=1)
-    acting = sizes > 0
-    units = rows[acting] / sizes[acting][:, None]
     span, free = split_row_space(rows, RANK_ROUNDING)
-    rank, largest = len(span), singular_values(rows).max(initial=0.0)
-    in_span = rows @ span.T  # (m, r)
+    rank, rounding = len(span), RANK_ROUNDING * singular_values(rows).max(initial=0.0)
+    in_span = rows @ span.T  # (m, r) rows in coordinates of the row space
     signs = _sign_combinations(rank)  # (2^r, r)
-    subsets = combinations(range(len(rows)), rank) if rank else ()
-    points = [np.zeros((0, rows.shape[1]))]
-    for subset in map(list, subsets):
-        if singular_values(in_span[subset])[-1] > RANK_ROUNDING * largest:
-            corners = np.linalg.solve(in_span[subset], (signs * limits[subset]).T)  # (r, 2^r)
-            points.append(corners.T @ span)
-    vertices = np.concatenate(points)
-    vertices = vertices[np.all(np.abs(vertices @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)]
+    corners = [np.zeros((0, rows.shape[1]))]
+    for subset in combinations(range(len(rows)), rank) if rank else ():
+        chosen = list(subset)
+        if singular_values(in_span[chosen])[-1] > rounding:
+            coordinates = np.linalg.solve(in_span[chosen], (signs * limits[chosen]).T)  # (r, 2^r)
+            corners.append(coordinates.T @ span)
+    points = np.concatenate(corners)
+    is_vertex = np.all(np.abs(points @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)
+
+    sizes = np.linalg.norm(rows, axis=1)
+    acts = sizes > 0  # a row of zeros bounds nothing
+    units = rows[acts] / sizes[acts][:, None]
     return Polytope(
         normals=np.concatenate([units, -units]),
-        offsets=np.tile(limits[acting] / sizes[acting], 2),
-        vertices=_remove_repeated(vertices),
+        offsets=np.tile(limits[acts] / sizes[acts], 2),
+        vertices=_remove_repeated(points[is_vertex]),
         free=free,
     )
 
@@ -124,11 +125,11 @@ def _sign_combinations(count: int) -> Array:
 
 
 def _facet_normals(generators: Array) -> list[Array]:
-    """Return the unit normals (n,) of every n - 1 independent generators (m, n)."""
+    """Return the unit normals (n,) of each set of n - 1 independent generators (m, n)."""
     n = generators.shape[1]
-    normals = []
     if n == 1:
         return [np.ones(1)]
+    normals = []
     for subset in combinations(range(len(generators)), n - 1) if n else ():
         _, values, right = np.linalg.svd(generators[list(subset)])
         if values[-1] > RANK_ROUNDING * values[0]:
@@ -137,16 +138,17 @@ def _facet_normals(generators: Array) -> list[Array]:
 
 
 def _remove_repeated(points: Array) -> Array:
-    """Return the points (k, n) without repetitions, equal but for rounding."""
+    """Remove points (k, n) that repeat others up to rounding; keep the order."""
     size = np.abs(points).max(initial=0.0)
     if not size:
         return points[:1]
-    _, first = np.unique(np.round(points / size, 9) + 0.0, axis=0, return_index=True)
+    rounded = np.round(points / size, 9) + 0.0  # -0.0 becomes 0.0
+    _, first = np.unique(rounded, axis=0, return_index=True)
     return points[np.sort(first)]
 
 
 def _select_vertices(points: Array, normals: Array, offsets: Array) -> Array:
-    """Return the vertices among points (k, n), at which the touching half-spaces leave no freedom."""
+    """Select the points (k, n) at which the normals of touching half-spaces have rank n."""
     size = np.abs(offsets).max(initial=0.0)
     touches = points @ normals.T >= offsets - SAME_PLACE * size  # (k, h)
     ranks = [np.linalg.matrix_rank(normals[row], tol=RANK_ROUNDING) for row in touches]

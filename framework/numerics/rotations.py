@@ -5,31 +5,29 @@ from __future__ import annotations
 from math import factorial, perm
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import dot
 
-# The left Jacobian's a = sum of (-1)^j square^j / (2 j + 2)! and b = sum of (-1)^j square^j / (2 j + 3)!,
-# each with its derivative by `square`: coefficients (2, 2, 12) of a and b, by order of the derivative, by
-# power. The last one is below 1e-17.
-_SERIES = np.array(
-    [
-        [
-            [(-1.0) ** j * perm(j, order) / factorial(2 * j + offset) for j in range(order, order + 12)]
-            for order in range(2)
-        ]
-        for offset in (2, 3)
-    ]
-)
+
+def _series(offset: int, order: int) -> list[float]:
+    """Return 12 coefficients of sum_j (-1)^j square^j / (2 j + offset)!, or of its derivative by square."""
+    return [(-1.0) ** j * perm(j, order) / factorial(2 * j + offset) for j in range(order, order + 12)]
+
+
+# (12, 2, 2) by power of t^2, by a or b of the left Jacobian, and by order of the derivative; the last
+# coefficients are below 1e-17
+_SERIES = np.array([[_series(2, 0), _series(2, 1)], [_series(3, 0), _series(3, 1)]]).transpose(2, 0, 1)
 
 
 def whole_turns(angles: Array) -> Array:
-    """Return the whole turns [rad] nearest to angles."""
+    """Return the multiples of a full turn [rad] that are nearest to angles."""
     return 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
 
 
 def wrap_angles(angles: Array) -> Array:
-    """Return angles less whole turns, in [-pi, pi)."""
+    """Return angles in [-pi, pi), reduced by full turns."""
     return np.mod(angles + np.pi, 2 * np.pi) - np.pi
 
 
@@ -41,12 +39,12 @@ def rotation_matrix(vector: Array) -> Array:
 
 
 def rotation_vector(rotation: Array) -> Array:
-    """Compute rotation vectors (T, 3) of rotations R (T, 3, 3); NaN where one is not finite.
+    """Compute rotation vectors (T, 3) of rotations R (T, 3, 3); NaN where R is not finite.
 
-    R - R' is the matrix of the cross product with 2 sin(t) axis, and the trace is 1 + 2 cos(t). For turns of
-    120 degrees and more the former loses digits, and scipy's conversion is taken.
+    R - R' is the matrix of the cross product with 2 sin(t) axis, and the trace is 1 + 2 cos(t). From 120
+    degrees on R - R' loses digits, and scipy's conversion is used.
     """
-    trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
+    trace = np.trace(rotation, axis1=1, axis2=2)
     doubled = (rotation - rotation.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # 2 sin(t) axis
     angle = np.arctan2(0.5 * np.sqrt(dot(doubled, doubled)), 0.5 * (trace - 1.0))
     vectors = 0.5 * doubled / np.sinc(angle / np.pi)[:, None]
@@ -59,31 +57,21 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def left_jacobian_coefficients(square: Array) -> Array:
-    """Compute the left Jacobian's coefficients a, b with a derivative along t^2, (2, 2, T).
+    """Compute the left Jacobian's coefficients a, b with their derivatives by t^2, (2, 2, T).
 
-    a = (1 - cos t) / t^2 and b = (t - sin t) / t^3; `square` (T,) is t^2. The first axis is that of a and b,
-    the second the order of the derivative. Below one radian the closed forms lose digits to cancellation, and
-    the series of a and b are taken.
+    a = (1 - cos t) / t^2 and b = (t - sin t) / t^3 with `square` (T,) = t^2. The first axis is that of a and
+    b, the second the order of the derivative. Below one radian cancellation spoils the closed forms, and
+    power series are used.
     """
-    small = square < 1.0
-    if small.all():
-        return _left_jacobian_series(square)
-    t = np.sqrt(np.where(small, 1.0, square))
-    series = _left_jacobian_series(np.where(small, square, 0.0))
+    is_small = square < 1.0
+    # Horner's rule: a matrix product would round differently in stacks of different length
+    series: Array = polynomial.polyval(np.where(is_small, square, 0.0), _SERIES)
+    if is_small.all():
+        return series
+    t = np.sqrt(np.where(is_small, 1.0, square))
     sine = np.sin(t)
-    cosine = np.cos(t)
-    versine = 1 - cosine
+    versine = 1 - np.cos(t)
     excess = t - sine
-    closed = [
-        [versine / t**2, (t * sine - 2 * versine) / (2 * t**4)],
-        [excess / t**3, (t * versine - 3 * excess) / (2 * t**5)],
-    ]
-    return np.where(small, series, closed)
-
-
-def _left_jacobian_series(square: Array) -> Array:
-    """Compute `left_jacobian_coefficients` (2, 2, T) by series."""
-    series = np.zeros((*_SERIES.shape[:2], len(square)))
-    for k in range(_SERIES.shape[2] - 1, -1, -1):  # a matrix product would round by the length of the stack
-        series = series * square + _SERIES[:, :, k, None]
-    return series
+    a, a_slope = versine / t**2, (t * sine - 2 * versine) / (2 * t**4)
+    b, b_slope = excess / t**3, (t * versine - 3 * excess) / (2 * t**5)
+    return np.where(is_small, series, [[a, a_slope], [b, b_slope]])

@@ -1,4 +1,4 @@
-"""Tasks through any `concurrent.futures.Executor`, their results as they are finished."""
+"""Computation of tasks by any `concurrent.futures.Executor`, with results as they are finished."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 from framework.errors import InvalidInput
 from framework.numerics.workers import Workers
 
-SIGNAL_INTERVAL = 0.1  # [s] between two looks whether Ctrl-C was pressed
-DASK_TIMEOUT = "10s"  # patience with a dask scheduler
+SIGNAL_INTERVAL = 0.1  # [s] between two checks for Ctrl-C
+DASK_TIMEOUT = "10s"  # for a dask scheduler to answer
 K = TypeVar("K")
 R = TypeVar("R")
 
@@ -19,10 +19,10 @@ R = TypeVar("R")
 def iterate_results(
     task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
 ) -> Iterator[tuple[K, R]]:
-    """Yield chunks with results in the order of their end.
+    """Yield each chunk with its result, in the order in which the results are finished.
 
-    Without an executor they are computed in this process. Waiting chunks are cancelled when the iteration
-    ends early. An executor must be able to pickle the task.
+    Without an executor the results are computed in this process. An executor must be able to pickle the task.
+    If the iteration ends early, waiting chunks are cancelled.
     """
     if executor is None:
         for chunk in chunks:
@@ -31,7 +31,7 @@ def iterate_results(
     waiting = {executor.submit(task, chunk): chunk for chunk in chunks}
     try:
         while waiting:
-            # a signal may wake another thread: this one has to look for it
+            # a signal may wake another thread, so this thread checks from time to time
             for future in wait(waiting, SIGNAL_INTERVAL, FIRST_COMPLETED).done:
                 yield waiting.pop(future), future.result()
     finally:
@@ -41,12 +41,10 @@ def iterate_results(
 
 @contextmanager
 def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Executor | None]:
-    """Yield an executor of processes or of a dask scheduler.
-
-    With one worker it is None, for this process.
+    """Yield an executor of processes or of a dask scheduler; None, for this process, with one worker.
 
     Args:
-        dask: the scheduler's address, instead of `workers`.
+        dask: the scheduler's address; `workers` then has no effect.
 
     Raises:
         InvalidInput: dask.distributed is not installed, no scheduler answers at the address, or no worker is
@@ -64,7 +62,7 @@ def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Execut
 
 @contextmanager
 def _dask_client(address: str) -> Iterator[Any]:
-    """Yield a client of the dask scheduler at an address, with a worker."""
+    """Yield a client of the dask scheduler at an address, with at least one worker."""
     try:
         from distributed import Client
     except ImportError:

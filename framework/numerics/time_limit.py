@@ -1,6 +1,6 @@
-"""How long a search may take: its steps ask whether the time is up, and the best result so far is taken.
+"""Time limits of searches: each step of a search checks the time; a search that ends takes its best result.
 
-Ctrl-C ends a search that has a result, too (`end_searches_by_ctrl_c`).
+Ctrl-C also ends a search that has a result (`end_searches_by_ctrl_c`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ NONE_FOUND_YET = "and no law was found yet"
 
 
 class SearchEnded(NoAnswer):
-    """The end of a search, by its time limit or by Ctrl-C, that had found nothing yet."""
+    """A time limit or Ctrl-C ended a search before its first result."""
 
 
 @dataclass
@@ -29,10 +29,10 @@ class SearchTime:
     """The time limit of a search [s]."""
 
     seconds: float
-    end: float  # by the clock of `time.monotonic` [s]
-    on_result: Callable[[], object]
-    has_result: bool = False  # whether something was found that is worth to end with
-    has_ended: bool = False  # whether the search was ended
+    end: float  # on the clock of `time.monotonic` [s]
+    on_result: Callable[[], object]  # called at the first result
+    has_result: bool = False  # whether the search may end early
+    has_ended: bool = False  # whether the limit or Ctrl-C has ended the search
 
 
 _UNLIMITED = SearchTime(math.inf, math.inf, on_result=lambda: None)
@@ -41,10 +41,7 @@ _clock: ContextVar[SearchTime] = ContextVar("clock", default=_UNLIMITED)
 
 @contextmanager
 def limit_time(seconds: float | None) -> Iterator[SearchTime]:
-    """Limit the searches of a block to seconds from its start.
-
-    None lifts the limit.
-    """
+    """Limit the searches of a block to `seconds` from its start; None lifts the limit."""
     limit = math.inf if seconds is None else seconds
     clock = SearchTime(limit, time.monotonic() + limit, _clock.get().on_result)
     token = _clock.set(clock)
@@ -55,7 +52,7 @@ def limit_time(seconds: float | None) -> Iterator[SearchTime]:
 
 
 def check_time() -> None:
-    """Raise SearchEnded if the time of the current search is up."""
+    """Raise SearchEnded if the current search is out of time."""
     clock = _clock.get()
     if time.monotonic() > clock.end:
         clock.has_ended = True
@@ -63,10 +60,7 @@ def check_time() -> None:
 
 
 def report_result() -> None:
-    """Report the first result of the current search.
-
-    From now on the search may end early.
-    """
+    """Report the first result of the current search, which may end early from now on."""
     clock = _clock.get()
     if not clock.has_result:
         clock.has_result = True
@@ -77,21 +71,19 @@ def report_result() -> None:
 def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
     """End the searches of a block by the first Ctrl-C after a result.
 
-    Without a result it raises as before.
-
     Args:
-        on_result: called when a search has its first result, that is from when on Ctrl-C ends it.
+        on_result: called at the first result of a search, after which Ctrl-C ends the search.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C came before a result, or twice, or the result did not prove itself.
+        KeyboardInterrupt: Ctrl-C came before a result, or twice, or the result was not proved.
     """
     started, raise_interrupt = time.monotonic(), signal.getsignal(signal.SIGINT)
     if not callable(raise_interrupt) or threading.current_thread() is not threading.main_thread():
-        yield  # signals that are ignored stay so, and only the main thread hears them
+        yield  # an ignored signal stays ignored, and only the main thread receives signals
         return
 
     def end_search(number: int, frame: FrameType | None) -> None:
-        """End a search with a result by its time limit; else raise."""
+        """End a search with a result by its time limit; else raise KeyboardInterrupt."""
         signal.signal(number, raise_interrupt)
         clock = _clock.get()
         if not clock.has_result:

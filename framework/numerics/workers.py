@@ -1,9 +1,9 @@
-"""Processes that compute for this one: they end when it ends, however it ends, and may be killed.
+"""Worker processes that may be killed, and that end with their parent, however it ends.
 
 `concurrent.futures.ProcessPoolExecutor` gives up all tasks when one of its processes is killed, and leaves
-its processes behind when the parent is killed. Here threads hand tasks to processes, each by a pipe of its
-own. A pipe that breaks tells which task was lost; that task starts again. A process whose parent is gone
-ends itself.
+its processes behind when the parent is killed. Here threads send tasks to processes, each through a pipe of
+its own. A broken pipe shows which task was lost; that task starts again. A worker process whose parent is
+gone ends itself.
 """
 
 from __future__ import annotations
@@ -23,12 +23,14 @@ from typing import Any, NamedTuple, TypeVar
 from framework.errors import LostWorkers, whole_number
 from framework.numerics import MAX_WORKERS
 
-MAX_TRIES = 3  # processes that a task may cost
+MAX_TRIES = 3  # number of processes that may be lost over one task
 PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)
 T = TypeVar("T")
 
 
 class _Worker(NamedTuple):
+    """A worker process with the parent's end of its pipe."""
+
     process: SpawnProcess
     pipe: Connection
 
@@ -36,26 +38,26 @@ class _Worker(NamedTuple):
 class Workers(Executor):
     """An executor of `count` processes, 1 or more; tasks and results must be picklable.
 
-    Leaving the `with` block by an exception, Ctrl-C included, kills the processes and drops waiting tasks.
+    If an exception, Ctrl-C included, leaves the `with` block, processes are killed and waiting tasks dropped.
 
     Raises:
-        InvalidInput: the count is no such number.
+        InvalidInput: an invalid number of processes.
     """
 
     def __init__(self, count: int) -> None:
-        """Prepare one thread for each process; processes start with their first tasks."""
+        """Prepare a thread for each process; a process starts with its first task."""
         self._threads = ThreadPoolExecutor(whole_number("workers", count, 1, MAX_WORKERS))
         self._lock = threading.Lock()
         self._alive: set[SpawnProcess] = set()
         self._idle: list[_Worker] = []
-        self._stopped = False  # no process is begun any more
+        self._stopped = False  # whether no process may start any more
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Submit a call; its future fails with `LostWorkers` if each process tried is killed."""
+        """Submit a call; the future raises `LostWorkers` if MAX_TRIES processes are lost."""
         return self._threads.submit(self._call_in_worker, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks; wait for tasks taken, or drop tasks not begun."""
+        """Accept no more tasks; wait for accepted tasks, or drop tasks that have not begun."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         while self._idle:
             self._end_process(self._idle.pop())
@@ -70,7 +72,7 @@ class Workers(Executor):
         self.shutdown()
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """Wait for all tasks; after an error, also while waiting, stop the processes."""
+        """Wait for all tasks; stop the processes after an error, also one during the wait."""
         if kind is not None:
             self.stop()
             return
@@ -113,11 +115,11 @@ class Workers(Executor):
         with self._lock:
             if self._stopped:
                 raise LostWorkers("the worker processes were stopped")
-            resource_tracker.ensure_running()  # beginning it unblocks the signal
-            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for us
+            resource_tracker.ensure_running()  # first, as its start unblocks SIGINT
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for the parent
             process.start()
             self._alive.add(process)
-        theirs.close()  # else a dead process would not break the pipe
+        theirs.close()  # otherwise the pipe would not break when the process ends
         return _Worker(process, ours)
 
     def _end_process(self, worker: _Worker) -> None:
@@ -140,17 +142,17 @@ def _serve_calls(pipe: Connection) -> None:
 
 
 def _answer_call(call: bytes) -> bytes:
-    """Return, pickled, the result or the error of a pickled call."""
+    """Return the pickled result, or the pickled error, of a pickled call."""
     try:
         fn, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, fn(*args, **kwargs)))
-    except Exception as error:  # noqa: BLE001 - an executor passes on all errors of tasks
+    except Exception as error:  # noqa: BLE001 - an executor returns all errors of tasks
         error.add_note(f"in a worker process:\n{traceback.format_exc()}")
         return pickle.dumps((False, _picklable_error(error)))
 
 
 def _picklable_error(error: Exception) -> Exception:
-    """Return an error that can be pickled."""
+    """Return an error, as a RuntimeError with the same message if pickling fails."""
     try:
         pickle.loads(pickle.dumps(error))
     except PICKLING_ERRORS:

@@ -1,15 +1,15 @@
-"""Forward dynamics in all coordinates: what the robot does when given torques drive it.
+"""Forward dynamics in all coordinates: the motion of a robot under given motor torques.
 
-The witness of every plan: it shares frames and loop equations with the planner, and no solver. Open
-`simulate` first, which checks what is given and calls one of `methods`.
+The simulation is the independent witness of every plan: it shares frames and loop equations with the planner,
+but no solver. Open `simulate` first, which checks its arguments and calls one of `methods`.
 
-* `equations`: the equations of motion and their derivatives;
+* `equations`: the equations of motion with their derivatives;
   `terms`: the same without derivatives, for stacks of robots;
-* `consistent`: the state at the start; `drive`: the torques;
+* `consistent`: the state at the start; `drive`: the motor torques; `world_forces`: external wrenches;
 * `collocation`, `step_size_control`: methods reference and stiff; `contacts`: method explicit;
-  `stepper`, `schemes`: method fast, and steps for control loops and for many runs;
-* `trajectory`, `events`, `result`: the motion between steps, instants to report, and what comes back;
-* `accelerations`: forward dynamics at instants, without a step.
+  `stepper`, `schemes`: method fast, and fixed steps for control loops and for many runs;
+* `trajectory`, `events`, `result`: the motion between steps, the instants to report, and the result;
+* `accelerations`: forward dynamics at single instants, without time steps.
 """
 
 from framework.simulation.drive import PlannedMotion

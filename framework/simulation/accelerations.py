@@ -1,16 +1,18 @@
-"""Accelerations at instants: forward dynamics without a step of time.
+"""Accelerations at single instants: forward dynamics without time steps.
 
-    M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
+    M a + c + g + K (q - rest) + D v = S' n tau + f + J' lambda,        J a + drift = 0
 
-with f the forces of the world, in all coordinates and therefore regular at Type 2. Of the motions that the
-loops allow, Z has mass and Z_0 has none (`consistent.allowed_motions`, as at the start of every simulation):
+with f the forces of the world. These equations hold all coordinates and are therefore regular at Type 2. The
+motions that the loops allow are split into Z with mass and Z_0 without (`consistent.allowed_motions`, as at
+the start of every simulation):
 
-    a = a_0 + Z alpha,    J a_0 = -drift,    Z' M Z alpha = Z' (S' n tau + f - c - g - K (q - rest) - M a_0).
+    a = a_0 + Z alpha,    J a_0 = -drift,
+    Z' M Z alpha = Z' (S' n tau + f - c - g - K (q - rest) - D v - M a_0).
 
-Along Z_0 the springs must balance, or the robot cannot be in this state. The component of a along Z_0 depends
-on the rates of the torques and is not determined; M a does not depend on that component.
+Along Z_0 the springs must be in balance; otherwise the robot cannot be in this state. The component of a
+along Z_0 depends on the rates of the torques and stays undetermined. It does not affect M a.
 
-Sums run in the order of their index (`ordered_sums`): a state of a stack comes out as it does alone.
+Sums run in the order of their index (`ordered_sums`), so a state has the same result in a stack as alone.
 """
 
 from __future__ import annotations
@@ -26,28 +28,27 @@ from framework.numerics.arrays import Array, BoolArray
 from framework.numerics.ordered_sums import matmul, matvec
 from framework.simulation.consistent import allowed_motions, balancing_step
 from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.schemes import State
 from framework.tolerances import RANK_ROUNDING, SPRINGS_BALANCED
 
 
 class Accelerations(NamedTuple):
     """Joint accelerations of T states under given torques."""
 
-    a: Array  # (T, nv) least along motions without mass, which no force feels
-    undetermined: BoolArray  # (T, nv) joints that such a motion moves: they depend on the torques' rates
+    a: Array  # (T, nv); the component along motions without mass is the least one
+    undetermined: BoolArray  # (T, nv) joints that such a motion moves: their a depends on the torques' rates
 
 
 def accelerations(
     equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array
 ) -> Accelerations:
-    """Compute the accelerations of assembled states under motor torques (T, n_a) [N m], motor side.
+    """Compute joint accelerations (T, nv) under motor torques (T, n_a) [N m], motor side.
 
     Args:
-        q, v: (T, nq), (T, nv), on which the loops and their rates are closed.
+        q, v: (T, nq), (T, nv) with closed loops, also in their rates.
         applied: generalised forces (T, nv) of the world.
 
     Raises:
-        InvalidInput: springs of parts without mass are out of balance there; or a motion has neither mass nor
+        InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor
             stiffness nor damping.
     """
     robot = equations.robot
@@ -56,26 +57,27 @@ def accelerations(
     force = equations.motor_forces(torque) + applied - tangent.force
     for k in np.flatnonzero(light.any(axis=1)).tolist():
         row = f", row {k}" if len(q) > 1 else ""
-        _check_balance(equations, State(q[k : k + 1], v[k : k + 1]), Z[k], light[k], force[k], row)
+        _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
+
     drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, v))
     a = -matvec(closing, drift)  # a_0, (T, nv)
+
+    # Z' M Z alpha = Z' (force - M a_0) over all motions of the basis. alpha is 0 along those without mass:
+    # their rows and columns are replaced by those of the unit matrix, their right sides by 0
     Z_rows = Z.swapaxes(1, 2)  # Z'
+    reduced_mass = matmul(Z_rows, matmul(tangent.mass, Z))  # Z' M Z, (T, d, d)
+    inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), reduced_mass)
     unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))  # (T, d)
-    # alpha is 0 along motions without mass: their rows and columns are those of the unit matrix
-    is_light = light[:, None] | light[:, :, None]  # (T, d, d)
-    inertia = np.where(is_light, np.eye(light.shape[1]), matmul(Z_rows, matmul(tangent.mass, Z)))
     a += matvec(Z, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
-    motion = np.abs(Z * light[:, None] / robot.column_scale[:, None]).max(axis=2, initial=0.0)
-    return Accelerations(a, motion > RANK_ROUNDING)
+
+    light_rates = np.abs(Z * light[:, None]).max(axis=2, initial=0.0)  # (T, nv)
+    return Accelerations(a, light_rates / robot.column_scale > RANK_ROUNDING)
 
 
-def _check_balance(
-    equations: EquationsOfMotion, state: State, basis: Array, light: BoolArray, free: Array, row: str
-) -> None:
-    """Refuse a state (T = 1) whose springs of parts without mass do not balance the forces (nv,)."""
-    robot, massless = equations.robot, basis[:, light]
-    tangent = equations.tangent(*state, np.zeros((1, robot.nv)))
-    step = massless @ balancing_step(equations, tangent, basis[:, ~light], massless, -free)
+def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
+    """Refuse q (nq,) unless the forces (nv,) are in balance along massless motions `light` (nv, k)."""
+    robot = equations.robot
+    step = light @ balancing_step(equations, equations.tangent_at_rest(q), light, -force)
     distances = np.abs(step / robot.column_scale)
     worst = int(np.argmax(distances))
     if distances[worst] > SPRINGS_BALANCED:

@@ -1,8 +1,9 @@
-"""States on which the loops close and the motions without mass are in balance.
+"""Consistent states: the loops are closed, and forces are in balance along motions without mass.
 
-Motions that the loops allow but that move no mass, M Z = 0 and J Z = 0 (a rod's stretch next to the gear's
-twist, when the legs are massless), have no initial value of their own: gravity and inertia vanish along
-them, and they stand where the springs balance, Z' (S' n tau - K (q - rest) - D v) = 0.
+The loops may allow motions Z that move no mass: M Z = 0 and J Z = 0. An example is the stretch of a rod in
+series with the twist of a gear, if the legs are massless. Such a motion has no initial value of its own.
+Gravity and inertia vanish along it, so its coordinate follows from the balance of its springs,
+Z' (S' n tau - K (q - rest) - D v) = 0.
 """
 
 from __future__ import annotations
@@ -18,28 +19,29 @@ from framework.kinematics.frames import integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.numerics.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, Tangent
+from framework.simulation.schemes import State
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP
 
-MAX_PASSES = 60
-ROUNDING_STEP = 1e-14  # [rad, lengths] of a Newton step after which none is better
-CLOSING_CUTOFF, MOMENTUM_CUTOFF = 1e-12, 1e-13  # singular values over the largest that count as zero
+MAX_PASSES = 60  # Newton steps towards a consistent state
+ROUNDING_STEP = 1e-14  # [rad, robot lengths]: a smaller Newton step is rounding, and the last one
+# singular values below this share of the largest count as zero in least squares
+CLOSING_CUTOFF, MOMENTUM_CUTOFF = 1e-12, 1e-13
 
 
 class AllowedMotions(NamedTuple):
     """The motions that the loops allow at T states."""
 
-    basis: Array  # (T, nv, d) joint rates of motions that the loops allow, in the order of their inertia
-    light: BoolArray  # (T, d) which of them move no mass; those come first
+    basis: Array  # (T, nv, d) joint rates of d independent motions, by ascending inertia
+    light: BoolArray  # (T, d) whether a motion moves no mass; such motions come first
     closing: Array  # (T, nv, m) pseudo-inverse of J: the least motion that changes one loop equation by 1
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
-    """Compute the motions that the loops allow.
+    """Compute the motions that the loops allow, the same to the last bit in every stack.
 
-    They are the same to the last bit in every stack. They are the null space Z of the loops' Jacobian J,
-    turned to the eigenvectors of Z' M Z. Redundant rows are left out of J; what else loses rank is a
-    singularity of the closures and no free motion.
+    The basis spans the null space Z of the loops' Jacobian J and diagonalises Z' M Z. Redundant rows are left
+    out of J. A further loss of rank is a singularity of the closures and adds no allowed motion.
     """
     robot, rows = equations.robot, tangent.jacobian.shape[1]
     scale = robot.column_scale[:, None]  # (nv, 1)
@@ -47,24 +49,26 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     U, sizes, V_rows = np.linalg.svd(J)
     Z = V_rows[:, rows:].swapaxes(1, 2)  # (T, nv, d)
     mass = tangent.mass * scale * scale[:, 0]
-    inertias, axes = np.linalg.eigh(matmul(Z.swapaxes(1, 2), matmul(mass, Z)))  # ascending
-    diagonal = np.diagonal(mass, axis1=1, axis2=2)
-    largest = np.maximum(inertias.max(axis=1, initial=0.0), diagonal.max(axis=1, initial=0.0))
-    light = inertias <= EIGENVALUE_ROUNDING * largest[:, None]
+    inertias, axes = np.linalg.eigh(matmul(Z.swapaxes(1, 2), matmul(mass, Z)))  # (T, d) ascending, (T, d, d)
+    joint_inertias = np.diagonal(mass, axis1=1, axis2=2)  # (T, nv)
+    largest = np.concatenate([inertias, joint_inertias], axis=1).max(axis=1, initial=0.0, keepdims=True)
+    light = inertias <= EIGENVALUE_ROUNDING * largest
     closing = _pseudo_inverse(U, sizes, V_rows) / robot.loop_lengths
     return AllowedMotions(scale * matmul(Z, axes), light, scale * closing)
 
 
 def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
-    """Compute the pseudo-inverses (T, k, m) of matrices (T, m, k), m <= k, from their singular values."""
-    rounding = np.finfo(float).eps * max(left.shape[1], right.shape[1])
-    is_nonzero = sizes > rounding * sizes.max(axis=1, initial=0.0)[:, None]
-    inverse = np.where(is_nonzero, 1.0 / np.where(is_nonzero, sizes, 1.0), 0.0)
-    return matmul(right[:, : sizes.shape[1]].swapaxes(1, 2) * inverse[:, None], left.swapaxes(1, 2))
+    """Compute pseudo-inverses (T, k, m), m <= k, from singular vectors and singular values `sizes` (T, m)."""
+    m, k = sizes.shape[1], right.shape[1]  # left (T, m, m), right (T, k, k)
+    rounding = np.finfo(float).eps * k
+    is_nonzero = sizes > rounding * sizes.max(axis=1, initial=0.0, keepdims=True)
+    inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=is_nonzero)
+    columns = right[:, :m].swapaxes(1, 2)  # (T, k, m)
+    return matmul(columns * inverse[:, None], left.swapaxes(1, 2))
 
 
 def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array, Array]:
-    """Compute bases of the motions that the loops allow, (nv, d) with mass and (nv, k) without (T = 1)."""
+    """Compute bases of the allowed motions of one state, (nv, d) with mass and (nv, k) without."""
     allowed = allowed_motions(equations, tangent)
     basis, light = allowed.basis[0], allowed.light[0]
     return basis[:, ~light], basis[:, light]
@@ -76,14 +80,14 @@ def consistent_state(
     v: Array,
     torque: Array,
     world: WorldForces = NO_FORCES,
-) -> tuple[Array, Array]:
-    """Find the consistent state next to (q, v).
+) -> State:
+    """Find the consistent state next to q (nq,), v (nv,) by Newton's method.
 
-    In it the loops close and massless parts are in balance. Newton's method under motor torques (n_a,) [N m]
-    and the forces of the world at t = 0.
+    Its loops are closed, and massless parts are in balance under motor torques (n_a,) [N m] and the forces of
+    the world at t = 0.
 
     Raises:
-        InvalidInput: a motion has neither mass nor stiffness nor damping; names its joints.
+        InvalidInput: a motion has neither mass nor stiffness nor damping; the message names its joints.
         NotAssembled: the loops do not close from q.
         NotConverged: the springs of massless parts find no balance.
     """
@@ -92,14 +96,15 @@ def consistent_state(
     size = np.inf
     for _ in range(MAX_PASSES):
         tangent = equations.tangent_at_rest(q)
-        massive, light = free_motions(equations, tangent)
-        # the least step that closes the loops, and the step of massless motions towards balance
+        light = free_motions(equations, tangent)[1]
+        # the least step that closes the loops
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
-        unbalanced = tangent.force[0] + equations.damping * v - driven  # gravity and springs less the motors
-        unbalanced = unbalanced - world(robot, np.zeros(1), q[None])[0]
         if light.shape[1]:
-            step = step + light @ balancing_step(equations, tangent, massive, light, unbalanced)
+            # gravity, springs and damping less motors and world
+            unbalanced = tangent.force[0] + equations.damping * v - driven
+            unbalanced -= world(robot, np.zeros(1), q[None])[0]
+            step += light @ balancing_step(equations, tangent, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))
         if not size < 1.0:
             break
@@ -121,22 +126,20 @@ def consistent_state(
             f"{size:.3g} rad or lengths of the robot)",
             residual=size,
         )
-    return q, allowed_velocity(equations, tangent, v)
+    return State(q, allowed_velocity(equations, tangent, v))
 
 
-def balancing_step(
-    equations: EquationsOfMotion, tangent: Tangent, massive: Array, light: Array, unbalanced: Array
-) -> Array:
-    """Compute the Newton step (k,) along the massless motions `light` (nv, k) towards the springs' balance.
+def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array, unbalanced: Array) -> Array:
+    """Compute the Newton step (k,) towards balance along massless motions `light` (nv, k).
 
-    -(light' (K - C) light)^-1 light' unbalanced, with `unbalanced` (nv,) the forces out of balance, K the
-    springs and C the curvature of the loops under their forces. Where damping alone acts there is no balance:
-    the motion has an initial value, the given one, and the step is zero.
+    The step is -(light' (K - C) light)^-1 light' unbalanced, with the forces out of balance `unbalanced`
+    (nv,), the springs K and the curvature C of the loops under their forces. A motion with damping but no
+    stiffness has no balance. It keeps its initial value: the step is zero.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping.
     """
-    # forces of the loops that balance the others in the least squares
+    # loop forces that balance the other forces in the sense of least squares
     multipliers = np.linalg.lstsq(tangent.jacobian[0].T, unbalanced, rcond=None)[0]
     curvature = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
     springs = light.T @ np.diag(equations.stiffness) @ light  # (k, k)
@@ -152,7 +155,7 @@ def balancing_step(
 
 
 def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> InvalidInput:
-    """Return the error for joint rates (nv,) of a motion without mass, stiffness and damping."""
+    """Return the error that names the joints of an undetermined motion, with rates (nv,)."""
     robot = equations.robot
     motion = np.abs(rates) / robot.column_scale
     largest = [int(k) for k in np.argsort(-motion) if motion[k] > 0.1 * motion.max()]
@@ -165,9 +168,9 @@ def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> In
 
 
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
-    """Compute the allowed velocity next to v (nv,), with the same momentum along the loops.
+    """Compute the velocity (nv,) that the loops allow, with the momentum of v (nv,).
 
-    An impulse of the loops changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0.
+    An impulse of the loop forces changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0.
     """
     rows = len(equations.rows.names)
     if not rows:

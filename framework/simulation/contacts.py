@@ -1,9 +1,9 @@
-"""Pinocchio's own constrained dynamics, where it applies: the quickest way to an acceleration.
+"""Pinocchio's own constrained dynamics: the fastest acceleration, for the robots that it can treat.
 
-It knows loops that are points (spherical) or welds (fixed), and factorises the mass matrix of the tree, which
-must be definite: every joint has to move some mass or a rotor. Redundant rows are left to its proximal
-iterations. Loops are pinocchio's own constraints, at the frames of the robot file; of `equations` it takes
-rotors, springs and damping alone, so it is a witness of the loop equations as well.
+Its loops are points (spherical) or welds (fixed). It factorises the mass matrix of the tree, which must be
+definite: every joint has to move some mass or a rotor. Its proximal iterations handle redundant rows. Loops
+are pinocchio's own constraints at the frames of the robot file. Only rotors, springs and damping come from
+`equations`, so this module is a witness of the loop equations as well.
 Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and sparse resolution of constrained dynamic
 equations", Robotics: Science and Systems.
 """
@@ -27,19 +27,19 @@ CONTACT_TYPES = {AXES[:3]: pin.ContactType.CONTACT_3D, AXES: pin.ContactType.CON
 
 @dataclass(frozen=True, eq=False)
 class ContactDynamics:
-    """A robot in the form of pinocchio's contact solver; one object serves one thread at a time."""
+    """A robot prepared for pinocchio's contact solver; one object serves one thread at a time."""
 
     model: pin.Model  # with rotors as armature
     data: pin.Data
     contacts: Any  # pin.StdVec_RigidConstraintModel
-    contact_data: Any
+    contact_data: Any  # pin.StdVec_RigidConstraintData
     settings: pin.ProximalSettings
     stiffness: Array | None  # (nv,), None without springs
     rest: Array  # (nv,)
-    damping: Array | None  # (nv,), None without
+    damping: Array | None  # (nv,), None without damping
 
     def acceleration(self, q: Array, v: Array, force: Array) -> Array:
-        """Compute joint accelerations (nv,) under generalised forces (nv,), springs and damping."""
+        """Compute joint accelerations (nv,) under applied forces (nv,), springs and damping."""
         if self.stiffness is not None:
             force = force - self.stiffness * (q - self.rest)
         if self.damping is not None:
@@ -50,23 +50,23 @@ class ContactDynamics:
 
     @staticmethod
     def of(equations: EquationsOfMotion, closing: float) -> ContactDynamics:
-        """Return the robot's contact dynamics; open loops close, critically damped, in `closing` seconds.
+        """Prepare a robot; open loops close, critically damped, within the time `closing` [s].
 
         Raises:
-            InvalidInput: a loop that is neither spherical nor fixed, a joint that moves no mass, or one of
-                several degrees of freedom.
+            InvalidInput: a loop that is neither spherical nor fixed, a joint that moves no mass, or a joint
+                with several degrees of freedom.
         """
-        robot = equations.robot
+        robot, rows = equations.robot, equations.robot.rows
         _check_contact_robot(equations)
         model = robot.model.copy()
         model.armature[:] += equations.rotors
         contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-        row_of = {name.rpartition(".")[0]: row for row, name in enumerate(robot.rows.names)}
+        # all rows of a closure, named closure.axis, have the same two frames: any of them will do
+        row_of = {name.rpartition(".")[0]: row for row, name in enumerate(rows.names)}
         for closure in robot.description.closures:
             row = row_of[closure.name]
-            first, second = (
-                model.frames[robot.frames[ends[row]]] for ends in (robot.rows.first, robot.rows.second)
-            )
+            first = model.frames[robot.frames[rows.first[row]]]
+            second = model.frames[robot.frames[rows.second[row]]]
             contact = pin.RigidConstraintModel(
                 CONTACT_TYPES[closure.axes],
                 model,
@@ -77,7 +77,8 @@ class ContactDynamics:
                 pin.ReferenceFrame.LOCAL,
             )
             gains = contact.m_baumgarte_parameters
-            gains.Kp, gains.Kd = 1 / closing**2, 2 / closing
+            gains.Kp = 1 / closing**2
+            gains.Kd = 2 / closing
             contacts.append(contact)
             contact_data.append(contact.createData())
         data = model.createData()
@@ -87,7 +88,7 @@ class ContactDynamics:
             data=data,
             contacts=contacts,
             contact_data=contact_data,
-            # by default NaN where rows are redundant, as in a planar loop written in 3D
+            # the default settings give NaN if rows are redundant, as in a planar loop written in 3D
             settings=pin.ProximalSettings(accuracy=1e-12, mu=1e-8, max_iter=20),
             stiffness=equations.stiffness if equations.stiffness.any() else None,
             rest=robot.joint_rest,
@@ -96,7 +97,7 @@ class ContactDynamics:
 
 
 def _check_contact_robot(equations: EquationsOfMotion) -> None:
-    """Raise InvalidInput for a robot beyond pinocchio's solver."""
+    """Raise InvalidInput for a robot that pinocchio's contact solver cannot treat."""
     robot = equations.robot
     others = [c.name for c in robot.description.closures if c.axes not in CONTACT_TYPES]
     others += [coupling.name for coupling in robot.description.couplings]
@@ -110,9 +111,9 @@ def _check_contact_robot(equations: EquationsOfMotion) -> None:
             f"{robot.name}: pinocchio's contact dynamics is for joints of one degree of freedom"
         )
     mass = equations.tangent_at_rest(robot.reference.q).mass[0]
-    values, vectors = np.linalg.eigh(mass)
-    if values[0] <= RANK_ROUNDING * values[-1]:
-        joint = robot.coordinates.name_of(int(np.argmax(np.abs(vectors[:, 0]))))
+    inertias, motions = np.linalg.eigh(mass)  # ascending
+    if inertias[0] <= RANK_ROUNDING * inertias[-1]:
+        joint = robot.coordinates.name_of(int(np.argmax(np.abs(motions[:, 0]))))
         raise InvalidInput(
             f"{robot.name}, {robot.flexibility}: {joint} moves no mass, and pinocchio's contact dynamics "
             f"divides by the mass matrix of the tree; use another method"

@@ -1,6 +1,6 @@
-"""The drive of a simulated robot: a planned motion, a torque of time or a feedback, called alike.
+"""The drive of a simulated robot: planned torques, a torque of time or a feedback torque, called alike.
 
-With it go the wrenches of the world, which may be known along the planned motion alone.
+A drive also holds the wrenches of the world, since a table of wrenches may be given along the planned motion.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,12 +19,12 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 
-FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and their rates: a step of the differences of a feedback torque
-MOTION = ("duration", "torque", "platform", "configuration", "velocity")  # what a planned motion has
+FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and the same a second: step of differences of a feedback torque
 
 
+@runtime_checkable
 class PlannedMotion(Protocol):
-    """Planned torques with their motion, as `inverse_dynamics` returns."""
+    """Planned torques with their motion, as returned by `inverse_dynamics`."""
 
     @property
     def duration(self) -> float:
@@ -44,13 +44,13 @@ class PlannedMotion(Protocol):
 
 
 def planned_motion(source: Any) -> PlannedMotion | None:
-    """Return the planned motion in `source`; None without one.
+    """Return the planned motion that `source` holds or is; None without one.
 
-    It is the inverse dynamics of a plan, or the source itself.
+    A plan holds its motion as `dynamics`.
     """
     for candidate in (getattr(source, "dynamics", None), source):
-        if all(hasattr(candidate, name) for name in MOTION):
-            return cast(PlannedMotion, candidate)
+        if isinstance(candidate, PlannedMotion):
+            return candidate
     return None
 
 
@@ -61,11 +61,11 @@ class Drive:
     robot: ParallelRobot
     function: Callable[[Array, Array, Array], Array]
     feedback: bool
-    breaks: tuple[float, ...]  # instants inside where the torque or a derivative of it jumps [s]
+    breaks: tuple[float, ...]  # instants [s] at which the torque or one of its derivatives jumps
     world: WorldForces = NO_FORCES
 
     def __call__(self, t: Array, q: Array, v: Array) -> Array:
-        """Compute the torques (T, n_a) [N m]; refuse values that are not finite."""
+        """Compute the motor torques (T, n_a) [N m]; refuse values that are not finite."""
         torque = self.function(t, q, v)
         if not np.all(np.isfinite(torque)):
             when = t[~np.isfinite(torque).all(axis=1)][0]
@@ -73,21 +73,18 @@ class Drive:
         return torque
 
     def edges(self, duration: float) -> list[float]:
-        """Return the edges [s] of stretches on which the torque is smooth.
-
-        The first is 0, the last the duration.
-        """
+        """Return the edges [s], from 0 to the duration, of stretches with smooth torque."""
         return [0.0, *(t for t in self.breaks if 0 < t < duration), duration]
 
     def torques_without_feedback(self, t: Array) -> Array | None:
-        """Return the torques (T, n_a) [N m] of times alone; None with feedback."""
-        nothing = np.empty((len(t), 0))
-        return None if self.feedback else self(t, nothing, nothing)
+        """Compute torques (T, n_a) [N m] that depend on time alone; None with feedback."""
+        no_state = np.empty((len(t), 0))
+        return None if self.feedback else self(t, no_state, no_state)
 
     def shift_breaks(self, t: Array) -> Array:
-        """Move times (T,) on a break to just before the break.
+        """Move each time t [s] on a break to just before the break.
 
-        They belong to the end of the step that began earlier.
+        A break is the end of a step, so the torque before the break applies there.
         """
         for instant in self.breaks:
             is_break = np.abs(t - instant) <= 4 * np.spacing(instant)
@@ -95,10 +92,9 @@ class Drive:
         return t
 
     def gains(self, t: float, q: Array, v: Array) -> Array | None:
-        """Compute the torque's derivatives (2, n_a, nv) by q and by v.
+        """Compute the derivatives (2, n_a, nv) of a feedback torque by q and v; None without feedback.
 
-        They are those at one state; None without feedback. They are central differences, those by q along its
-        tangent.
+        They are central differences at one state q (nq,), v (nv,); steps of q are tangent vectors.
         """
         if not self.feedback:
             return None
@@ -108,8 +104,9 @@ class Drive:
         all_q = np.vstack([integrate(self.robot, q, steps), same_q])  # (4 nv, nq) steps of q, then of v
         all_v = np.vstack([same_v, v + steps])
         torques = self(np.full(4 * nv, t), all_q, all_v)
-        ahead, back = torques.reshape(2, 2, nv, -1).swapaxes(0, 1)  # (2, nv, n_a) each, by q and by v
-        slopes = (ahead - back) / (2 * FEEDBACK_DIFFERENCE)
+        # axes of the reshaped torques: q or v, forwards or backwards, joint, motor
+        forwards, backwards = torques.reshape(2, 2, nv, -1).swapaxes(0, 1)
+        slopes = (forwards - backwards) / (2 * FEEDBACK_DIFFERENCE)
         return slopes.swapaxes(1, 2)
 
     @staticmethod
@@ -119,16 +116,17 @@ class Drive:
         breaks: Sequence[float] = (),
         wrenches: Mapping[str, Any] | None = None,
     ) -> Drive:
-        """Return the drive by a planned motion or a callable.
+        """Make the drive from a planned motion, torque(t) or torque(t, q, v).
 
-        A callable is torque(t) or torque(t, q, v). A drive is returned as it is.
+        A Drive is returned unchanged.
 
         Args:
-            wrenches: of the world; None: those of the planned motion, if it has any.
+            breaks: instants [s] at which torque(t) jumps or has a kink.
+            wrenches: wrenches of the world; None for those of the planned motion, if any.
 
         Raises:
-            InvalidInput: it is none of these; its first answer comes with the wrong number of torques;
-                wrenches that are none; breaks or wrenches beside a drive, which has its own.
+            InvalidInput: the source is none of these; a plan has another number of motors; invalid wrenches;
+                breaks or wrenches given with a Drive, which has its own.
         """
         if isinstance(source, Drive):
             if len(breaks) or wrenches is not None:
@@ -163,18 +161,18 @@ class Drive:
 def _drive_by_plan(
     robot: ParallelRobot, motion: PlannedMotion, breaks: Sequence[float], world: WorldForces
 ) -> Drive:
-    """Return the drive by planned torques, without the friction, which no simulated robot has."""
+    """Make the drive from planned torques without dry friction, as the simulated robot has none."""
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:
         raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
     edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
-    inner = sorted([*map(float, edges[1:-1]), *breaks])
-    smooth = getattr(motion, "torque_without_friction", motion.torque)
-    return Drive(robot, lambda t, q, v: smooth(t), False, tuple(inner), world)
+    all_breaks = sorted([*map(float, edges[1:-1]), *breaks])
+    frictionless = getattr(motion, "torque_without_friction", motion.torque)
+    return Drive(robot, lambda t, q, v: frictionless(t), False, tuple(all_breaks), world)
 
 
 def _count_arguments(function: Callable[..., Any]) -> int:
-    """Count the required arguments of a callable; 0 for a builtin without a signature."""
+    """Count the required positional arguments of a callable; 0 for a builtin without a signature."""
     try:
         parameters = signature(function).parameters.values()
     except ValueError:

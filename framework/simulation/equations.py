@@ -2,12 +2,14 @@
 
     M(q) dv/dt + c(q, v) + g(q) + K (q - rest) + D v = S' n tau + J(q)' lambda,        F(q) = 0
 
-M carries armature and rotors, n^2 I_a on the actuated columns; K the springs of the robot and those on
-joints of its URDF; D the viscous damping of its joints and what the caller adds; n tau is the motor torque
-on the joint side; F are the independent loop equations and J their Jacobian. Nothing is divided by what
-vanishes at a Type 2 singularity: there the passive columns of J lose rank, J itself does not.
+* M: inertia with armature and rotors, n^2 I_a on the actuated columns;
+* K: the springs of the robot file and those on joints of the URDF;
+* D: the viscous damping of the joints and what the caller adds;
+* n tau: the motor torques on the joint side;
+* F, J: the independent loop equations and their Jacobian.
 
-One call of pinocchio a state gives all; what follows is stacked numpy.
+The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J does not.
+Pinocchio is called once for each state; all other computations are stacked.
 """
 
 from __future__ import annotations
@@ -30,11 +32,11 @@ from framework.tolerances import EIGENVALUE_ROUNDING
 
 
 class Tangent(NamedTuple):
-    """The left side of the equations at T states with derivatives, and the closures."""
+    """The left side of the equations at T states with its derivatives, and the loop equations."""
 
     force: Array  # (T, nv) M a + c + g + K (q - rest) + D v
-    by_q: Array  # (T, nv, nv)
-    by_v: Array  # (T, nv, nv)
+    by_q: Array  # (T, nv, nv) derivative of the force by q, along its tangent
+    by_v: Array  # (T, nv, nv) derivative of the force by v
     mass: Array  # (T, nv, nv) with rotors
     frames: FrameStack
     residual: Array  # (T, m) F [m, rad]
@@ -43,43 +45,37 @@ class Tangent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquationsOfMotion:
-    """A robot made ready for simulation; `damping` [N m s/rad, N s/m] acts on every joint rate.
-
-    Dry friction is left out, and with it the share of a planned motion's torques that overcomes it.
-    """
+    """A robot prepared for simulation, without dry friction."""
 
     robot: ParallelRobot
-    damping: Array  # (nv,)
-    rows: LoopRows
-    rotors: Array  # (nv,) [kg m^2], joint side; 1 on massless joints that move nothing and are held
-    stiffness: Array  # (nv,)
+    damping: Array  # (nv,) [N m s/rad, N s/m] of every joint rate
+    rows: LoopRows  # the independent ones
+    rotors: Array  # (nv,) [kg m^2], joint side; 1 on idle joints without mass
+    stiffness: Array  # (nv,) [N m/rad, N/m]
     scratch: Scratch  # working memory of pinocchio: one object does not serve two threads at once
 
     @staticmethod
     def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> EquationsOfMotion:
-        """Return the equations of a robot.
+        """Return the equations of a robot; `damping`, one number or (nv,), is added to that of its joints.
 
         Raises:
             InvalidInput: damping of the wrong length or negative; loops that only springs can close.
             NotAssembled: the loops do not close at the reference.
         """
-        damping = check_damping(damping, (robot.nv,))
+        added = check_damping(damping, (robot.nv,))
         require_joints_close(robot)
-        plain = EquationsOfMotion(
+        equations = EquationsOfMotion(
             robot=robot,
-            damping=damping + robot.joint_damping,
+            damping=added + robot.joint_damping,
             rows=robot.loops,
             rotors=robot.rotors,
             stiffness=robot.all_stiffness,
             scratch=Scratch.of(robot.model, robot.frames),
         )
-        return plain._load_idle_joints()
+        return equations._load_idle_joints()
 
     def _load_idle_joints(self) -> EquationsOfMotion:
-        """Give a unit inertia to idle joints without mass.
-
-        Nothing drives them, so all stay still.
-        """
+        """Return the equations with unit inertia on idle joints without mass, which no force moves."""
         idle = self.robot.structure.idle
         if not len(idle):
             return self
@@ -90,11 +86,11 @@ class EquationsOfMotion:
         return replace(self, rotors=rotors)
 
     def spring_force(self, q: Array) -> Array:
-        """Compute K (q - rest), (T, nv)."""
+        """Compute the spring forces K (q - rest) (T, nv) at q (T, nq)."""
         return spring_forces(self.robot, self.stiffness, self.robot.joint_rest, q)
 
     def motor_forces(self, torque: Array) -> Array:
-        """Compute S' n tau (T, nv), the generalised forces of motor torques (T, n_a), joint side."""
+        """Compute the generalised forces S' n tau (T, nv) of motor torques tau (T, n_a), motor side."""
         force = np.zeros((len(torque), self.robot.nv))
         force[:, self.robot.actuated] = self.robot.gear_ratio * torque
         return force
@@ -102,49 +98,54 @@ class EquationsOfMotion:
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
         """Compute all terms and derivatives at q (T, nq), v and a (T, nv).
 
-        Pinocchio gives the tree: tau = M a + c + g with its derivatives and M, and frames. Rotors, springs
-        and dampers of joints are added.
+        Pinocchio computes the frames and, for the tree, tau = M a + c + g with its derivatives and M. Rotors,
+        springs and dampers are added to these.
         """
-        model, data, (T, nv) = self.robot.model, self.scratch.data, v.shape
-        force, (by_q, by_v, mass) = np.empty((T, nv)), np.empty((3, T, nv, nv))
+        model, data = self.robot.model, self.scratch.data
+        T, nv = v.shape
+        force = np.empty((T, nv))
+        by_q, by_v, mass = np.empty((3, T, nv, nv))
 
         def compute(k: int) -> pin.Model:
+            """Compute the terms of the tree at state k; return the model for its frames."""
             pin.computeRNEADerivatives(model, data, q[k], v[k], a[k])
-            force[k], by_q[k], by_v[k], mass[k] = data.tau, data.dtau_dq, data.dtau_dv, data.M
+            force[k] = data.tau
+            by_q[k] = data.dtau_dq
+            by_v[k] = data.dtau_dv
+            mass[k] = data.M
             return model
 
         frames = collect_frames(self.scratch, q, compute)
-        mass[:, range(nv), range(nv)] += self.rotors
-        by_q[:, range(nv), range(nv)] += self.stiffness
-        by_v[:, range(nv), range(nv)] += self.damping
+        diagonal = range(nv)
+        mass[:, diagonal, diagonal] += self.rotors
+        by_q[:, diagonal, diagonal] += self.stiffness
+        by_v[:, diagonal, diagonal] += self.damping
         force += self.rotors * a + self.damping * v + self.spring_force(q)
         loops = loop_equations(self.rows, frames)
         return Tangent(force, by_q, by_v, mass, frames, loops.residual, loops.jacobian)
 
     def tangent_at_rest(self, q: Array) -> Tangent:
-        """Compute all terms and derivatives at one configuration (nq,) at rest, T = 1."""
+        """Compute all terms and derivatives at one configuration q (nq,) at rest, T = 1."""
         rest = np.zeros((1, self.robot.nv))
         return self.tangent(q[None], rest, rest)
 
     def energy(self, q: Array, v: Array) -> Array:
-        """Compute the sum of kinetic, gravitational and elastic energy (T,) [J], heights from the base.
+        """Compute the kinetic, gravitational and elastic energy (T,) [J], with heights above the base.
 
         Rotors add n^2 I v^2 / 2, springs K (q - rest)^2 / 2.
         """
         model, data = self.robot.model, self.scratch.data
-        tree = [
-            pin.computeKineticEnergy(model, data, a, b) + pin.computePotentialEnergy(model, data, a)
-            for a, b in zip(q, v, strict=True)
-        ]
+        tree = [pin.computeMechanicalEnergy(model, data, *state) for state in zip(q, v, strict=True)]
+        rotors = 0.5 * (v**2 @ self.robot.rotors)
         offset = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
-        stored = 0.5 * (v**2 @ self.robot.rotors) + 0.5 * (offset**2 @ self.stiffness)
-        return np.array(tree) + stored
+        springs = 0.5 * (offset**2 @ self.stiffness)
+        return np.array(tree) + (rotors + springs)
 
 
 def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array) -> Array:
-    """Compute the forces K (q - rest) (T, nv) of springs at q (T, nq).
+    """Compute the spring forces K (q - rest) (T, nv) at q (T, nq).
 
-    Stiffness and rest are (nv,) or (T, nv); q is counted from the neutral configuration.
+    K and `rest`, an offset from the neutral configuration, are (nv,) or (T, nv).
     """
     if not stiffness.any():
         return np.zeros((len(q), robot.nv))
@@ -155,10 +156,11 @@ def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array)
 def check_damping(damping: ArrayLike | None, shape: tuple[int, ...]) -> Array:
     """Return a checked damping of joint rates; 0 by default.
 
-    It is one number, (nv,) or of the `shape`, whose last is nv.
+    Args:
+        damping: one number, (nv,) or an array of the `shape`, whose last number is nv.
 
     Raises:
-        InvalidInput: it has another shape, or is negative somewhere.
+        InvalidInput: the damping has another shape, or is negative or not finite somewhere.
     """
     if damping is None:
         return np.zeros(shape)
@@ -166,7 +168,8 @@ def check_damping(damping: ArrayLike | None, shape: tuple[int, ...]) -> Array:
         dampings = np.asarray(damping, dtype=float)
     except (TypeError, ValueError):
         dampings = np.array(np.nan)  # refused below
-    if dampings.shape not in ((), shape[-1:], shape) or not np.all((dampings >= 0) & np.isfinite(dampings)):
+    has_valid_shape = dampings.shape in ((), shape[-1:], shape)
+    if not has_valid_shape or not np.all((dampings >= 0) & np.isfinite(dampings)):
         raise InvalidInput(
             f"damping: needs {' x '.join(map(str, shape))} numbers (or one for all), none negative, got "
             f"{damping!r}"

@@ -1,9 +1,10 @@
-"""Instants at which a function of the state passes through zero."""
+"""Events of a simulation: instants at which a function of the state passes through zero."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,14 +12,15 @@ from framework.errors import InvalidInput
 from framework.numerics.arrays import Array
 from framework.simulation.trajectory import Trajectory
 
-EVENT_TIME_ROUNDING = 1e-15  # [s]
+EVENT_TIME_ROUNDING = 1e-15  # [s] to which the instant of an event is found
 
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A function of (t, q, v) to watch: its zeros are reported, and end the simulation if `terminal`.
+    """A function of (t, q, v) whose zeros are reported; a zero ends the simulation if `terminal`.
 
-    `direction` +1 counts only zeros at which the function grows, -1 those at which it falls, 0 both.
+    With `direction` +1 only zeros at which the function grows count, with -1 only those at which it falls,
+    with 0 both.
     """
 
     function: Callable[[float, Array, Array], float]
@@ -29,44 +31,46 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Occurrence:
-    """An event that happened: when, and the state q (nq,), v (nv,)."""
+    """The occurrence of an event, with the state at that instant."""
 
     name: str
-    time: float
-    q: Array
-    v: Array
+    time: float  # [s]
+    q: Array  # (nq,)
+    v: Array  # (nv,)
     terminal: bool
 
 
 def occurrences(
     events: Sequence[Event],
-    trajectory: Trajectory,
-    edges: tuple[float, float],
+    step: Trajectory,
     samples: int,
     last_values: dict[Event, float],
 ) -> list[Occurrence]:
-    """Find the events of a step in order of time.
+    """Find the events of one step in order of time, up to the first terminal event.
 
-    The first terminal event is the last one. Each function is evaluated at `samples` instants after the first
-    of the `edges` [s]; two zeros between neighbouring instants go unseen. `last_values` are the values at the
-    end of the last step, stored for the next call: rounding must not lose a zero between two steps.
+    Each function is evaluated at `samples` equidistant instants after the start of the step. Two zeros
+    between neighbouring instants go unseen.
+
+    Args:
+        last_values: the value of each function at the end of the last step, updated here. This step starts
+            at the same instant, where rounding may give the value another sign: an interval of no length
+            between both values catches such a zero.
     """
     occurred: list[Occurrence] = []
-    times = np.linspace(*edges, samples + 1)
-    states = trajectory(times)
+    times = np.linspace(step.edges[0], step.edges[-1], samples + 1)
+    states = step(times)
     for event in events:
         values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        # at the beginnings of intervals, of which the first is empty: from the end of the last step
-        first_values = [last_values.get(event, values[0]), *values[:-1]]
+        points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
         last_values[event] = values[-1]
-        for first, second, begin, end in zip(first_values, values, [times[0], *times], times, strict=False):
+        for (begin, first), (end, second) in pairwise(points):
             # a zero on an instant belongs to the interval that ends there
             if first == 0.0 or first * second > 0 or event.direction * (second - first) < 0:
                 continue
             t = float(end)
             if second != 0.0 and begin != end:
-                t = _find_zero(event, trajectory, begin, t)
-            q, v = trajectory(np.array([t]))
+                t = _find_zero(event, step, begin, t)
+            q, v = step(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
     terminal = [occurrence.terminal for occurrence in occurred]
@@ -74,10 +78,7 @@ def occurrences(
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
-    """Find the instant [s] at which an event's function is zero.
-
-    It lies between two others of different sign.
-    """
+    """Find the zero [s] of an event's function between instants of different sign."""
     from scipy.optimize import brentq
 
     def value(t: float) -> float:
@@ -88,12 +89,12 @@ def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -
 
 
 def _event_value(event: Event, t: float, q: Array, v: Array) -> float:
-    """Return the value of an event's function; refuse one that is no number."""
+    """Return the value of an event's function; refuse values that are no numbers."""
     value = event.function(t, q, v)
     try:
         number = float(value)
     except (TypeError, ValueError):
-        number = float("nan")
+        number = np.nan
     if np.isnan(number):
         raise InvalidInput(f"event {event.name}: needs one number, got {value!r} at t = {t:.9g} s")
     return number

@@ -1,11 +1,11 @@
-"""The integrators of `simulate`, as data: each turns a start into a trajectory and the energy spent.
+"""The integrators of `simulate`, listed in `METHODS`: each computes a trajectory and its energy balance.
 
-Method explicit is here too: fixed steps of an explicit Runge-Kutta method of order 8 on pinocchio's
-constrained dynamics. Nothing is solved for and nothing stacked: a step is twelve calls of pinocchio. For
-robots whose every joint moves some mass, and whose loops are points or welds, it takes the least time of all
-methods to any error that is not near rounding. Its steps must resolve the quickest vibration (step times
-frequency below 5). The table is that of scipy's DOP853, and so is the estimate of the error. Source: Hairer,
-Norsett and Wanner, Solving Ordinary Differential Equations I, Springer 1993, section II.5.
+Method explicit takes fixed steps of an explicit Runge-Kutta method of order 8 on pinocchio's constrained
+dynamics. It solves no equations and stacks no states: a step is twelve calls of pinocchio. For robots whose
+every joint moves some mass and whose loops are points or welds, it reaches any error well above rounding in
+less time than the other methods. Its steps must resolve the fastest vibration (step times frequency below 5).
+Coefficients and error estimate are those of scipy's DOP853. Source: Hairer, Norsett and Wanner, Solving
+Ordinary Differential Equations I, Springer 1993, section II.5.
 """
 
 from __future__ import annotations
@@ -26,25 +26,24 @@ from framework.simulation.contacts import ContactDynamics
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Event, Occurrence, occurrences
-from framework.simulation.schemes import State
+from framework.simulation.schemes import State, stack_states
 from framework.simulation.step_size_control import COUNT_ROUNDING, collocate
 from framework.simulation.stepper import Stepper
 from framework.simulation.trajectory import Cubics, Polynomials, Trajectory
 from framework.tolerances import FIXED_STEP_ERROR
 
-DEFAULT_EXPLICIT_STEPS = 256  # by default
-MAX_STEPS = 1_000_000  # of one length
-MIN_FIXED_STEPS = 4  # of method fast: fewer show nothing of what they leave out
-CLOSING_STEPS = 50.0  # steps in which open loops close: quicker, and it shows in the error estimate
+DEFAULT_EXPLICIT_STEPS = 256  # of method explicit
+MAX_STEPS = 1_000_000  # of methods with steps of one length
+MIN_FIXED_STEPS = 4  # of method fast: its error cannot be estimated from fewer
+CLOSING_STEPS = 50.0  # steps in which open loops close; faster closing dominates the error estimate
 
 
 class MethodSettings(NamedTuple):
-    """Numbers of a method; each method ignores some."""
+    """The settings of a method; each method ignores some."""
 
-    stages: int = 0  # of collocation
-    tolerance: float = 0.0  # what a step may leave unresolved [rad, robot lengths]
-    step: float = 0.0  # fixed step, or the longest one [s]
-    event_samples: int = 1  # instants of a step at which events are evaluated
+    stages: int = 0  # nodes of a collocation step; 0 for methods without collocation
+    tolerance: float = 0.0  # unresolved part of a collocation step [rad, robot lengths]
+    step: float = 0.0  # fixed step, or the longest one [s]; 0 for the default of the method
 
 
 class IntegrationTask(NamedTuple):
@@ -55,82 +54,75 @@ class IntegrationTask(NamedTuple):
     start: State
     duration: float
     events: Sequence[Event]
-    advanced: Callable[[float], None] | None
-
-
-@dataclass(frozen=True, eq=False)
-class Integration:
-    """The result of a method: the motion, and the energy balance at the ends of its steps."""
-
-    trajectory: Trajectory
-    supplied: Array  # (K + 1,) work of motors and world less that of damping, from the start [J]
-    exchanged: float  # the same with the work of each step counted positive [J]
-    occurrences: tuple[Occurrence, ...]
-    unresolved: float
-    iterations: int
+    report_progress: Callable[[float], None] | None  # called with the finished share of the motion
 
 
 @dataclass
-class _Record:
-    """The energy balance and the events of a run, step by step."""
+class RunRecord:
+    """The energy balance and the events of a run, over the K steps so far."""
 
     task: IntegrationTask
-    event_samples: int  # of each step
-    supplied: list[float] = field(default_factory=lambda: [0.0])
-    exchanged: float = 0.0
+    event_samples: int  # instants of a step at which events are evaluated
+    supplied: list[float] = field(default_factory=lambda: [0.0])  # K + 1 values, see `add_step` [J]
+    exchanged: float = 0.0  # sum of the exchanged energy of all steps [J]
     occurred: list[Occurrence] = field(default_factory=list)
-    last_values: dict[Event, float] = field(default_factory=dict)
+    last_values: dict[Event, float] = field(default_factory=dict)  # of events at the end of the last step
 
     def add_step(self, step: Trajectory, work: float, exchange: float) -> bool:
-        """Add a step with its work and exchanged energy [J].
+        """Add a step; return whether an event ends the run.
 
-        Returns whether an event ends the run.
+        Args:
+            work: work of motors and world less that of damping [J], summed up in `supplied`.
+            exchange: the absolute value of this work [J], integrated over the step.
         """
-        task, (start, end) = self.task, map(float, step.edges)
+        task = self.task
         self.supplied.append(self.supplied[-1] + work)
         self.exchanged += exchange
         if task.events:
-            self.occurred += occurrences(
-                task.events, step, (start, end), self.event_samples, self.last_values
-            )
+            self.occurred += occurrences(task.events, step, self.event_samples, self.last_values)
             if self.occurred and self.occurred[-1].terminal:
                 return True
-        if task.advanced is not None:
-            task.advanced(min(end / task.duration, 1.0))
+        if task.report_progress is not None:
+            task.report_progress(min(float(step.edges[-1]) / task.duration, 1.0))
         return False
 
-    def integration(self, trajectory: Trajectory, unresolved: float, iterations: int) -> Integration:
-        """Return the result of the run."""
-        occurred, supplied = tuple(self.occurred), np.array(self.supplied)
-        return Integration(trajectory, supplied, self.exchanged, occurred, unresolved, iterations)
+
+class Integration(NamedTuple):
+    """The result of a method."""
+
+    record: RunRecord
+    trajectory: Trajectory
+    unresolved: float  # see `Simulation`
+    iterations: int
 
 
 def integrate_by_collocation(task: IntegrationTask, settings: MethodSettings) -> Integration:
     """Integrate by Radau IIA steps of variable length; see `collocate`."""
-    robot, record = task.equations.robot, _Record(task, settings.event_samples)
+    robot = task.equations.robot
+    record = RunRecord(task, event_samples=2 * settings.stages)  # twice the degree of a step
     steps = list[CollocationStep]()
     for step in collocate(
         task.equations,
         task.drive,
-        *task.start,
+        task.start,
         task.duration,
         stages=settings.stages,
         tolerance=settings.tolerance,
         longest=settings.step or task.duration,
     ):
         steps.append(step)
-        power = step.power - step.v**2 @ task.equations.damping
-        share = step.length * step.table.once[-1]
-        work, exchange = float(share @ power), float(share @ np.abs(power))
+        power = step.power - step.v**2 @ task.equations.damping  # (s,) [W]
+        weights = step.length * step.table.once[-1]  # (s,) of the quadrature over the whole step
+        work, exchange = float(weights @ power), float(weights @ np.abs(power))
         if record.add_step(Polynomials(robot, (step,)), work, exchange):
             break
     unresolved = max(step.unresolved for step in steps)
     iterations = sum(step.iterations for step in steps)
-    return record.integration(Polynomials(robot, tuple(steps)), unresolved, iterations)
+    return Integration(record, Polynomials(robot, tuple(steps)), unresolved, iterations)
 
 
 def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
-    """Integrate by steps of one length with the torque of their middle; see `Stepper`."""
+    """Integrate by steps of one length under the torque in their middle; see `Stepper`."""
     robot = task.equations.robot
     count = _count_steps(task.duration, settings.step)
     if count < MIN_FIXED_STEPS:
@@ -138,7 +130,8 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
             f"step: {settings.step:g} s is too long for {task.duration:g} s, which "
             f"needs {MIN_FIXED_STEPS} steps"
         )
-    edges, record = np.linspace(0.0, task.duration, count + 1), _Record(task, 1)
+    edges = np.linspace(0.0, task.duration, count + 1)
+    record = RunRecord(task, event_samples=1)
     trajectory, _ = _collect_steps(record, _fixed_steps(task, edges), edges)
     h = task.duration / count
     error = _fixed_step_error(robot, trajectory.v, h)
@@ -149,30 +142,39 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
             f"out; take steps of {advised:.1g} s, or method stiff",
             residual=error,
         )
-    return record.integration(trajectory, error, len(trajectory.q) - 1)
+    return Integration(record, trajectory, error, len(trajectory.q) - 1)
+
+
+class FixedStep(NamedTuple):
+    """A step of fixed length."""
+
+    end: State
+    power: float  # mean power of motors and world less that of damping [W]
+    error: float = 0.0  # estimated error of q in this step [rad, m]; 0 without an estimate
 
 
 def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
-    """Yield steps between the instants `edges` (K + 1,) with the torque of their middle.
+    """Yield steps between the instants `edges` (K + 1,) under the torque in their middle.
 
-    A feedback answers to the state at the beginning of a step, as a digital controller does. The forces of
-    the world are those of the predicted middle; the power is that of the mean velocity.
+    A feedback torque responds to the state at the beginning of a step, as a digital controller does. The
+    forces of the world are those at the predicted middle of a step. The power is that of the mean velocity.
     """
     drive, robot, damping = task.drive, task.equations.robot, task.equations.damping
     stepper = Stepper.of(robot, damping=damping)
     h = task.duration / (len(edges) - 1)
-    middles, (q, v) = edges[:-1] + 0.5 * h, task.start
+    middles = edges[:-1] + 0.5 * h
     torques = drive.torques_without_feedback(middles)  # (K, n_a)
+    q, v = task.start
     for k in range(len(middles)):
         torque = torques[k] if torques is not None else drive(edges[k : k + 1], q[None], v[None])[0]
         world = np.zeros_like(v)
         if drive.world.acts:
-            world = drive.world(robot, middles[k : k + 1], integrate(robot, q[None], (0.5 * h * v)[None]))[0]
-        state = stepper.step(q, v, torque, h, world=world)
-        mean = 0.5 * (v + state.v)
-        power = (robot.gear_ratio * torque) @ mean[robot.actuated] - mean**2 @ damping + world @ mean
-        yield FixedStep(state, float(power))
-        q, v = state
+            world = drive.world(robot, middles[k : k + 1], integrate(robot, q, 0.5 * h * v)[None])[0]
+        end = stepper.step(q, v, torque, h, world=world)
+        mean = 0.5 * (v + end.v)
+        supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean
+        yield FixedStep(end, float(supplied - mean**2 @ damping))
+        q, v = end
 
 
 def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings) -> Integration:
@@ -180,64 +182,58 @@ def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings)
     edges = _step_edges(task, settings.step or task.duration / DEFAULT_EXPLICIT_STEPS)
     dynamics = ContactDynamics.of(task.equations, CLOSING_STEPS * float(np.diff(edges).max()))
     steps = explicit_steps(task.equations, dynamics, task.drive, task.start, edges)
-    record = _Record(task, settings.event_samples)
-    trajectory, error = _collect_steps(record, steps, edges)
-    return record.integration(trajectory, error, len(trajectory.q) - 1)
+    record = RunRecord(task, event_samples=4)
+    trajectory, largest_error = _collect_steps(record, steps, edges)
+    return Integration(record, trajectory, largest_error, len(trajectory.q) - 1)
 
 
-def _collect_steps(record: _Record, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
-    """Collect steps up to the end or a terminal event.
-
-    Returned are the motion and the largest error.
+def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
+    """Collect steps up to the end or a terminal event; return the motion and the largest error of a step.
 
     Raises:
         NotConverged: the motion diverges.
     """
-    robot, states, error = record.task.equations.robot, [record.task.start], 0.0
-    with np.errstate(over="ignore", invalid="ignore"):  # a runaway is told below
+    robot, states = record.task.equations.robot, [record.task.start]
+    largest_error = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # divergence is reported below
         for k, step in enumerate(steps):
             start, length = float(edges[k]), float(edges[k + 1] - edges[k])
-            if not (np.all(np.isfinite(step.end.q)) and np.all(np.isfinite(step.end.v))):
+            if not all(np.all(np.isfinite(part)) for part in step.end):
                 raise NotConverged(
                     f"{robot.name}: the simulation runs away at t = {start:.9g} s, or its equations are "
                     f"singular there; take a shorter step than {length:.3g} s, or method stiff",
                     residual=start,
                 )
             states.append(step.end)
-            error = max(error, step.error)
-            piece = _cubics(robot, edges[k : k + 2], states[-2:])
+            largest_error = max(largest_error, step.error)
+            piece = Cubics(robot, edges[k : k + 2], *stack_states(states[-2:]))
             if record.add_step(piece, length * step.power, length * abs(step.power)):
                 break
-    return _cubics(robot, edges[: len(states)], states), error
-
-
-def _cubics(robot: ParallelRobot, edges: Array, states: list[State]) -> Cubics:
-    """Return the cubic polynomials through states at `edges` (K + 1,)."""
-    return Cubics(robot, edges, *map(np.array, zip(*states, strict=True)))
+    return Cubics(robot, edges[: len(states)], *stack_states(states)), largest_error
 
 
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
-    """Estimate the error of fixed steps of order 2, all steps together [rad, robot lengths].
+    """Estimate the error that fixed steps of order 2 accumulate [rad, robot lengths], from v (K + 1, nv).
 
-    The truncation error of a step is h^3 / 12 times the third derivative of q, the second difference of v
-    over h^2. The instability of the motion itself, by which errors grow, is not included.
+    The truncation error of a step is h^3 / 12 times the third derivative of q, which is the second difference
+    of v over h^2. The estimate does not include the growth of errors along an unstable motion.
     """
     second_differences = np.abs(np.diff(v / robot.column_scale, 2, axis=0))
     return float(h / 12 * second_differences.sum(axis=0).max(initial=0.0))
 
 
 def _step_edges(task: IntegrationTask, step: float) -> Array:
-    """Compute the ends of steps no longer than `step`, with one on every break."""
+    """Compute the ends (K + 1,) of steps no longer than `step` [s], with one on every break."""
     stretches = pairwise(task.drive.edges(task.duration))
     edges = [np.linspace(start, end, _count_steps(end - start, step) + 1) for start, end in stretches]
     return np.unique(np.concatenate(edges))
 
 
 def _count_steps(length: float, step: float) -> int:
-    """Count the steps no longer than `step` [s] that make `length` [s].
+    """Count the steps no longer than `step` [s] that cover `length` [s].
 
     Raises:
-        InvalidInput: more than MAX_STEPS.
+        InvalidInput: there are more than MAX_STEPS.
     """
     count = length / step
     if not count <= MAX_STEPS:
@@ -245,45 +241,20 @@ def _count_steps(length: float, step: float) -> int:
     return max(1, int(np.ceil(count - COUNT_ROUNDING)))
 
 
-class Method(NamedTuple):
-    """An integrator with its default settings."""
-
-    run: Callable[[IntegrationTask, MethodSettings], Integration]
-    settings: MethodSettings
-
-
-METHODS: dict[str, Method] = {
-    "reference": Method(
-        integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12, event_samples=32)
-    ),
-    "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
-    "explicit": Method(integrate_by_explicit_steps, MethodSettings(event_samples=4)),
-    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7, event_samples=10)),
-}
-
-
-class FixedStep(NamedTuple):
-    """A step: the state at its end, its mean power and its error."""
-
-    end: State
-    power: float  # mean power of motors and world less that of damping [W]
-    error: float = 0.0  # estimate of the part of q that the step misses [rad, m]
-
-
 def explicit_steps(
     equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: State, edges: Array
 ) -> Iterator[FixedStep]:
     """Yield steps between the instants `edges` (K + 1,), also non-finite ones after divergence.
 
-    With y = (q, v) and the table A, B, C of the method, stage i of a step h has the slope K_i = dy/dt at
-    y + h sum_j A_ij K_j and at the share C_i of the step; the step ends at y + h sum_i B_i K_i.
+    With y = (q, v) and the coefficients A, B, C of the method, stage i of a step of length h has the slope
+    K_i = dy/dt at y + h sum_j A_ij K_j, at the share C_i of the step. The step ends at y + h sum_i B_i K_i.
     """
-    from scipy.integrate import DOP853  # 0.2 s, not for those who only plan
+    from scipy.integrate import DOP853  # importing it takes 0.2 s, which planning does not need
 
     nv = len(start.v)
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
     torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
-    # (K, stages, nv) forces of motors without feedback
+    # forces (K, stages, nv) of motors without feedback
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
 
     def force_at(k: int, i: int, q: Array, v: Array) -> Array:
@@ -301,10 +272,25 @@ def explicit_steps(
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(len(slopes)):
-            q, v = np.split(y + h * (DOP853.A[i, :i] @ slopes[:i]) if i else y, 2)
+            q, v = np.split(y + h * (DOP853.A[i, :i] @ slopes[:i]), 2)
             force = force_at(k, i, q, v)
             slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
-        error = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])  # of the embedded method of order 5
-        yield FixedStep(State(y[:nv], y[nv:]), power, float(np.abs(error).max()))
+        error = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])  # against the embedded method of order 5
+        yield FixedStep(State(*np.split(y, 2)), power, float(np.abs(error).max()))
+
+
+class Method(NamedTuple):
+    """An integrator with its default settings."""
+
+    run: Callable[[IntegrationTask, MethodSettings], Integration]
+    settings: MethodSettings
+
+
+METHODS: dict[str, Method] = {
+    "reference": Method(integrate_by_collocation, MethodSettings(stages=16, tolerance=1e-12)),
+    "fast": Method(integrate_by_fixed_steps, MethodSettings(step=1e-3)),
+    "explicit": Method(integrate_by_explicit_steps, MethodSettings()),
+    "stiff": Method(integrate_by_collocation, MethodSettings(stages=5, tolerance=1e-7)),
+}

@@ -12,6 +12,7 @@ from framework.kinematics.closures import loop_wrenches
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.output import select_fields
 from framework.simulation.drive import PlannedMotion
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Occurrence
@@ -22,18 +23,19 @@ from framework.tolerances import FILE_ROUNDING
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Simulation(ReadOnlyArrays):
-    """A simulated motion and the errors that prove the motion.
+    """A simulated motion with its errors.
 
     Attributes:
-        tracking_error: largest distance of the platform from the planned path at the same instant [m]; of a
-            platform that only turns, the largest angle [rad]. None when nothing was planned.
-        turning_error: largest turn from the planned one, of a platform that moves and turns [rad].
-        closure_error: largest loop equation at `times` and at the ends of all steps [m or rad], of all that
-            the robot has, redundant ones too.
+        tracking_error: largest distance of the platform from its planned position at the same instant [m];
+            of a platform that only turns, the largest angle [rad]. None without a planned motion.
+        turning_error: largest angle from the planned attitude [rad], of a platform that moves and turns.
+        closure_error: largest residual of all loop equations, redundant ones included, at `times` and at the
+            ends of all steps [m or rad].
         energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
             the largest of all steps, over the energy exchanged.
-        unresolved: largest part of the motion that a step leaves out, estimated [rad, robot lengths], above
-            the tolerance only where the loops lose rank in passing; of method fast, of all steps together.
+        unresolved: estimate of the largest part of the motion that a step leaves out [rad, robot lengths]. It
+            is above the tolerance only where the loops lose rank for an instant. Of method fast, the estimate
+            is for all steps together.
     """
 
     robot: ParallelRobot
@@ -48,7 +50,7 @@ class Simulation(ReadOnlyArrays):
     unresolved: float
     steps: int
     iterations: int  # of Newton's method; of fixed steps, their number
-    seconds: float  # time it took
+    seconds: float  # computing time
     occurrences: tuple[Occurrence, ...]
     trajectory: Trajectory
 
@@ -58,19 +60,19 @@ class Simulation(ReadOnlyArrays):
         return float(self.times[-1])
 
     def configuration(self, t: ArrayLike) -> Array:
-        """Return all coordinates (T, nq) at t (T,)."""
+        """Return all coordinates (T, nq) at t (T,) [s]."""
         return self._states(t)[0]
 
     def velocity(self, t: ArrayLike) -> Array:
-        """Return all rates (T, nv)."""
+        """Return all joint rates (T, nv) at t (T,) [s]."""
         return self._states(t)[1]
 
     def _states(self, t: ArrayLike) -> tuple[Array, Array]:
-        """Return coordinates (T, nq) and rates (T, nv) at t (T,)."""
+        """Return coordinates (T, nq) and rates (T, nv) at t (T,) [s]."""
         return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Compute platform coordinates (T, n) [m, rad]; order 1 gives its twist on its axes."""
+        """Compute platform coordinates (T, n) [m, rad], or with order 1 the twist on the platform's axes."""
         if order not in (0, 1):
             raise InvalidInput(f"order: 0 or 1, got {order!r}")
         q, v = self._states(t)
@@ -80,16 +82,12 @@ class Simulation(ReadOnlyArrays):
         return self.robot.platform.coordinates(frames)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers, for JSON."""
+        """Return the numbers of the result, for JSON."""
+        errors = ("tracking_error", "turning_error", "closure_error", "energy_error")
         return {
             "robot": self.robot.name,
             "flexibility": self.robot.flexibility,
-            "method": self.method,
-            "duration": self.duration,
-            "tracking_error": self.tracking_error,
-            "turning_error": self.turning_error,
-            "closure_error": self.closure_error,
-            "energy_error": self.energy_error,
+            **select_fields(self, "method", "duration", *errors),
             "unresolved": self.unresolved if np.isfinite(self.unresolved) else None,
             "steps": self.steps,
             "events": [{"name": event.name, "time": event.time} for event in self.occurrences],
@@ -118,11 +116,14 @@ def simulation_result(
     """Return the result of a run: sampled states and errors."""
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
-    end = run.occurrences[-1].time if run.occurrences and run.occurrences[-1].terminal else edges[-1]
-    has_fixed_steps = isinstance(trajectory, Cubics)
-    times = np.append(edges[edges < end], end) if has_fixed_steps else np.linspace(edges[0], end, samples)
+    occurrences = tuple(run.record.occurred)
+    end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])
+    if isinstance(trajectory, Cubics):  # fixed steps are reported as they are
+        times = np.append(edges[edges < end], end)
+    else:
+        times = np.linspace(edges[0], end, samples)
     q, v = trajectory(times)
-    edge_states = trajectory(edges)
+    edge_q, edge_v = trajectory(edges)
     tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
     return Simulation(
         robot=robot,
@@ -132,39 +133,39 @@ def simulation_result(
         v=v,
         tracking_error=tracking,
         turning_error=turning,
-        closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_states[0])),
-        energy_error=_energy_error(equations, run, *edge_states),
+        closure_error=max(_largest_gap(robot, times, q), _largest_gap(robot, edges, edge_q)),
+        energy_error=_energy_error(equations, run, edge_q, edge_v),
         unresolved=run.unresolved,
         steps=len(edges) - 1,
         iterations=run.iterations,
         seconds=seconds,
-        occurrences=run.occurrences,
+        occurrences=occurrences,
         trajectory=trajectory,
     )
 
 
 def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
-    """Compute the `energy_error` of a `Simulation`.
+    """Compute the `energy_error` of a `Simulation` from the states at the ends of all steps.
 
-    States q (K + 1, nq) and v are those at the ends of all steps. The scale is at least the rounding of the
-    work that lifts or moves the robot by its length.
+    States are q (K + 1, nq) and v (K + 1, nv). The scale is at least the rounding error of the work that
+    lifts or moves the robot by its length.
     """
     robot, edges = equations.robot, run.trajectory.edges
     energy = equations.energy(q, v)
-    error = np.abs(energy - energy[0] - run.supplied).max()
+    error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
     gravity = np.linalg.norm(robot.model.gravity.linear)
     acceleration = gravity + robot.length / (edges[-1] - edges[0]) ** 2
     rounding = np.finfo(float).eps * robot.mass * acceleration * robot.length
-    scale = max(run.exchanged, np.ptp(energy), kinetic.max(), rounding)
+    scale = max(run.record.exchanged, np.ptp(energy), kinetic.max(), rounding)
     return float(error / scale) if scale > 0 else 0.0
 
 
 def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
-    """Compute the largest loop equation at q (T, nq), redundant ones too.
+    """Compute the largest residual [m or rad] of all loop equations, redundant ones included, at q (T, nq).
 
     Raises:
-        NotAssembled: one that was not integrated, because it repeats others at the reference, opens.
+        NotAssembled: a loop equation opens that was not integrated, as it was redundant at the reference.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
     independent, dropped = robot.structure.independent, robot.structure.dropped
@@ -186,12 +187,12 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
 def _path_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
-    """Compute the largest distance [m] and the largest turn [rad] from the planned platform.
+    """Compute `tracking_error` and `turning_error` of a `Simulation` at q (T, nq).
 
-    Of a platform that only turns the first is a turn; the second is None unless it does both.
+    The second is None unless the platform moves and turns.
     """
     x = planned.platform(np.minimum(times, planned.duration))
     offset = robot.platform.residual(frames_at(robot, q), x)
     parts = [part for part in (robot.translations, ~robot.translations) if part.any()]
-    sizes = [float(np.linalg.norm(offset[:, part], axis=1).max()) for part in parts]
-    return sizes[0], sizes[1] if len(sizes) > 1 else None
+    errors = [float(np.linalg.norm(offset[:, part], axis=1).max()) for part in parts]
+    return errors[0], errors[1] if len(errors) > 1 else None

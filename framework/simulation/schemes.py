@@ -1,22 +1,22 @@
-"""One step of fixed length, for a stack of runs, and two ways to make it.
+"""Two schemes for one step of fixed length, on a stack of runs.
 
-Springs and damping enter implicitly, so stiff ones cost no small steps; loops enter by their rates, with
-a correction that takes what is open a share nearer each step. Both are of order 2 and solve
+Springs and damping enter implicitly, so stiff springs need no small steps. Loops enter by their rates; each
+step also closes a share of the gaps that are open. Both schemes are of order 2 and solve
 
     [ M + h^2 K' + h D'   J' ] [    a    ]   [ forces ]
     [        J            0  ] [ -lambda ] = [ rates  ]
 
-midpoint: the linear implicit midpoint rule. One mass matrix a step. No numerical damping.
-extrapolated: twice the result of two half steps less that of one whole step of the linear implicit Euler
-    method. A coordinate without mass finds its balance in one step, and vibrations too quick for the step die
-    out, where the midpoint rule would let them ring.
+midpoint: the linear implicit midpoint rule. It needs one mass matrix a step and has no numerical damping.
+extrapolated: the linear implicit Euler method, extrapolated: twice the result of two half steps less that of
+    one whole step. A coordinate without mass reaches its balance in one step. Vibrations too fast for the
+    step die out, while the midpoint rule would let them ring.
 Source: Hairer, Lubich and Roche, The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
 Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352, for the extrapolation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from framework.numerics.ordered_sums import matvec, solve
 from framework.simulation.equations import spring_forces
 from framework.simulation.terms import RobotStack
 
-# Share of an open loop that one step closes: the largest without overshoot, 6 - sqrt(32).
+# share of the gap of a loop that one step closes: 6 - sqrt(32), the largest without overshoot
 CLOSING_SHARE = 0.343
 
 
@@ -38,10 +38,16 @@ class State(NamedTuple):
     v: Array
 
 
+def stack_states(states: Sequence[State]) -> State:
+    """Return K states (nq,), (nv,) as one stack (K, nq), (K, nv)."""
+    q, v = zip(*states, strict=True)
+    return State(np.array(q), np.array(v))
+
+
 def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Array) -> Array:
     """Solve M a - J' lambda = forces, J a = rates for accelerations a (R, nv).
 
-    M is (R, nv, nv), J (R, m, nv). Accelerations are infinite where the equations are singular.
+    M is (R, nv, nv), J (R, m, nv). The accelerations of a run with singular equations are infinite.
     """
     runs, m, nv = jacobian.shape
     matrix = np.zeros((runs, nv + m, nv + m))
@@ -51,32 +57,30 @@ def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Arr
     return solve(matrix, np.concatenate([forces, rates], axis=1))[:, :nv]
 
 
-def _implicit_mass(mass: Array, stack: RobotStack, by_spring: float, by_damping: float) -> Array:
-    """Return M + by_spring K + by_damping D, (R, nv, nv).
-
-    Springs K and dampers D stand on the diagonal.
-    """
+def _implicit_mass(mass: Array, stack: RobotStack, h: float) -> Array:
+    """Compute M + h D + h^2 K (R, nv, nv) for diagonal springs K and dampers D."""
     matrix = mass.copy()
     diagonal = range(mass.shape[1])
-    matrix[:, diagonal, diagonal] += by_spring * stack.stiffness + by_damping * stack.damping
+    matrix[:, diagonal, diagonal] += h**2 * stack.stiffness + h * stack.damping
     return matrix
 
 
-def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
+def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     """Step by the linear implicit midpoint rule, h [s], under generalised forces `driven` (R, nv).
 
-    All terms are taken in the predicted middle of the step. A first guess of the acceleration gives the
-    velocity there, on which bias forces and the drift of the loops depend.
+    All terms are evaluated in the predicted middle of the step. The equations are solved twice: the first
+    acceleration is a guess that predicts the velocity in the middle, on which bias forces and the drift of
+    the loops depend.
     """
-    robot = stack.robots[0]
+    robot, (q, v) = stack.robots[0], start
     middle = integrate(robot, q, 0.5 * h * v)
     terms = stack.terms(middle, v)
-    implicit_mass = _implicit_mass(terms.mass, stack, 0.25 * h**2, 0.5 * h)
+    implicit_mass = _implicit_mass(terms.mass, stack, 0.5 * h)
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
     drift = stack.drift(terms, v)
-    gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift  # loop equations at q
-    springs = spring_forces(robot, stack.stiffness, stack.rest, middle)
-    steady = driven - springs - stack.damping * v
+    gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift  # (R, m) Taylor series back to q
+    # forces (R, nv) that are the same in both solutions
+    steady = driven - spring_forces(robot, stack.stiffness, stack.rest, middle) - stack.damping * v
     closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
     guess = _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
     v_middle = v + 0.5 * h * guess
@@ -89,18 +93,18 @@ def midpoint(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> 
 def _step_by_euler(
     stack: RobotStack, start: State, driven: Array, h: float, closing_rate: Array | None = None
 ) -> tuple[State, Array]:
-    """Step by the linear implicit Euler method, h [s]; return the rate (R, m) at which loops close too.
+    """Step by the linear implicit Euler method, h [s]; return also the closing rate (R, m) of the loops.
 
-    The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate, with all terms at q + h v, so
-    that a part without mass is in balance after the step. Without a `closing_rate` loops close a share of
-    their gap in the step.
+    The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate. All terms are evaluated at
+    q + h v, so that a part without mass is in balance after the step. By default the step closes
+    CLOSING_SHARE of every gap.
     """
     robot, (q, v) = stack.robots[0], start
     predicted = integrate(robot, q, h * v)
     terms = stack.terms(predicted, v)
     if closing_rate is None:
         closing_rate = -CLOSING_SHARE * terms.residual / h
-    implicit_mass = _implicit_mass(terms.mass, stack, h**2, h)
+    implicit_mass = _implicit_mass(terms.mass, stack, h)
     springs = spring_forces(robot, stack.stiffness, stack.rest, predicted)
     forces = driven - terms.bias - springs - stack.damping * v
     loop_acceleration = (closing_rate - matvec(terms.jacobian, v)) / h
@@ -108,19 +112,19 @@ def _step_by_euler(
     return State(integrate(robot, q, h * v_end), v_end), closing_rate
 
 
-def extrapolate(stack: RobotStack, q: Array, v: Array, driven: Array, h: float) -> State:
-    """Step by the linear implicit Euler method, extrapolated once.
+def extrapolate(stack: RobotStack, start: State, driven: Array, h: float) -> State:
+    """Step by the extrapolated linear implicit Euler method, h [s], under generalised forces (R, nv).
 
-    The result is twice that of two half steps less that of the whole. Extrapolation needs steps of different
-    length toward one solution: all close the loops at one rate.
+    The result is twice that of two half steps less that of the whole step. Extrapolation requires that whole
+    and half steps approach the same solution, so all close the loops at the same rate.
     """
-    whole, closing_rate = _step_by_euler(stack, State(q, v), driven, h)
-    half, _ = _step_by_euler(stack, State(q, v), driven, 0.5 * h, closing_rate)
+    whole, closing_rate = _step_by_euler(stack, start, driven, h)
+    half, _ = _step_by_euler(stack, start, driven, 0.5 * h, closing_rate)
     halves, _ = _step_by_euler(stack, half, driven, 0.5 * h, closing_rate)
     robot = stack.robots[0]
-    error = difference(robot, whole.q, halves.q)
-    return State(integrate(robot, halves.q, error), 2 * halves.v - whole.v)
+    correction = difference(robot, whole.q, halves.q)
+    return State(integrate(robot, halves.q, correction), 2 * halves.v - whole.v)
 
 
-Scheme = Callable[[RobotStack, Array, Array, Array, float], State]
+Scheme = Callable[[RobotStack, State, Array, float], State]
 SCHEMES: dict[str, Scheme] = {"midpoint": midpoint, "extrapolated": extrapolate}

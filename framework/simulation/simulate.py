@@ -1,18 +1,20 @@
-"""`simulate`: drive a robot with torques and see where it goes.
+"""`simulate`: drive a robot with motor torques and integrate its motion.
 
-The second witness of a plan: do its torques make its motion? All coordinates move, loops and springs
-included, and at a Type 2 singularity nothing happens at all. What it shares with the inverse dynamics:
+A simulation is the second witness of a plan: do the planned torques produce the planned motion? All
+coordinates are integrated, loops and springs included, and the equations stay regular at a Type 2
+singularity. The simulation shares with the inverse dynamics:
 
 * the robot: the tree with its springs as pinocchio reads it, index sets, gears, rotors (`model`);
-* frames, loop equations with Jacobian and drift, the platform's coordinates (`kinematics.frames`, `closures`,
-  `platform`), which equations are independent and which joints idle (`kinematics.assembly`); Newton's slopes
-  of loops and wrenches, which change how fast a step converges and not what it converges to;
+* frames, loop equations with Jacobian and drift, and the platform's coordinates (`kinematics.frames`,
+  `closures`, `platform`); the choice of independent equations and of idle joints (`kinematics.assembly`);
+  the slopes of loops and wrenches in Newton's method, which affect its speed but not its solution;
 * the start, which is the plan's own.
 
-Not shared is how forces are found: no law, no A, no elimination of the loops' forces, no condition at a
-crossing, no deflections. A fault in what is shared makes both wrong alike; the tests hold every robot against
-equations of motion that share the tree and the words of the robot file alone (`tests/oracles`:
-equations_of_motion.py at instants, forward_simulation.py by integration).
+The computation of forces is not shared: the simulation has no law, no matrix A, no elimination of loop
+forces, no condition at a crossing and no prescribed deflections. A fault in a shared part would make both
+wrong alike. Therefore the tests compare every robot with equations of motion that share only the tree and
+the keys of the robot file (`tests/oracles`: equations_of_motion.py at instants, forward_simulation.py by
+integration).
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from framework.simulation.consistent import consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.events import Event
-from framework.simulation.methods import METHODS, IntegrationTask, Method, MethodSettings
+from framework.simulation.methods import METHODS, IntegrationTask, MethodSettings
 from framework.simulation.result import Simulation, simulation_result
 from framework.simulation.schemes import State
 from framework.tolerances import AT_REST, SAME_PLACE
@@ -40,7 +42,7 @@ from framework.tolerances import AT_REST, SAME_PLACE
 DEFAULT_SAMPLES = 501
 SAMPLE_RANGE = (2, 10_000_000)
 STAGE_RANGE = (3, 30)
-MIN_TOLERANCE = 1e-14  # [rad, robot lengths]: less is rounding
+MIN_TOLERANCE = 1e-14  # [rad, robot lengths]: smaller errors are rounding
 
 
 def simulate(
@@ -65,45 +67,48 @@ def simulate(
 
     Args:
         robot: the robot; or a plan alone, which is then simulated on its own robot.
-        drive: a plan or a result of `inverse_dynamics` (without its dry friction, which the simulated robot
-            has not), or motor torques (n_a,) [N m] as torque(t) or as
-            feedback torque(t, q, v), motor side.
-        method: reference (to `tolerance`, 1e-12); stiff (the same with fewer stages, 1e-7: quick vibrations
-            that nobody excites cost nothing); fast (fixed steps of order 2, 1e-3 s, the torque held in each
-            as control loops hold it); explicit (fixed steps of order 8 by pinocchio's contact dynamics, the
-            quickest where all joints move some mass and loops are points or welds).
-        start, start_velocity: q (nq,) and v (nv,) at t = 0; of a planned motion by default its own (of a plan
-            for other springs: its first point, at rest), else the assembled reference and rest. Loops are
-            closed and massless parts balanced from there.
-        duration: [s]; of a planned motion its own.
-        tolerance: what a step of reference or stiff may leave unresolved [rad, lengths of the robot].
+        drive: a plan or a result of `inverse_dynamics`, applied without the torque that overcomes dry
+            friction, as the simulated robot has none; or motor torques (n_a,) [N m], motor side, as
+            torque(t) or as feedback torque(t, q, v).
+        method: reference (collocation to `tolerance`, 1e-12); stiff (the same with fewer stages and 1e-7:
+            fast vibrations that nothing excites cost nothing); fast (fixed steps of order 2, 1e-3 s, with the
+            torque constant over a step, as in a control loop); explicit (fixed steps of order 8 by
+            pinocchio's contact dynamics: the fastest if every joint moves some mass and every loop is a
+            point or a weld).
+        start, start_velocity: q (nq,) and v (nv,) at t = 0. By default they come from the planned motion (if
+            it was planned with other springs: the assembled pose of its first point, at rest), else they are
+            the assembled reference and rest. From there the loops are closed and massless parts balanced.
+        duration: [s]; by default that of the planned motion.
+        tolerance: what a step of reference or stiff may leave unresolved [rad, robot lengths].
         step: fixed step of fast and explicit, longest step of the others [s].
-        stages: collocation points a step, 3 to 30.
-        damping: viscous, on every joint rate [N m s/rad, N s/m], one number or (nv,).
-        wrenches: of the world, as for `plan_crossing`; by default those of the planned motion, and {} is
-            none. A table over s needs a planned motion, at whose s it acts then.
-        breaks: instants at which torque(t) jumps or has a kink [s]; planned motions know theirs.
+        stages: collocation nodes of a step, 3 to 30.
+        damping: viscous damping of every joint rate [N m s/rad, N s/m], one number or (nv,).
+        wrenches: wrenches of the world, as for `plan_crossing`; by default those of the planned motion; {}
+            for none. A table over s needs a planned motion, which tells s at each instant.
+        breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
         events: zeros to report; see `Event`.
-        samples: equidistant instants of the result, of reference and stiff; the others keep their steps.
-        progress: called with the share that is done, 0 to 1.
+        samples: number of equidistant instants in the result of reference and stiff; the other methods
+            return the ends of their steps.
+        progress: called with the finished share of the motion, 0 to 1.
 
     Raises:
-        InvalidInput: method, option or start that cannot be; a motion with neither mass nor stiffness.
-        NotAssembled: the loops do not close from the start, or one opens that was redundant at the reference.
-        NotConverged: no step can be solved from some instant on, or fixed steps are too long for the motion.
+        InvalidInput: an invalid method, option or start; a motion with neither mass nor stiffness.
+        NotAssembled: the loops do not close from the start, or a loop equation opens that was redundant at
+            the reference.
+        NotConverged: from some instant on no step can be solved, or fixed steps are too long for the motion.
     """
     began = clock.perf_counter()
     robot, drive = _robot_and_drive(robot, drive)
     check_choice("method", method, METHODS)
-    integrator = METHODS[method]
-    settings = _method_settings(integrator, method, tolerance, step, stages)
+    settings = _method_settings(method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, damping)
     source = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
     span = _simulated_duration(duration, planned)
     state = _consistent_start(equations, source, planned, start, start_velocity)
-    run = integrator.run(IntegrationTask(equations, source, state, span, tuple(events), progress), settings)
+    task = IntegrationTask(equations, source, state, span, events, progress)
+    run = METHODS[method].run(task, settings)
     return simulation_result(
         equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
     )
@@ -118,21 +123,21 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 
 
 def _method_settings(
-    method: Method, name: str, tolerance: float | None, step: float | None, stages: int | None
+    method: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
     """Return the method's settings with the caller's numbers in place of defaults."""
-    settings = method.settings
+    settings = METHODS[method].settings
     if tolerance is not None:
         if not settings.stages:
-            raise InvalidInput(f"tolerance: method {name} has none; its step [s] sets how exact it is")
-        if not MIN_TOLERANCE <= float(finite_numbers("tolerance", [tolerance], 1)[0]) < 1:
+            raise InvalidInput(f"tolerance: method {method} has none; its step [s] sets how exact it is")
+        if not MIN_TOLERANCE <= finite_numbers("tolerance", [tolerance], 1)[0] < 1:
             raise InvalidInput(f"tolerance: must lie in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
         settings = settings._replace(tolerance=float(tolerance))
     if stages is not None:
         if not settings.stages:
-            raise InvalidInput(f"stages: method {name} has none")
+            raise InvalidInput(f"stages: method {method} has none")
         stages = whole_number("stages", stages, *STAGE_RANGE)
-        settings = settings._replace(stages=stages, event_samples=2 * stages)
+        settings = settings._replace(stages=stages)
     if step is not None:
         if not finite_numbers("step", [step], 1)[0] > 0:
             raise InvalidInput(f"step: must be positive [s], got {step!r}")
@@ -141,7 +146,7 @@ def _method_settings(
 
 
 def _simulated_duration(duration: float | None, planned: PlannedMotion | None) -> float:
-    """Return the duration [s], by default of the planned motion."""
+    """Return the checked duration [s], by default that of the planned motion."""
     if duration is None:
         if planned is None:
             raise InvalidInput("duration: required [s] when the drive is a function")
@@ -160,24 +165,24 @@ def _consistent_start(
     start: ArrayLike | None,
     start_velocity: ArrayLike | None,
 ) -> State:
-    """Return the consistent state at t = 0."""
-    robot, model = equations.robot, equations.robot.model
+    """Return the consistent state at t = 0 next to the given or the planned start."""
+    robot = equations.robot
+    q, v = robot.reference.q, np.zeros(robot.nv)
     if start is not None:
-        q, v = finite_numbers("start", start, model.nq), np.zeros(model.nv)
+        q = finite_numbers("start", start, robot.model.nq)
     elif planned is not None:
         q, v = _planned_start(robot, planned)
-    else:
-        q, v = robot.reference.q, np.zeros(model.nv)
     if start_velocity is not None:
-        v = finite_numbers("start_velocity", start_velocity, model.nv)
+        v = finite_numbers("start_velocity", start_velocity, robot.nv)
     torque = drive(np.zeros(1), q[None], v[None])[0]
-    return State(*consistent_state(equations, q, v, torque, drive.world))
+    return consistent_state(equations, q, v, torque, drive.world)
 
 
 def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
     """Return q (nq,) and v (nv,) at the plan's start.
 
-    For a robot with other springs than the plan's it is its own pose there, at rest.
+    A robot with other springs than the planned one has another q: it starts at rest, assembled with its
+    platform at the first point of the plan.
     """
     q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
     owner = getattr(planned, "robot", robot)

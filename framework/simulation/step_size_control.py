@@ -1,8 +1,9 @@
-"""Collocation steps of variable length from one end of a simulation to the other.
+"""Collocation steps of variable length over a whole simulation.
 
-Steps grow and shrink with what they leave unresolved. Where the loops lose rank in passing (a singularity of
-the closures) short steps cannot be solved at all, but a long one may, with its nodes on both sides: where
-steps get much shorter than they usually are, a few longer ones are tried before going on with short ones.
+The length of a step follows from the part of the motion that the step before left unresolved. At a
+singularity of the closures the loops lose rank for an instant. Short steps cannot be solved there, but a long
+step may be, with its nodes on both sides. Therefore, where steps become much shorter than usual, a few longer
+ones are tried before the simulation goes on with short ones.
 """
 
 from __future__ import annotations
@@ -15,59 +16,64 @@ import numpy as np
 
 from framework.errors import NotConverged
 from framework.numerics.arrays import LEAST_DIVISOR, Array
-from framework.simulation.collocation import Collocation, CollocationStep, radau_table, solve_step
+from framework.simulation.collocation import (
+    Collocation,
+    CollocationStep,
+    StepEquations,
+    StepFailed,
+    radau_table,
+)
 from framework.simulation.consistent import allowed_velocity
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
+from framework.simulation.schemes import State
 
-BRIDGING_LENIENCY = 1e3  # times the tolerance, left by a step over a singularity; `unresolved` says it
-MIN_STEP_RATIO = 1e-9  # of the duration: where shorter ones are taken, the simulation is given up
-BRIDGED_SHORTENING = 8.0  # times shorter than the usual step
+BRIDGING_LENIENCY = 1e3  # factor on the tolerance of a step over a singularity; `unresolved` reports it
+MIN_STEP_RATIO = 1e-9  # of the duration: the simulation is given up where shorter steps are needed
+BRIDGED_SHORTENING = 8.0  # a step shorter than the usual one by this factor meets a singularity
 BRIDGING_RATIOS = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)  # of the usual step, tried over a singularity
-FAILED_STEP_RATIO = 0.25  # of its length is tried next when a step was not solved
-MOVE_ROUNDING = 1e-15  # of a joint's move in a step: less cannot be resolved
+FAILED_STEP_RATIO = 0.25  # after a step without solution, the next is shorter by this factor
+MOVE_ROUNDING = 1e-15  # share of a joint's motion in a step that rounding leaves unresolved
 FIRST_STEP_RATIO = 1 / 8  # of the duration
-COUNT_ROUNDING = 1e-9  # of a step: a rest that is smaller makes no step of its own
-# bounds on the change of length from step to step, and its caution
+COUNT_ROUNDING = 1e-9  # of a step: a shorter remainder is no step of its own
+# bounds on the growth from step to step, and a safety factor
 MAX_STEP_GROWTH, MIN_STEP_GROWTH, STEP_SAFETY = 3.0, 0.2, 0.9
-NEWTON_SHARE = 0.01  # of the tolerance, to which a step is solved
-REFUSED_STEP_RATIO = 0.7  # of its length, at most, for what is tried next
-MAX_STEPS, PROJECTED_AFTER = 20_000, 100  # at the pace of so many steps, no more than so many may be needed
-GUESS_COEFFICIENTS = 4  # Legendre coefficients of a step that guess the next one
+NEWTON_SHARE = 0.01  # share of the tolerance to which a step is solved
+REFUSED_STEP_RATIO = 0.7  # after an unresolved step, the next is shorter at least by this factor
+# steps that a simulation may need, extrapolated from the pace once so many were accepted
+MAX_STEPS, PROJECTED_AFTER = 20_000, 100
+GUESS_COEFFICIENTS = 4  # number of Legendre coefficients that are extrapolated to the next step
 
 
 @dataclass
 class StepSizeControl:
-    """The length [s] of the next step, with the lengths behind the choice."""
+    """The length of the next step and the quantities that determine its choice; lengths in seconds."""
 
-    length: float
+    length: float  # of the next step
     longest: float
     usual: float = 0.0  # length of the last accepted steps
-    short: float = 0.0  # to go on with when stepping over does not help; 0: nothing is being stepped over
+    short: float = 0.0  # length to go on with if no bridging step succeeds; 0 while none is being tried
     tried: int = 0  # number of `BRIDGING_RATIOS` tried over the present singularity
     accepted: int = 0  # number of steps
 
     def next_length(self, remaining: float) -> float:
-        """Return the length [s] of the next step.
-
-        Two equal steps end a stretch, instead of a long one and a tiny one.
-        """
+        """Return the length [s] of the next step; the last two of a stretch are equal."""
         count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
         return remaining / count if count <= 2 else self.length
 
     def accept(self, length: float, factor: float) -> None:
-        """Accept a step; the next may be longer by this factor."""
+        """Accept a step of this length [s]; set the next by the growth `factor`."""
         self.length = min(self.longest, length * factor)
         self.usual = max(length, 0.5 * self.usual)
         self.short, self.tried = 0.0, 0
         self.accepted += 1
 
     def reject(self, length: float, factor: float, remaining: float) -> None:
-        """Reject a step of this length and choose the next.
+        """Reject a step of this length [s] and choose the next.
 
-        It is shorter by this factor, or steps over a singularity. Where steps become far shorter than usual,
-        long ones are tried first, one of `BRIDGING_RATIOS` after the other. If none succeeds, `short` is the
-        length to go on with.
+        The next step is shorter by `factor`. Where steps become far shorter than usual, long steps over the
+        singularity are tried first, one of `BRIDGING_RATIOS` after the other. If none succeeds, the
+        simulation goes on with the length `short`.
         """
         shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
         meets_singularity = bool(self.short) or shorter < self.usual / BRIDGED_SHORTENING
@@ -81,69 +87,69 @@ class StepSizeControl:
 def collocate(
     equations: EquationsOfMotion,
     drive: Drive,
-    q: Array,
-    v: Array,
+    start: State,
     duration: float,
     *,
     stages: int,
     tolerance: float,
     longest: float,
 ) -> Iterator[CollocationStep]:
-    """Yield steps from 0 to `duration`, each resolved to `tolerance`.
+    """Yield the steps from `start` at 0 to `duration` [s], each resolved to `tolerance`.
 
-    Over a singularity of the closures rounding may leave more unresolved; `CollocationStep.unresolved` tells.
+    A step has `stages` nodes and at most the length `longest` [s]. The tolerance is in rad or robot lengths.
+    A step over a singularity of the closures may leave more unresolved; see `CollocationStep.unresolved`.
 
     Raises:
-        NotConverged: no step, however short, can be solved or resolved.
+        NotConverged: no step, however short, can be solved or resolved; or too many steps are needed.
     """
     table = radau_table(stages)
     control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
     for time, end in pairwise(drive.edges(duration)):
         previous = None
         while time < end:
-            length = control.next_length(end - time)
-            step = solve_step(
-                equations,
-                drive,
-                table,
-                time=time,
-                length=length,
-                q0=q,
-                v0=v,
-                guess=_extrapolate_guess(equations, table, previous, length),
-                accuracy=NEWTON_SHARE * tolerance,
-            )
-            if isinstance(step, str):
-                previous, reason = None, step
-                control.reject(length, FAILED_STEP_RATIO, end - time)
+            remaining = end - time
+            length = control.next_length(remaining)
+            guess = _extrapolate_guess(equations, table, previous, length)
+            try:
+                step = StepEquations(equations, drive, table, time, length, start).solve(
+                    *guess, NEWTON_SHARE * tolerance
+                )
+            except StepFailed as failure:
+                previous, reason = None, str(failure)
+                control.reject(length, FAILED_STEP_RATIO, remaining)
             else:
-                joint_motions = length * np.abs(step.slope / equations.robot.column_scale)
-                admissible = tolerance + MOVE_ROUNDING * float(joint_motions.max(initial=0.0))
-                # what a step leaves unresolved grows with its length to the power stages + 1
-                factor = (admissible / max(step.unresolved, LEAST_DIVISOR)) ** (1 / (stages + 1))
-                factor = float(np.clip(STEP_SAFETY * factor, MIN_STEP_GROWTH, MAX_STEP_GROWTH))
+                admissible = tolerance + MOVE_ROUNDING * _largest_motion(equations, step)
                 leniency = BRIDGING_LENIENCY if control.short else 1.0  # over a singularity
+                growth = _step_growth(admissible / max(step.unresolved, LEAST_DIVISOR), stages)
                 if step.unresolved <= leniency * admissible:
                     yield step
-                    q, v = end_state(equations, step)
-                    time = end if length == end - time else time + length
-                    previous = step
-                    control.accept(length, factor)
-                    many = control.accepted >= PROJECTED_AFTER
-                    if many and control.accepted * duration > MAX_STEPS * time:
+                    start, previous = end_state(equations, step), step
+                    time = end if length == remaining else time + length
+                    control.accept(length, growth)
+                    is_slow_pace = control.accepted * duration > MAX_STEPS * time
+                    if control.accepted >= PROJECTED_AFTER and is_slow_pace:
                         raise _stalled_error(equations, time, length, "they are too many")
                     continue
                 reason = "the motion is not resolved"
-                control.reject(length, factor, end - time)
+                control.reject(length, growth, remaining)
             if control.length < MIN_STEP_RATIO * duration:
                 raise _stalled_error(equations, time, control.length, f"and even they fail: {reason}")
 
 
-def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
-    """Return the error of a simulation that needs too short steps.
+def _largest_motion(equations: EquationsOfMotion, step: CollocationStep) -> float:
+    """Return the largest joint motion of a step [rad, robot lengths], estimated from its slopes."""
+    joint_motions = step.length * np.abs(step.slope / equations.robot.column_scale)
+    return float(joint_motions.max(initial=0.0))
 
-    At this time [s] it needs steps of this length [s].
-    """
+
+def _step_growth(ratio: float, stages: int) -> float:
+    """Return the factor on the length of the next step for the ratio of admissible to unresolved part."""
+    # the unresolved part grows with the length of a step to the power stages + 1
+    return float(np.clip(STEP_SAFETY * ratio ** (1 / (stages + 1)), MIN_STEP_GROWTH, MAX_STEP_GROWTH))
+
+
+def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
+    """Return the error of a simulation that needs steps as short as `length` [s] at `time` [s]."""
     return NotConverged(
         f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
         f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
@@ -152,23 +158,20 @@ def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why
     )
 
 
-def end_state(equations: EquationsOfMotion, step: CollocationStep) -> tuple[Array, Array]:
-    """Return the state at the end of a step.
-
-    Its velocity is one that the loops allow.
-    """
+def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
+    """Return the state at the end of a step, with the velocity projected onto the loops."""
     tangent = equations.tangent_at_rest(step.q[-1])
-    return step.q[-1], allowed_velocity(equations, tangent, step.v[-1])
+    return State(step.q[-1], allowed_velocity(equations, tangent, step.v[-1]))
 
 
 def _extrapolate_guess(
     equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
-    """Extrapolate accelerations and multipliers at the nodes from the previous step; zero without one."""
+    """Extrapolate accelerations (s, nv) and multipliers (s, m) from the previous step; zero without one."""
     if previous is None:
         a = np.zeros((table.stages, equations.robot.nv))
         return a, np.zeros((table.stages, len(equations.rows.names)))
-    shares = 1.0 + table.nodes * (length / previous.length)
+    c = 1.0 + table.nodes * (length / previous.length)  # the new nodes on the scale of the previous step
     count = min(GUESS_COEFFICIENTS, table.stages)
-    ahead = table.basis(shares, count - 1) @ table.series[:count]
-    return ahead @ previous.a, ahead @ previous.multipliers
+    extrapolation = table.basis(c, count - 1) @ table.series[:count]  # (s, s)
+    return extrapolation @ previous.a, extrapolation @ previous.multipliers

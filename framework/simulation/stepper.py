@@ -1,6 +1,7 @@
-"""Fixed steps for control loops and for many runs at once: a step is a pure function of the state.
+"""Fixed steps for control loops and for many runs at once.
 
-The motor torque is held over the step, as a digital controller holds it.
+A step is a pure function of the state. The motor torque is constant over the step, as under a digital
+controller.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matvec
 from framework.simulation.consistent import consistent_state, free_motions
-from framework.simulation.schemes import SCHEMES, State
+from framework.simulation.schemes import SCHEMES, State, stack_states
 from framework.simulation.terms import RobotStack
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 
 
 @dataclass(frozen=True, eq=False)
 class Stepper:
-    """Advances one robot, one robot in many runs, or as many robots as runs; made by `Stepper.of`."""
+    """A fixed-step integrator of one robot in any number of runs, or of R robots in R runs."""
 
     stack: RobotStack
     scheme: str  # of SCHEMES
@@ -37,26 +38,24 @@ class Stepper:
     ) -> Stepper:
         """Make a stepper of one robot or of R robots of one structure.
 
-        One robot serves any number of runs.
-
         Args:
             damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
-            scheme: midpoint or extrapolated, see `schemes`; by default midpoint, extrapolated where parts
-                have no mass.
-            like: a robot of the same structure that tells which loop equations are independent, which
-                joints idle and whether parts have no mass; the first of the robots by default.
+            scheme: midpoint or extrapolated, see `schemes`; by default extrapolated if parts have no mass,
+                else midpoint.
+            like: a robot of the same structure that decides which loop equations are independent, which
+                joints idle and whether parts have no mass; by default the first of the robots.
 
         Raises:
-            InvalidInput: unknown scheme, one that does not suit the robot, robots of different structure.
+            InvalidInput: a scheme that is unknown or does not suit the robot; robots of different structure.
         """
         stack = RobotStack.of(robots, damping, like)
         first = stack.first
-        light = free_motions(first, first.tangent_at_rest(first.robot.reference.q))[1]  # (nv, k)
-        massless = light.shape[1] > 0  # whether the loops allow a motion without mass
+        light = free_motions(first, first.tangent_at_rest(first.robot.reference.q))[1]
+        has_light_motion = light.shape[1] > 0
         if scheme is None:
-            scheme = "extrapolated" if massless else "midpoint"
+            scheme = "extrapolated" if has_light_motion else "midpoint"
         check_choice("scheme", scheme, SCHEMES)
-        if massless and scheme == "midpoint":
+        if has_light_motion and scheme == "midpoint":
             raise InvalidInput(f"{stack.robots[0].name}: parts without mass need the scheme extrapolated")
         return Stepper(stack, scheme)
 
@@ -68,30 +67,30 @@ class Stepper:
         *,
         world: WorldForces = NO_FORCES,
     ) -> State:
-        """Find the nearest consistent state.
+        """Find the consistent state next to q (nq,) or (R, nq): loops closed, massless parts in balance.
 
-        Its loops close and massless parts are in balance. q (nq,) or (R, nq); v of zeros and torque (n_a,) of
-        zeros by default; the world as it is at t = 0.
+        v (nv,) or (R, nv) and motor torques (n_a,) or (R, n_a) [N m], motor side, are zero by default. The
+        forces of the world are those at t = 0.
 
         Raises:
             NotAssembled, NotConverged, InvalidInput: see `consistent_state`.
         """
         robot, q = self.stack.robots[0], np.asarray(q, dtype=float)
         runs = np.atleast_2d(q)  # (R, nq)
-        v = np.zeros((len(runs), robot.nv)) if v is None else np.atleast_2d(np.asarray(v, dtype=float))
-        tau = np.zeros((len(runs), robot.n_a)) if torque is None else np.atleast_2d(torque)
+        rates = np.zeros((len(runs), robot.nv)) if v is None else np.atleast_2d(np.asarray(v, dtype=float))
+        torques = np.zeros((len(runs), robot.n_a)) if torque is None else np.atleast_2d(torque)
         states = [
-            consistent_state(self.stack.equations(k), runs[k], v[k], tau[k], world) for k in range(len(runs))
+            consistent_state(self.stack.equations(k), *run, world)
+            for k, run in enumerate(zip(runs, rates, torques, strict=True))
         ]
-        starts, velocities = map(np.array, zip(*states, strict=True))
-        return State(starts.reshape(q.shape), velocities.reshape(*q.shape[:-1], robot.nv))
+        new = stack_states(states)
+        return State(new.q.reshape(q.shape), new.v.reshape(*q.shape[:-1], robot.nv))
 
     def step(self, q: Array, v: Array, torque: Array, h: float, *, world: Array | None = None) -> State:
-        """Return the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
+        """Compute the state h [s] later under constant torques (n_a,) or (R, n_a) [N m], motor side.
 
-        And under constant generalised forces of the `world` (nv,) or (R, nv), none by default. A run that
-        diverges, or whose equations are singular, comes out as NaN or infinite. A run comes out the same to
-        the last bit whatever stack it is in.
+        The result is NaN or infinite for a run that diverges or has singular equations. A run has the same
+        result, to the last bit, in any stack. The forces of the `world` (nv,) or (R, nv) are constant, too.
         """
         runs, rates = np.atleast_2d(q), np.atleast_2d(v)  # (R, nq), (R, nv)
         driven = np.zeros(rates.shape)  # generalised forces of motors and world
@@ -99,13 +98,14 @@ class Stepper:
         if world is not None:
             driven += world
         with np.errstate(over="ignore", invalid="ignore"):
-            new = SCHEMES[self.scheme](self.stack, runs, rates, driven, h)
+            new = SCHEMES[self.scheme](self.stack, State(runs, rates), driven, h)
         return State(new.q.reshape(q.shape), new.v.reshape(v.shape))
 
     def platform(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Compute coordinates x and twist of the platform on its axes, (n,) or (R, n)."""
+        """Compute coordinates x and twist of the platform on its axes, (n,) or (R, n) each."""
         platform, rates = self.stack.robots[0].platform, np.atleast_2d(v)
         frames = self.stack.terms(np.atleast_2d(q), rates).frames
-        x, twist = platform.coordinates(frames), matvec(platform.jacobian(frames), rates)
+        x = platform.coordinates(frames)
+        twist = matvec(platform.jacobian(frames), rates)
         shape = (*q.shape[:-1], platform.n)
         return x.reshape(shape), twist.reshape(shape)

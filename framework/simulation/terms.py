@@ -1,14 +1,14 @@
-"""Mass matrix, bias forces and closures for a stack of runs, one call of pinocchio each.
+"""Mass matrix, bias forces and loop equations for a stack of runs.
 
-Each run may have a robot of its own (another payload, other lengths, other springs) as long as joints and
-loops are the same. For the fixed-step integrators; `equations` has the derivatives that Newton's method asks.
+Each run may have its own robot (another payload, other lengths, other springs) if joints and loops are the
+same. The fixed-step integrators use these terms; `equations` adds the derivatives for Newton's method.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -24,26 +24,26 @@ from framework.simulation.equations import EquationsOfMotion, check_damping
 
 
 class Terms(NamedTuple):
-    """The terms of R equations of motion: M, c + g and the loop equations with their drift."""
+    """The terms of the equations of motion of R runs."""
 
-    mass: Array  # (R, nv, nv) with rotors
+    mass: Array  # (R, nv, nv) M with rotors
     bias: Array  # (R, nv) c + g
     frames: FrameStack
-    residual: Array  # (R, m)
-    jacobian: Array  # (R, m, nv)
+    residual: Array  # (R, m) of the loop equations
+    jacobian: Array  # (R, m, nv) of the loop equations
     tree_rate: Array  # (R, 6, nv) time derivative of the tree's Jacobian on world axes
 
 
 @dataclass(frozen=True, eq=False)
 class RobotStack:
-    """R robots of one structure, with their numbers stacked; one robot may serve any number of runs."""
+    """R robots of one structure with their parameters stacked; a single robot serves any number of runs."""
 
     robots: tuple[ParallelRobot, ...]
-    first: EquationsOfMotion  # of the robot on which the structure is found
+    first: EquationsOfMotion  # of the robot that decides the structure, see `of`
     gear_ratio: Array  # (R, n_a)
-    rotors: Array  # (R, nv)
+    rotors: Array  # (R, nv) inertia, joint side
     stiffness: Array  # (R, nv)
-    rest: Array  # (R, nv) where the springs are at rest, as an offset from the neutral configuration
+    rest: Array  # (R, nv) rest position of the springs, as an offset from the neutral configuration
     damping: Array  # (R, nv)
 
     @staticmethod
@@ -54,7 +54,7 @@ class RobotStack:
     ) -> RobotStack:
         """Stack one robot or several of the same structure.
 
-        `like` decides which loop equations count and which joints idle.
+        `like`, by default the first, decides which loop equations are independent and which joints idle.
 
         Raises:
             InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.
@@ -66,20 +66,25 @@ class RobotStack:
         first = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
-        idle_inertia = first.rotors - like.rotors  # that keeps massless idle joints still
-        added = check_damping(damping, (len(robots), like.model.nv))
+        idle_inertia = first.rotors - like.rotors  # of idle joints without mass
+        added_damping = check_damping(damping, (len(robots), like.nv))
+
+        def stack(parameter: str) -> Array:
+            """Return a parameter of all robots, (R, ...)."""
+            return np.array([getattr(robot, parameter) for robot in robots])
+
         return RobotStack(
             robots=robots,
             first=first,
-            gear_ratio=np.array([robot.gear_ratio for robot in robots]),
-            rotors=np.array([robot.rotors for robot in robots]) + idle_inertia,
-            stiffness=np.array([robot.all_stiffness for robot in robots]),
-            rest=np.array([robot.joint_rest for robot in robots]),
-            damping=added + np.array([robot.joint_damping for robot in robots]),
+            gear_ratio=stack("gear_ratio"),
+            rotors=stack("rotors") + idle_inertia,
+            stiffness=stack("all_stiffness"),
+            rest=stack("joint_rest"),
+            damping=stack("joint_damping") + added_damping,
         )
 
     def equations(self, run: int) -> EquationsOfMotion:
-        """Return the equations of one run, with all that the robots share."""
+        """Return the equations of motion of one run."""
         k = run if len(self.robots) > 1 else 0
         return replace(
             self.first,
@@ -90,20 +95,21 @@ class RobotStack:
         )
 
     def _models(self, runs: int) -> list[pin.Model]:
-        """Return the model of each run."""
+        """Return the pinocchio model of each of R runs."""
         models = [robot.model for robot in self.robots]
         return models if len(models) > 1 else models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
-        """Compute all terms at q (R, nq) and v (R, nv).
-
-        Pinocchio fills the upper half of a mass matrix, to which the rotors are added.
-        """
-        (runs, nv), scratch = v.shape, scratch_of(self.robots[0])
-        data, models = scratch.data, self._models(runs)
-        mass, bias, dJ = np.empty((runs, nv, nv)), np.empty((runs, nv)), np.empty((runs, 6, nv))
+        """Compute all terms at q (R, nq) and v (R, nv)."""
+        runs, nv = v.shape
+        scratch, models = scratch_of(self.robots[0]), self._models(runs)
+        data = scratch.data
+        mass = np.empty((runs, nv, nv))
+        bias = np.empty((runs, nv))
+        dJ = np.empty((runs, 6, nv))
 
         def compute(k: int) -> pin.Model:
+            """Compute the terms of the tree in run k; return the model for its frames."""
             bias[k] = pin.nonLinearEffects(models[k], data, q[k], v[k])
             mass[k] = pin.crba(models[k], data, q[k])
             pin.computeJointJacobiansTimeVariation(models[k], data, q[k], v[k])
@@ -111,17 +117,18 @@ class RobotStack:
             return models[k]
 
         frames = collect_frames(scratch, q, compute)
-        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)
+        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills the upper half
         mass[:, range(nv), range(nv)] += self.rotors
         loops = loop_equations(self.first.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
 
     def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
-        """Return the terms at configurations q (R, nq) for other velocities v (R, nv).
+        """Return `terms`, computed at q (R, nq), for other velocities v (R, nv).
 
         Only bias forces and the rate of the tree's Jacobian depend on velocities.
         """
-        bias, dJ = np.empty_like(terms.bias), np.empty_like(terms.tree_rate)
+        bias = np.empty_like(terms.bias)
+        dJ = np.empty_like(terms.tree_rate)
         data = scratch_of(self.robots[0]).data
         for k, model in enumerate(self._models(len(q))):
             pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
@@ -130,7 +137,7 @@ class RobotStack:
         return terms._replace(bias=bias, tree_rate=dJ)
 
     def drift(self, terms: Terms, v: Array) -> Array:
-        """Compute the second derivative (R, m) of the loop equations when joint accelerations are zero."""
+        """Compute the second time derivative (R, m) of the loop equations at zero joint accelerations."""
         frames = terms.frames
         rates = frames.carried * v[:, None]  # (R, F, nv)
         screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
@@ -140,16 +147,15 @@ class RobotStack:
 
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
     """Refuse robots that cannot be stacked."""
-    same = (
-        list(first.model.names) == list(second.model.names)
-        and first.model.nv == second.model.nv
-        and all(
-            np.array_equal(getattr(first, name), getattr(second, name))
-            for name in ("actuated", "elastic", "frames")
-        )
-        and all(np.array_equal(getattr(first.loops, n), getattr(second.loops, n)) for n in vars(first.loops))
-    )
-    if not same:
+    if not all(map(np.array_equal, _structure(first), _structure(second))):
         raise InvalidInput(
             f"robots: {second!r} differs from {first!r} in more than numbers; a stack needs one structure"
         )
+
+
+def _structure(robot: ParallelRobot) -> list[Any]:
+    """Return the properties in which the robots of a stack agree: joints, index sets and loop rows."""
+    joints = [list(robot.model.names), robot.model.nv]
+    index_sets = [robot.actuated, robot.elastic, robot.frames]
+    loop_rows = [getattr(robot.loops, field.name) for field in fields(robot.loops)]
+    return joints + index_sets + loop_rows

@@ -1,4 +1,4 @@
-"""A simulated motion between its steps."""
+"""A simulated motion as a function of time, also between the ends of its steps."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ from framework.tolerances import SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class Polynomials:
-    """Collocation steps: their own polynomials, of the degree of their stages; velocities are continuous."""
+    """The polynomials of collocation steps, of the degree of their stages; velocities are continuous."""
 
     robot: ParallelRobot
     steps: tuple[CollocationStep, ...]
 
     @property
     def edges(self) -> Array:
-        return np.array([self.steps[0].time, *(step.times[-1] for step in self.steps)])
+        """The ends (K + 1,) of the K steps [s]."""
+        return np.array([self.steps[0].time, *(step.end for step in self.steps)])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Evaluate positions (T, nq) and velocities (T, nv) at times (T,) [s].
 
-        q is the integral of its stages' slopes from the start of the step; v interpolates stages and start.
+        The tangent offset from the start of a step is the integral of the slopes at its nodes. The velocity
+        interpolates the start and the nodes.
         """
         index, table = _step_index(self.edges, t), self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
-        basis = table.basis((t - times[index]) / lengths[index])
+        basis = table.basis((t - times[index]) / lengths[index])  # (T, stages + 1)
         starts = np.array([step.start for step in self.steps])[index]
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
@@ -45,7 +47,7 @@ class Polynomials:
 
 @dataclass(frozen=True, eq=False)
 class Cubics(ReadOnlyArrays):
-    """Fixed steps: cubic polynomials through the states at their ends."""
+    """Cubic polynomials through the states at the ends of fixed steps."""
 
     robot: ParallelRobot
     edges: Array  # (K + 1,) [s]
@@ -55,9 +57,9 @@ class Cubics(ReadOnlyArrays):
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s].
 
-        With u in [0, 1] on a step of length h, the offset from its start is h v_0 u + c_2 u^2 + c_3 u^3. At
-        u = 1 it is the offset d of the end, with the rate h v_1: so c_2 = 3 d - 2 h v_0 - h v_1 and
-        c_3 = h v_0 + h v_1 - 2 d.
+        On a step of length h, with u in [0, 1], the tangent offset from the start of the step is
+        h v_0 u + c_2 u^2 + c_3 u^3. At u = 1 the offset is d, that of the end of the step, and its derivative
+        by u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and c_3 = h v_0 + h v_1 - 2 d.
         """
         k = _step_index(self.edges, t)
         h = np.diff(self.edges)[k][:, None]
@@ -71,14 +73,14 @@ class Cubics(ReadOnlyArrays):
         return integrate(self.robot, self.q[k], offset), rate
 
 
-Trajectory = Polynomials | Cubics  # q (T, nq) and v (T, nv) at any times (T,) [s] between `edges`
+Trajectory = Polynomials | Cubics  # gives q (T, nq) and v (T, nv) at any times (T,) [s] between its `edges`
 
 
 def _step_index(edges: Array, t: Array) -> IntArray:
-    """Compute the index of the step of each time.
+    """Return the index (T,) of the step that contains each of the times t (T,).
 
     Raises:
-        InvalidInput: a time lies outside.
+        InvalidInput: a time lies outside of all steps.
     """
     slack = SAME_PLACE * (edges[-1] - edges[0])
     if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):

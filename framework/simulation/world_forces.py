@@ -1,7 +1,7 @@
-"""The generalised forces of wrenches of the world in a simulation, and how they change with the robot.
+"""The generalised forces of wrenches of the world in a simulation, and their derivatives.
 
-With J (6, nv) the Jacobian of a frame at its origin on base axes, as pinocchio gives it, a wrench w makes the
-forces J' w. Nothing of the inverse dynamics is used here.
+A wrench w on a frame causes the forces J' w, with pinocchio's Jacobian J (6, nv) of the frame's origin on
+base axes. Nothing of the inverse dynamics is used here.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array
 
 AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-PathCoordinate = Callable[[Array], Array]  # (T,) instants [s] to (T,)
+PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path parameters s (T,)
 
 
 @dataclass(frozen=True, eq=False)
 class WorldForces:
-    """Wrenches of the world on a robot, at instants."""
+    """Wrenches of the world on a robot as forces at instants."""
 
     wrenches: ExternalWrenches
-    path_coordinate: PathCoordinate | None  # None: all are constant
+    path_coordinate: PathCoordinate | None  # None if all wrenches are constant
 
     @staticmethod
     def of(
         robot: ParallelRobot, wrenches: ExternalWrenches, path_coordinate: PathCoordinate | None
     ) -> WorldForces:
-        """Return the forces of wrenches on this robot.
+        """Return the forces of wrenches on a robot.
 
         Raises:
-            InvalidInput: an unknown frame; a table over s where no motion says what s is.
+            InvalidInput: an unknown frame; a table over s without a motion that determines s.
         """
         wrenches.check_frames(robot)
         tables = [entry.frame for entry in wrenches.entries if entry.rows.ndim == 2]
@@ -57,32 +57,33 @@ class WorldForces:
     def __call__(
         self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
     ) -> Array:
-        """Compute the generalised forces (T, nv) at t (T,) and q (T, nq).
+        """Compute the generalised forces (T, nv) at t (T,) [s] and q (T, nq).
 
-        Of the robot's model, or of others of its structure, one for each state.
+        Each state may have its own of `models`, all of the robot's structure.
         """
         data, s = scratch_of(robot).data, self._path_coordinates(t)
         models = [robot.model] * len(q) if models is None else models
         force = np.zeros((len(q), robot.nv))
         for entry in self.wrenches.entries:
-            frame, wrench = frame_index(robot.model, entry.frame), np.array(entry(s))
+            frame = frame_index(robot.model, entry.frame)
+            wrenches = entry(s)  # (T, 6)
             for k, configuration in enumerate(q):
                 jacobian = pin.computeFrameJacobian(models[k], data, configuration, frame, AXES)
-                if entry.turns:
-                    rotation = data.oMf[frame].rotation
-                    wrench[k] = (wrench[k].reshape(2, 3) @ rotation.T).ravel()
-                force[k] += wrench[k] @ jacobian
+                wrench = wrenches[k]
+                if entry.turns:  # given on the axes of the frame
+                    wrench = (wrench.reshape(2, 3) @ data.oMf[frame].rotation.T).ravel()
+                force[k] += wrench @ jacobian
         return force
 
     def slope(self, robot: ParallelRobot, t: Array, q: Array) -> Array:
-        """Compute the derivative (T, nv, nv) of the forces along the tangent of q."""
+        """Compute the derivative (T, nv, nv) of the forces by q, along its tangent."""
         frames = frames_at(robot, q)
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
         slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
         return sum(slopes, start=np.zeros((len(q), robot.nv, robot.nv)))
 
     def _path_coordinates(self, t: Array) -> Array:
-        """Return s (T,) at t (T,), 0 where all wrenches are constant."""
+        """Return s (T,) at t (T,) [s]; 0 if all wrenches are constant."""
         return np.zeros(len(t)) if self.path_coordinate is None else self.path_coordinate(t)
 
 

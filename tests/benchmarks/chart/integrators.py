@@ -63,7 +63,7 @@ class Case:
     def start(self) -> State:
         """At rest, loops closed."""
         rest = np.zeros(self.robot.model.nv)
-        return State(*consistent_state(self.equations, self.near, rest, self.torque(np.zeros(1))[0]))
+        return consistent_state(self.equations, self.near, rest, self.torque(np.zeros(1))[0])
 
     @cached_property
     def drive(self) -> Drive:
