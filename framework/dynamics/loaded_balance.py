@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.force_changes import force_changes, force_slopes
-from framework.dynamics.forces import Forces, tree_forces
+from framework.dynamics.force_changes import force_changes
+from framework.dynamics.forces import Forces, mass_matrices, tree_forces
 from framework.dynamics.tangent_stiffness import factor_transposed, moving_columns
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.external_wrenches import ExternalWrenches
@@ -82,7 +82,7 @@ def springs_carry_inertia(branch: Branch) -> bool:
     closed = close_loops(robot, branch.path(start), branch.guess(start))
     at_rest = np.zeros((1, robot.n))
     motion = motion_at(robot, closed, at_rest, at_rest)
-    mass = force_slopes(robot, motion).mass
+    mass = mass_matrices(robot, motion.q)
     inertia = coordinate_changes(robot, motion, robot.elastic).q @ mass  # (1, n_e, nv)
     return bool(np.abs(inertia).max() > EIGENVALUE_ROUNDING * np.abs(mass).max())
 
