@@ -269,7 +269,12 @@ class UrdfTree(Tree):
         self.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
 
     def fix(self, joint: Joint, *values: float) -> None:
-        """Fix a joint at the values [rad, m] of its coordinates, zero by default."""
+        """Fix a joint at the values [rad, m] of its coordinates, zero by default.
+
+        A joint that is fixed already stays where it is.
+        """
+        if not joint.moves:
+            return
         values = values or (0.0,) * len(joint.coordinates)
         self.fixed_positions[joint.name] = values[0]
         fix_joint(joint, *values)
