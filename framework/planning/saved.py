@@ -95,6 +95,10 @@ _LAWS: Mapping[str, Table] = {
 }
 _OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _TIME: Table = {"time": required(number), "speed": required(number)}
+_COMPUTED: Table = dict.fromkeys(
+    ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate"),
+    required(anything),
+)
 _READ: Table = {
     "version": required(whole),
     "robot_file": required(text),
@@ -111,9 +115,8 @@ _READ: Table = {
         or_null(lambda where, given: read_table(where, given, _OPTIMALITY, others=("optimize",)))
     ),
     "seconds": required(not_negative),
+    **_COMPUTED,
 }
-
-_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
 
 # ------------------------------------------------------------------ writing
 
@@ -287,7 +290,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with prefix_errors(file, InvalidInput):
-        return read_table("", saved, _READ, others=(*_COMPUTED, "bend", "fidelity"))  # which commands add
+        return read_table("", saved, _READ, others=("bend", "fidelity"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:
