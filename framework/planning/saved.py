@@ -3,7 +3,8 @@
 Everything else is computed anew from these two. Geometry, crossings with their condition (8), peak torques,
 the goal and whether the law always advances are then compared with the file, numbers within the rounding of
 `_rounding_sizes`. `reason`, `seconds`, and the reference and gap of an optimal law are taken from the file.
-Its other numbers, such as those of the certificate and of the neglected effects, are not used.
+Its other numbers, such as those of the certificate and of the neglected effects, must be there, but are not
+used.
 """
 
 from __future__ import annotations
@@ -230,7 +231,8 @@ def load_plan(folder: str | FilePath, *, robot_file: str | FilePath | None = Non
         robot_file: the robot file, or its catalogue name, if the file has moved since.
 
     Raises:
-        InvalidInput: there is no plan.json, it has another version, or its robot has changed since.
+        InvalidInput: there is no plan.json, it has another version or lacks a key, or its robot has changed
+            since.
         RobotFileError: the robot file is missing or broken.
     """
     file = FilePath(folder) / FILE
