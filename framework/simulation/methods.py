@@ -161,7 +161,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     forces of the world are those at the predicted middle of a step. The power is that of the mean velocity.
     """
     drive, robot = task.drive, task.equations.robot
-    stepper = Stepper.of_stack(RobotStack.of_equations(task.equations))
+    stepper = Stepper.from_stack(RobotStack.from_equations(task.equations))
     h = task.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
     torques = drive.torques_without_feedback(middles)  # (K, n_a)

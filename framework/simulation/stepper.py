@@ -49,10 +49,10 @@ class Stepper:
         Raises:
             InvalidInput: a scheme that is unknown or does not suit the robot; robots of different structure.
         """
-        return Stepper.of_stack(RobotStack.of(robots, damping, like), scheme)
+        return Stepper.from_stack(RobotStack.of(robots, damping, like), scheme)
 
     @staticmethod
-    def of_stack(stack: RobotStack, scheme: str | None = None) -> Stepper:
+    def from_stack(stack: RobotStack, scheme: str | None = None) -> Stepper:
         """Make a stepper of stacked robots, whose damping is complete.
 
         Raises:

@@ -85,7 +85,7 @@ class RobotStack:
         )
 
     @staticmethod
-    def of_equations(equations: EquationsOfMotion) -> RobotStack:
+    def from_equations(equations: EquationsOfMotion) -> RobotStack:
         """Stack one robot, with the damping of its equations of motion."""
         robot = equations.robot
         return RobotStack(
