@@ -20,6 +20,7 @@ from framework.cli import main
 from framework.cli.commands import parser_of
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.model.description import FLEXIBILITIES
+from framework.planning.saved import save_plan
 from tests.conftest import FIVE_BAR, REMOVED
 from tests.oracles import five_bar as oracle
 
@@ -682,6 +683,15 @@ def test_what_is_about_an_earlier_plan_goes_with_it(tmp_path, capsys, monkeypatc
     left = {file.name for file in out.iterdir()}
     assert "notes.txt" in left
     assert not left & {"report.html", "torques.pdf", "eye.png"}
+
+
+def test_figures_are_replaced_only_where_the_earlier_plan_had_some(tmp_path, capsys, monkeypatch):
+    """A folder of `save_plan` has none; `plan --out` draws some."""
+    monkeypatch.setattr("framework.show.plots.save_figures", lambda _, folder: (folder / "law.png").touch())
+    save_plan(plan_scene(robots.load("five_bar"), "A"), tmp_path)
+    for end in ("replaces the plan of five_bar over 1.5 s\n", "over 1.5 s and its figures\n"):
+        main(["plan", "five_bar", "--scene", "A", "--out", str(tmp_path)])
+        assert capsys.readouterr().out.endswith(end)
 
 
 @pytest.mark.usefixtures("quick_figures")

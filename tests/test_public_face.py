@@ -40,6 +40,7 @@ from framework import (
     track_path,
     velocity_matrices,
 )
+from framework.model import readers
 from framework.planning.plan import plan_request
 from framework.planning.request import Request
 from framework.planning.saved import plan_document
@@ -253,3 +254,16 @@ def test_a_public_name_has_one_home() -> None:
     several = {name for name, files in homes.items() if len(files) > 1}
     assert len(homes) > 1000
     assert several <= EVERY_COMMAND_HAS | STARTS
+
+
+def test_readers_of_files_say_when_they_refuse_one() -> None:
+    """Functions with a `raise` or a check of names in their body, of which the caller sees the error."""
+    silent = []
+    for file in sorted(Path(readers.__path__[0]).glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.FunctionDef) or (node.name[0] == "_" and node.name != "__init__"):
+                continue
+            body = ast.unparse(node.body[1:])
+            if re.search(r"\braise\b|\bcheck_\w+\(", body) and "Raises:" not in str(ast.get_docstring(node)):
+                silent.append(f"{file.name}: {node.name}")
+    assert not silent

@@ -53,8 +53,9 @@ LEAST_BEND = "least"  # --bend without a value
 MAX_SAMPLES = 1_000_000
 IMPROVING = "planning: there is a law; Ctrl-C ends the search for better ones"
 FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
-# about a plan that another one replaces: its report, figures that not every plan has, and PDFs now in one
-OF_A_PLAN = ("report.html", *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf")))
+FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf"))  # PDFs are one now
+# about a plan that another one replaces: its report, and figures that not every plan has
+OF_A_PLAN = ("report.html", *FIGURE_FILES)
 
 RAW = "{0.name}: raw sampling, proves nothing: {1} samples, largest {2}"
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
@@ -135,7 +136,8 @@ def _describe_replaced(folder: FilePath) -> str:
     with suppress(InvalidInput):
         saved = read_document(folder / FILE, "plan")
         if {"robot", "duration"} <= saved.keys():
-            return f", replaces the plan of {saved['robot']} over {saved['duration']} s and its figures"
+            figures = " and its figures" * any((folder / name).exists() for name in FIGURE_FILES)
+            return f", replaces the plan of {saved['robot']} over {saved['duration']} s{figures}"
     return ""
 
 

@@ -3,7 +3,8 @@
 Everything else is computed anew from these two. Geometry, crossings with their condition (8), peak torques,
 the goal and whether the law always advances are then compared with the file, numbers within the rounding of
 `_rounding_sizes`. `reason`, `seconds`, and the reference and gap of an optimal law are taken from the file.
-Its other numbers, such as those of the certificate and of the neglected effects, are not used.
+Its other numbers, such as those of the certificate and of the neglected effects, must be there, but are not
+used.
 """
 
 from __future__ import annotations
@@ -95,6 +96,10 @@ _LAWS: Mapping[str, Table] = {
 }
 _OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _TIME: Table = {"time": required(number), "speed": required(number)}
+_COMPUTED: Table = dict.fromkeys(
+    ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate"),
+    required(anything),
+)
 _READ: Table = {
     "version": required(whole),
     "robot_file": required(text),
@@ -111,9 +116,8 @@ _READ: Table = {
         or_null(lambda where, given: read_table(where, given, _OPTIMALITY, others=("optimize",)))
     ),
     "seconds": required(not_negative),
+    **_COMPUTED,
 }
-
-_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
 
 # ------------------------------------------------------------------ writing
 
@@ -227,7 +231,8 @@ def load_plan(folder: str | FilePath, *, robot_file: str | FilePath | None = Non
         robot_file: the robot file, or its catalogue name, if the file has moved since.
 
     Raises:
-        InvalidInput: there is no plan.json, it has another version, or its robot has changed since.
+        InvalidInput: there is no plan.json, it has another version or lacks a key, or its robot has changed
+            since.
         RobotFileError: the robot file is missing or broken.
     """
     file = FilePath(folder) / FILE
@@ -287,7 +292,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
             f"{short(saved['version']) if 'version' in saved else 'none, as before version 2'}; plan again"
         )
     with prefix_errors(file, InvalidInput):
-        return read_table("", saved, _READ, others=(*_COMPUTED, "bend", "fidelity"))  # which commands add
+        return read_table("", saved, _READ, others=("bend", "fidelity"))  # which commands add
 
 
 def read_document(file: FilePath, command: str) -> Document:

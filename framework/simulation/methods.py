@@ -29,6 +29,7 @@ from framework.simulation.events import Event, Occurrence, occurrences
 from framework.simulation.schemes import State, stack_states
 from framework.simulation.step_size_control import COUNT_ROUNDING, collocate
 from framework.simulation.stepper import Stepper
+from framework.simulation.terms import RobotStack
 from framework.simulation.trajectory import Cubics, Polynomials, Trajectory
 from framework.tolerances import FIXED_STEP_ERROR
 
@@ -159,8 +160,8 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
     A feedback torque responds to the state at the beginning of a step, as a digital controller does. The
     forces of the world are those at the predicted middle of a step. The power is that of the mean velocity.
     """
-    drive, robot, damping = task.drive, task.equations.robot, task.equations.damping
-    stepper = Stepper.of(robot, damping=damping)
+    drive, robot = task.drive, task.equations.robot
+    stepper = Stepper.from_stack(RobotStack.from_equations(task.equations))
     h = task.duration / (len(edges) - 1)
     middles = edges[:-1] + 0.5 * h
     torques = drive.torques_without_feedback(middles)  # (K, n_a)
@@ -173,7 +174,7 @@ def _fixed_steps(task: IntegrationTask, edges: Array) -> Iterator[FixedStep]:
         end = stepper.step(q, v, torque, h, world=world)
         mean = 0.5 * (v + end.v)
         supplied = (robot.gear_ratio * torque) @ mean[robot.actuated] + world @ mean
-        yield FixedStep(end, float(supplied - mean**2 @ damping))
+        yield FixedStep(end, float(supplied - mean**2 @ task.equations.damping))
         q, v = end
 
 

@@ -82,7 +82,7 @@ def simulate(
         tolerance: what a step of reference or stiff may leave unresolved [rad, robot lengths].
         step: fixed step of fast and explicit, longest step of the others [s].
         stages: collocation nodes of a step, 3 to 30.
-        damping: viscous damping of every joint rate [N m s/rad, N s/m], one number or (nv,).
+        damping: viscous damping added to that of the joints [N m s/rad, N s/m], one number or (nv,).
         wrenches: wrenches of the world, as for `plan_crossing`; by default those of the planned motion; {}
             for none. A table over s needs a planned motion, which tells s at each instant.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.

@@ -39,7 +39,8 @@ class Stepper:
         """Make a stepper of one robot or of R robots of one structure.
 
         Args:
-            damping: viscous damping of every joint rate, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
+            damping: viscous damping added to that of the joints, one number, (nv,) or (R, nv)
+                [N m s/rad, N s/m].
             scheme: midpoint or extrapolated, see `schemes`; by default extrapolated if parts have no mass,
                 else midpoint.
             like: a robot of the same structure that decides which loop equations are independent, which
@@ -48,7 +49,15 @@ class Stepper:
         Raises:
             InvalidInput: a scheme that is unknown or does not suit the robot; robots of different structure.
         """
-        stack = RobotStack.of(robots, damping, like)
+        return Stepper.from_stack(RobotStack.of(robots, damping, like), scheme)
+
+    @staticmethod
+    def from_stack(stack: RobotStack, scheme: str | None = None) -> Stepper:
+        """Make a stepper of stacked robots, whose damping is complete.
+
+        Raises:
+            InvalidInput: a scheme that is unknown or does not suit the robot.
+        """
         first = stack.first
         light = free_motions(first, first.tangent_at_rest(first.robot.reference.q))[1]
         has_light_motion = light.shape[1] > 0

@@ -44,7 +44,7 @@ class RobotStack:
     rotors: Array  # (R, nv) inertia, joint side
     stiffness: Array  # (R, nv)
     rest: Array  # (R, nv) rest position of the springs, as an offset from the neutral configuration
-    damping: Array  # (R, nv)
+    damping: Array  # (R, nv) of the joints, and what the caller adds
 
     @staticmethod
     def of(
@@ -54,7 +54,8 @@ class RobotStack:
     ) -> RobotStack:
         """Stack one robot or several of the same structure.
 
-        `like`, by default the first, decides which loop equations are independent and which joints idle.
+        `damping` is added to that of the joints. `like`, by default the first, decides which loop equations
+        are independent and which joints idle.
 
         Raises:
             InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.
@@ -81,6 +82,20 @@ class RobotStack:
             stiffness=stack("all_stiffness"),
             rest=stack("joint_rest"),
             damping=stack("joint_damping") + added_damping,
+        )
+
+    @staticmethod
+    def from_equations(equations: EquationsOfMotion) -> RobotStack:
+        """Stack one robot, with the damping of its equations of motion."""
+        robot = equations.robot
+        return RobotStack(
+            robots=(robot,),
+            first=equations,
+            gear_ratio=robot.gear_ratio[None],
+            rotors=equations.rotors[None],
+            stiffness=equations.stiffness[None],
+            rest=robot.joint_rest[None],
+            damping=equations.damping[None],
         )
 
     def equations(self, run: int) -> EquationsOfMotion:

@@ -219,6 +219,19 @@ def test_no_edit_of_a_plan_is_a_fault_of_the_program(tmp_path, kind):
     assert refused > 5 * len(changed)
 
 
+@pytest.mark.parametrize(
+    "key", ["certificate", "exceeded", "neglected", "neglected_friction", "robot", "law"]
+)
+def test_a_key_that_is_missing_is_named(written, tmp_path, capsys, key):
+    saved = plan_document(written[0])
+    del saved[key]
+    (tmp_path / "plan.json").write_text(json.dumps(saved))
+    with pytest.raises(InvalidInput, match=rf"plan.json: {key}: missing \(given: version, "):
+        load_plan(tmp_path)
+    assert main(["report", str(tmp_path)]) == 2
+    assert f"plan.json: {key}: missing (given: version, " in capsys.readouterr().err
+
+
 def test_a_plan_of_an_older_program_is_refused_by_its_version_in_one_line(written, tmp_path):
     saved = plan_document(written[0])
     del saved["version"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import robots
 from framework import InvalidInput, NotConverged, ParallelRobot, plan_scene, simulate
 from framework.simulation import Event
 from framework.simulation.drive import Drive
+from robots.generators import n_four_bar
 from tests.oracles.forward_simulation import simulate_robot
 
 
@@ -182,6 +184,36 @@ def test_feedback_and_damping_balance_the_energy():
         for h in (2e-3, 1e-3)
     )  # fmt: skip
     assert fine < 0.6 * coarse < 1e-3  # a held feedback torque is of first order
+
+
+@pytest.mark.parametrize(("method", "apart"), [("stiff", 1e-7), ("fast", 1e-6), ("explicit", 1e-7)])
+def test_damping_of_joints_and_of_the_call_counts_once(tmp_path, method, apart):
+    """A parallelogram without gravity runs down by J w' = -3 d w.
+
+    Its three joints turn at w or -w with the damping d = 0.5 N m s/rad each, of which the file has 0.3. Both
+    rods and the bar measure 1 m and weigh 1 kg. The rods turn about their ends, and the centre of the bar
+    runs on a circle of radius 1 m: J = 2 / 3 + 1.
+    """
+    file = n_four_bar.write(tmp_path, 1)
+    joints = "".join(f"  {name}: {{damping: 0.3}}\n" for name in ("pivot_0", "pivot_1", "hinge_1"))
+    content = file.read_text().replace("kind: revolute, axis: y", "kind: spherical")  # for explicit
+    file.write_text(f"{content}gravity: [0, 0, 0]\njoints:\n{joints}")
+    robot = replace(ParallelRobot.from_file(file), rotor_inertia=np.zeros(1))
+    is_rod = np.array([name.startswith("pivot") for name in robot.coordinates.names])
+    result = simulate(
+        robot,
+        lambda t: [0.0],
+        start_velocity=np.where(is_rod, 1.0, -1.0),
+        duration=1.0,
+        damping=0.2,
+        method=method,
+    )
+    decay = 3 * 0.5 / (2 / 3 + 1)  # [1/s]
+    turned = (1.0 - np.exp(-decay * result.times)) / decay
+    for q, is_forward in zip((result.q - result.q[0]).T, is_rod, strict=True):
+        np.testing.assert_allclose(q, turned if is_forward else -turned, atol=apart)
+    lost = (1 - np.exp(-2 * decay)) * (2 / 3 + 1) / 2  # [J] kinetic energy
+    assert result.energy_error < apart * lost
 
 
 def test_a_massless_rod_that_may_spin_about_itself_stays_still(write_robot):

@@ -81,8 +81,12 @@ Propose = Callable[[Options, PartialRobot], PartialRobot]
 def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> ParsedRobot:
     """Make the description of a tree and its loops, completed by the options.
 
-    Joints that --base does not carry and joints of --lock become fixed, and forces on them are ignored. A
-    file without a loop is an error, and so is one whose loops do not move.
+    Joints that --base does not carry and joints of --lock become fixed, and forces on them are ignored.
+
+    Raises:
+        RobotFileError: there is no loop that moves; a closure joins a frame with itself; names are repeated
+            or unknown; a joint has a negative armature, damping, friction or stiffness; an unread element
+            decides how a part moves; platform or motors are missing.
     """
     reference = merge_reference(options, tree.coordinates, tree.reference)
     tree.couplings += declared_couplings(tree.root)
@@ -187,7 +191,11 @@ def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
 
 
 def lock_outside_base(tree: UrdfTree, base: str, reference: Mapping[str, float]) -> None:
-    """Lock joints that link `base` does not carry, at the reference [rad, m] or zero."""
+    """Lock joints that link `base` does not carry, at the reference [rad, m] or zero.
+
+    Raises:
+        RobotFileError: there is no such link, or it carries no joint that moves.
+    """
     check_name("--base", "link", base, tree.links)
     moving = [joint for joint in tree.joints.values() if joint.moves]
     outside = [
@@ -208,6 +216,10 @@ def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: d
 
     A lock named J_rx, J_ry or J_rz locks one rotation of a ball J. The ball then becomes two hinges, whose
     angles replace those of the ball in the reference.
+
+    Raises:
+        RobotFileError: no joint of such a name moves; a joint of several freedoms has a value; the new hinges
+            of a ball need a name that is taken.
     """
     for name, value in locked.items():
         ball = tree.joints.get(name[:-3])
@@ -288,7 +300,11 @@ def reduce_to_leaders(tree: UrdfTree, arms: Mapping[str, float]) -> tuple[dict[s
 
 
 def unread_effects(tree: UrdfTree) -> tuple[str, ...]:
-    """Return the unread effects on parts that move; refuse decisive ones."""
+    """Return the unread effects on parts that move.
+
+    Raises:
+        RobotFileError: an unread element decides how a part moves.
+    """
     effects = []
     for item in tree.left_out:
         if any(is_moved(tree, name) for name in item.acts_on):
@@ -312,7 +328,8 @@ def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
     """Complete the content of a file by the options, else by proposals.
 
     Raises:
-        RobotFileError: platform or motors are missing; the message names the options and the candidates.
+        RobotFileError: platform or motors are missing (the message names the options and the candidates), or
+            the options name unknown or repeated ones.
     """
     joints, description = partial.tree.movable, partial.description
     if options.motors is not None:
@@ -360,6 +377,9 @@ def merge_reference(options: Options, names: Sequence[str], own: Mapping[str, fl
     """Override the file's `own` reference [rad, m] by that of the options.
 
     `names` are the coordinates that a reference may name.
+
+    Raises:
+        RobotFileError: the options name another coordinate.
     """
     reference = dict(own)
     for name, value in options.reference.items():

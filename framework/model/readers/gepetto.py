@@ -30,7 +30,13 @@ _JOINTS: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(te
 
 
 def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
-    """Read the robot in a robot.yaml and the tree of a URDF."""
+    """Read the robot in a robot.yaml and the tree of a URDF.
+
+    Raises:
+        InvalidInput: a key is missing or unknown, or its value is of another type or names what the URDF does
+            not have.
+        RobotFileError: lists differ in length; a pair has not two frames; see `describe`.
+    """
     _replace_joints(tree, **read_table("", content, _JOINTS, others=KEYS))  # changes the tree's frames
     table = {
         "closed_loop": required(entries(list_of(one_of("frame", tree.frames)))),

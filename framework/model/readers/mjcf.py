@@ -251,8 +251,7 @@ class _Model:
             self._couple(name, arms, offset)
         if len(arms) == 1:
             ((joint, arm),) = arms.items()
-            if tree.joints[joint].moves:
-                tree.fix(tree.joints[joint], offset / arm)
+            tree.fix(tree.joints[joint], offset / arm)
 
     def _couple(self, name: str, arms: Mapping[str, float], offset: float) -> None:
         """Couple two joints by sum(arm q) = offset.

@@ -41,7 +41,11 @@ _OWN_KEYS = ("version", "urdf", "platform", "actuators", "closures")  # of our r
 
 
 def read_any(file: str | Path, **options: Any) -> RobotDescription:
-    """Read the description in a file of any dialect, with the options of `parse_any`."""
+    """Read the description in a file of any dialect, with the options of `parse_any`.
+
+    Raises:
+        RobotFileError: see `parse_any`.
+    """
     return parse_any(file, **options).description
 
 

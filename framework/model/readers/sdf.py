@@ -85,7 +85,11 @@ class Scope:
     joints: dict[str, Element] = field(default_factory=dict)  # with the prefix of the model as `scope`
 
     def placement_of(self, name: str, depth: int = 0) -> Array:
-        """Compute the placement (4, 4) of a frame in the world, as in the file."""
+        """Compute the placement (4, 4) of a frame in the world, as in the file.
+
+        Raises:
+            InvalidInput: there is no such frame, or it is relative to itself.
+        """
         if name == WORLD:
             return np.eye(4)
         check_choice("frame", name, self.relative)
@@ -95,7 +99,11 @@ class Scope:
         return self.placement_of(base, depth + 1) @ pose
 
     def link_of(self, name: str, depth: int = 0) -> str:
-        """Return the link that carries a frame."""
+        """Return the link that carries a frame.
+
+        Raises:
+            RobotFileError: there is no such frame, or it is attached to itself.
+        """
         if name in self.links or name == WORLD:
             return name
         if name not in self.attached or depth > len(self.attached):
@@ -252,7 +260,13 @@ def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: st
 
 
 def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add the links, frames, joints and models of a model whose frame is `base`."""
+    """Add the links, frames, joints and models of a model whose frame is `base`.
+
+    Raises:
+        RobotFileError: an element has no name or that of another one; a pose, a constraint or the end of a
+            joint is malformed; an included file is broken.
+        InvalidInput: a placement frame does not exist.
+    """
     elements = list(model)
     for number, element in enumerate(model):
         kind = local_name(element.tag)
@@ -531,7 +545,13 @@ def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | N
 
 
 def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
-    """Close the loop of a joint in `scope`, between links of a tree."""
+    """Close the loop of a joint in `scope`, between links of a tree.
+
+    Raises:
+        RobotFileError: the joint is malformed, joins a link with itself, or is of a type that is not read
+            where it closes a loop.
+        InvalidInput: its axis is expressed in a frame that does not exist.
+    """
     _close_cut_joint(tree, _make_joint(scope, name, _links_of_joint(scope, name)))
 
 

@@ -143,7 +143,12 @@ class UrdfTree(Tree):
     """
 
     def __init__(self, root: Element, extra: Sequence[str] = ()) -> None:
-        """Check a URDF, remove other programs' elements, and set `extra` ones aside."""
+        """Check a URDF, remove other programs' elements, and set `extra` ones aside.
+
+        Raises:
+            RobotFileError: the root is no <robot> or has no name; an element is misspelled, or a macro is not
+                expanded; links and joints are no tree, see `read_tree`; loops or freedoms are too many.
+        """
         if root.tag != "robot":
             raise RobotFileError(f"<{root.tag}>: the root of a URDF is <robot>")
         attribute(root, "<robot>", "name")
@@ -234,6 +239,9 @@ class UrdfTree(Tree):
             axes: (3,) each, in the joint's placement; one for each end, one for both, or none. The first axis
                 of a universal joint becomes x of the first frame, the second becomes y of the second frame.
                 Axes of other kinds become z.
+
+        Raises:
+            RobotFileError: see `add_frame`.
         """
         letters = "xy" if locked == locked_axes("universal") else "zz"
         # one axis stands for both ends: the doubled list is cut to two
@@ -253,6 +261,9 @@ class UrdfTree(Tree):
         """Add a frame at a placement (4, 4) in a link; return the name.
 
         The name has underscores added if it was taken.
+
+        Raises:
+            RobotFileError: the tree has MAX_TREE_ELEMENTS added frames.
         """
         if len(self._added) >= MAX_TREE_ELEMENTS:
             raise RobotFileError(f"more than {MAX_TREE_ELEMENTS} frames besides links and joints")
@@ -269,7 +280,12 @@ class UrdfTree(Tree):
         self.fix(joint, *(reference.get(name, 0.0) for name in joint.coordinates))
 
     def fix(self, joint: Joint, *values: float) -> None:
-        """Fix a joint at the values [rad, m] of its coordinates, zero by default."""
+        """Fix a joint at the values [rad, m] of its coordinates, zero by default.
+
+        A joint that is fixed already stays where it is.
+        """
+        if not joint.moves:
+            return
         values = values or (0.0,) * len(joint.coordinates)
         self.fixed_positions[joint.name] = values[0]
         fix_joint(joint, *values)
@@ -289,6 +305,9 @@ class UrdfTree(Tree):
             axis: letter of the locked rotation, the first of the three in the chain.
             value: its angle [rad]; None for the one in the reference.
             rotation_vector: (3,) of the ball in the reference [rad].
+
+        Raises:
+            RobotFileError: see `replace_by_turns`.
         """
         from scipy.spatial.transform import Rotation
 
@@ -302,7 +321,11 @@ class UrdfTree(Tree):
         return dict(zip(names, map(float, angles), strict=True))
 
     def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str]) -> None:
-        """Replace a joint by hinges about `axes`, letters of x, y, z."""
+        """Replace a joint by hinges about `axes`, letters of x, y, z.
+
+        Raises:
+            RobotFileError: the name of a hinge, or of the link behind it, is taken.
+        """
         for name in names:
             if name in self._taken or f"{name}_link" in self._taken:
                 raise RobotFileError(f"joint {joint.name!r}: needs the name {name!r}, taken in the URDF")
@@ -328,6 +351,9 @@ class UrdfTree(Tree):
 
         It exists if all joints between the links are parallel hinges: the rotation of a link is then the sum
         of the angles. Return False otherwise. Hinges about opposite axes count as not parallel.
+
+        Raises:
+            RobotFileError: see `add_frame`.
         """
         axes = []
         for joint in chain(*self.moving_chains(first, second)):

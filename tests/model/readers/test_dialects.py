@@ -313,6 +313,22 @@ def test_gepetto_joint_types_become_joints_of_one_degree(tmp_path):
     assert list(robot.model.names)[1:] == ["one_joint"]
 
 
+def test_a_fixed_joint_that_gepetto_fixes_stays_where_it_is(tmp_path):
+    """Its child stands at 0.1 m, whatever the pair says of the joint."""
+    tip = (
+        '<link name="tip"/><joint name="tip_joint" type="fixed"><parent link="two"/><child link="tip"/>'
+        '<origin xyz="0.1 0 0" rpy="0 0 0.3"/></joint>'
+    )
+    (tmp_path / "robot.urdf").write_text(two_links(tip))
+    loop = "closed_loop: [[one, tip]]\ntype: [3D]\nname_mot: [one_joint]\n"
+    (tmp_path / "robot.yaml").write_text(f"{loop}joint_name: [tip_joint]\njoint_type: [FIXED]\n")
+    robot = Mechanism.from_description(read_any(tmp_path, platform="one", axes=["x"]))
+    assert list(robot.model.names)[1:] == ["one_joint", "two_joint"]
+    in_two = robot.model.frames[robot.model.getFrameId("tip")].placement
+    np.testing.assert_allclose(in_two.translation, [0.1, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(in_two.rotation[:2, 0], [np.cos(0.3), np.sin(0.3)], atol=1e-15)
+
+
 LOOP = '<loop name="l" type="spherical"><predecessor link="one"/><successor link="two"/></loop>'
 
 
