@@ -70,10 +70,6 @@ class SpeedBasis(ReadOnlyArrays):
             values = chebyshev.chebvander(xi, self.size - 1)
             return sparse.csr_array(values @ derivative_matrix(self.size, order) if order else values)
 
-        from scipy.interpolate import BSpline  # takes time to import
-
-        if not len(xi):  # `design_matrix` refuses an empty array
-            return sparse.csr_array((0, self.size))
         knots = self.knots
         to_derivative = sparse.identity(self.size, format="csr")  # from y to coefficients of the derivative
         for degree in range(SPLINE_DEGREE, SPLINE_DEGREE - order, -1):
@@ -82,7 +78,7 @@ class SpeedBasis(ReadOnlyArrays):
             differences = sparse.diags_array([-factor, factor], offsets=[0, 1], shape=shape)
             to_derivative = differences @ to_derivative
             knots = knots[1:-1]
-        values = BSpline.design_matrix(np.clip(xi, -1.0, 1.0), knots, SPLINE_DEGREE - order)
+        values = _spline_matrix(knots, SPLINE_DEGREE - order, np.clip(xi, -1.0, 1.0))
         return sparse.csr_array(values @ to_derivative)
 
     def series(self, y: Array) -> Array:
@@ -93,3 +89,23 @@ class SpeedBasis(ReadOnlyArrays):
         xi = self.cells[:-1, None] + half_widths * (nodes(SPLINE_DEGREE + 1) + 1.0)  # (k, degree + 1)
         values = np.reshape(self.matrix(xi.ravel()) @ y, xi.shape)
         return coefficients(values[..., None])[..., 0]  # `coefficients` expects a trailing axis of components
+
+
+def _spline_matrix(knots: Array, degree: int, x: Array) -> Any:
+    """Compute the sparse matrix (T, size) of the B-splines of a degree at x (T,) in [-1, 1].
+
+    The recurrence of Cox and de Boor: between the knots t_k and t_(k+1) the splines k - degree to k are not
+    zero. `scipy.interpolate` has this matrix too, but importing it takes as long as finding a law.
+    """
+    from scipy import sparse
+
+    k = np.clip(np.searchsorted(knots, x, side="right") - 1, degree, len(knots) - degree - 2)
+    values = np.ones((len(x), 1))
+    for p in range(1, degree + 1):
+        start = knots[k[:, None] + np.arange(1 - p, 1)]  # (T, p)
+        end = knots[k[:, None] + np.arange(1, p + 1)]
+        share = (x[:, None] - start) / (end - start)
+        values = np.pad(values * (1.0 - share), ((0, 0), (0, 1))) + np.pad(values * share, ((0, 0), (1, 0)))
+    columns = k[:, None] + np.arange(-degree, 1)
+    rows = np.arange(0, columns.size + 1, degree + 1)
+    return sparse.csr_array((values.ravel(), columns.ravel(), rows), shape=(len(x), len(knots) - degree - 1))

@@ -6,11 +6,12 @@ import mpmath as mp
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
+from scipy.interpolate import BSpline
 
 from framework import InvalidInput
 from framework.laws.exact_duration import SpeedSpace
 from framework.laws.optimal_law import OptimalLaw, Stretch
-from framework.laws.speed_basis import ONE_CELL, SpeedBasis
+from framework.laws.speed_basis import ONE_CELL, SPLINE_DEGREE, SpeedBasis
 from framework.numerics.cone_program import Affine
 
 SERIES = SpeedSpace(SpeedBasis(np.array(ONE_CELL), 3), Stretch())
@@ -79,3 +80,16 @@ def test_an_adjusted_spline_meets_its_conditions_and_its_duration_to_rounding():
     found = SPLINES.adjust(start, conditions, duration)
     assert np.abs(conditions(found)).max() < 1e-14
     assert OptimalLaw(found, 2, duration, (), tuple(CELLS)).duration == duration
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_splines_and_their_derivatives_are_those_of_scipy(order):
+    xi = np.union1d(CELLS, np.random.default_rng(7).uniform(-1.0, 1.0, 50))
+    basis = SPLINES.basis
+    expected = BSpline(basis.knots, np.eye(basis.size), SPLINE_DEGREE)(xi, order)
+    np.testing.assert_allclose(basis.matrix(xi, order).toarray(), expected, rtol=0.0, atol=1e-11)
+
+
+def test_values_of_splines_at_the_ends_are_those_of_their_outer_coefficients():
+    ends = SPLINES.basis.matrix(np.array([-1.0, 1.0])).toarray()
+    np.testing.assert_array_equal(ends, np.eye(SPLINES.basis.size)[[0, -1]])
