@@ -30,6 +30,7 @@ from framework.planning.refusals.refusal_proofs import HoldingTorque, UnmetCondi
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
+from framework.tolerances import SAME_PLACE
 
 MAX_BEND_SHARE = 0.05  # of the path's length; a larger bend would make another path
 END_SHARE = 0.15  # in s: at crossings nearer to an end the bump would not vanish smoothly there
@@ -221,10 +222,10 @@ def _evaluate_bump(s: Array, c: float) -> Array:
 
     With N = 10, b and its first two derivatives vanish at both ends for c in [END_SHARE, 1 - END_SHARE]. The
     point c is an inflexion before the peak m if (m - c)^2 (N - 1) = m (1 - m), a quadratic equation in m. For
-    c > 1/2 the bump of 1 - c is mirrored.
+    c > 1/2 the bump of 1 - c is mirrored; in the middle both are right, and rounding must not choose.
     """
     N, near_end = 10.0, min(c, 1.0 - c)
     half_sum = near_end * (N - 1) + 0.5  # N m^2 - 2 half_sum m + (N - 1) near_end^2 = 0
     root = (half_sum + np.sqrt(half_sum**2 - N * (N - 1) * near_end**2)) / N
-    m = root if c <= 0.5 else 1.0 - root
+    m = root if c <= 0.5 + SAME_PLACE else 1.0 - root
     return (s / m) ** (N * m) * ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))

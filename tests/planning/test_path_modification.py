@@ -14,7 +14,7 @@ from framework.planning.saved import save_plan
 from tests.oracles.planar import without_rotors
 from tests.planning.test_orthogonal_path import PLACE, bent
 
-LIMIT = 0.44  # [N m]
+LIMIT = 0.33  # [N m]
 STEEP = np.array([0.03, 0.06])
 
 

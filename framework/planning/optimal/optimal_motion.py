@@ -80,7 +80,7 @@ CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(0.8, 400, 4.0),
     ElasticStage(3.0, 400, 4.0),
 )
-MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # of springs that carry no inertia
+MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # of springs whose rates cause no forces
 # of redundant motors, whose deflections passes alone have to resolve
 CALM_STAGES = (ElasticStage(0.2, 400, 4.0), *CAPPED_STAGES[4:])
 SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (2e-2, 8e-2, 0.3, 3.0))
@@ -113,9 +113,9 @@ def optimal_motion(task: Task) -> OptimalMotion:
     check_speeds(task, points)
     if robot.n_e:
         stages = MASSLESS_STAGES
-        if task.geometry == "deformed" and springs_carry_inertia(task.branch):
+        if task.geometry == "deformed" and (robot.is_damped or springs_carry_inertia(task.branch)):
             stages = CAPPED_STAGES if task.follows_balance else CALM_STAGES
-            # rates of these springs follow the fifth derivative of the law, their accelerations the sixth
+            # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
     best = find_law(task, points)

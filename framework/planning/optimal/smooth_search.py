@@ -101,7 +101,9 @@ class SmoothSearch(NamedTuple):
             return smooth
         bounds = self.bounds._replace(longest=None)
         if similar is not None:
-            return self._improve("curvature", similar, smooth, bounds, floor)
+            law = self._improve("curvature", similar, smooth, bounds, floor)
+            if law is not similar:
+                return law
         law = self._improve("curvature", smooth, smooth, bounds, floor, duration)
         if law is smooth:
             slow = self._find_slow(duration, smooth, bounds, floor)
