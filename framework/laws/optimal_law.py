@@ -3,9 +3,9 @@
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 
 The first R derivatives of the smoothstep phi vanish at sigma = 0 and 1, so for any z > 0 the first R time
-derivatives of s vanish at both ends. z is a spline or one polynomial (`speed_basis`) in xi(sigma). xi is
-steep where the law changes fast, as beside crossings, which the robot approaches slowly and leaves in a
-sprint. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are linear
+derivatives of s vanish at both ends. z is a spline or one polynomial (`speed_basis`) in xi(sigma). The map xi
+is steep where the law changes fast, for example near a crossing, which the robot approaches slowly and leaves
+fast. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are linear
 in z.
 
 The squared speed as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter and Diehl,

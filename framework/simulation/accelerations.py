@@ -12,7 +12,7 @@ the start of every simulation):
 Along Z_0 the springs must be in balance; otherwise the robot cannot be in this state. The component of a
 along Z_0 depends on the rates of the torques and stays undetermined. It does not affect M a.
 
-Sums run in the order of their index (`ordered_sums`), so a state has the same result in a stack as alone.
+Sums run in the order of their index (`ordered_sums`), so a state gives the same result alone and in a stack.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from framework.tolerances import RANK_ROUNDING, SPRINGS_BALANCED
 class Accelerations(NamedTuple):
     """Joint accelerations of T states under given torques."""
 
-    a: Array  # (T, nv); the component along motions without mass is the least one
+    a: Array  # (T, nv) of least norm where motions without mass leave a undetermined
     undetermined: BoolArray  # (T, nv) joints that such a motion moves: their a depends on the torques' rates
 
 
@@ -62,20 +62,25 @@ def accelerations(
     drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, v))
     a = -matvec(closing, drift)  # a_0, (T, nv)
 
-    # Z' M Z alpha = Z' (force - M a_0) over all motions of the basis. alpha is 0 along those without mass:
-    # their rows and columns are replaced by those of the unit matrix, their right sides by 0
+    # Solve Z' M Z alpha = Z' (force - M a_0). Motions without mass have alpha = 0: their rows and columns are
+    # replaced by those of the unit matrix, and their right sides by 0
     Z_rows = Z.swapaxes(1, 2)  # Z'
     reduced_mass = matmul(Z_rows, matmul(tangent.mass, Z))  # Z' M Z, (T, d, d)
-    inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), reduced_mass)
-    unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))  # (T, d)
-    a += matvec(Z, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
+    is_replaced = light[:, None] | light[:, :, None]  # (T, d, d)
+    inertia = np.where(is_replaced, np.eye(light.shape[1]), reduced_mass)
+    along_Z = matvec(Z_rows, force - matvec(tangent.mass, a))  # (T, d)
+    alpha = np.linalg.solve(inertia, np.where(light, 0.0, along_Z)[..., None])[..., 0]
+    a += matvec(Z, alpha)
 
     light_rates = np.abs(Z * light[:, None]).max(axis=2, initial=0.0)  # (T, nv)
     return Accelerations(a, light_rates / robot.column_scale > RANK_ROUNDING)
 
 
 def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
-    """Refuse q (nq,) unless the forces (nv,) are in balance along massless motions `light` (nv, k)."""
+    """Refuse q (nq,) unless the forces (nv,) balance along massless motions `light` (nv, k).
+
+    `row` names the row of q in the message; it is empty for a single state.
+    """
     robot = equations.robot
     step = light @ balancing_step(equations, equations.tangent_at_rest(q), light, -force)
     distances = np.abs(step / robot.column_scale)

@@ -32,16 +32,19 @@ class Polynomials:
         The tangent offset from the start of a step is the integral of the slopes at its nodes. The velocity
         interpolates the start and the nodes.
         """
-        index, table = _step_index(self.edges, t), self.steps[0].table
+        index = _step_index(self.edges, t)  # (T,)
+        table = self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
         basis = table.basis((t - times[index]) / lengths[index])  # (T, stages + 1)
         starts = np.array([step.start for step in self.steps])[index]
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
-            step, is_inside = self.steps[k], index == k
-            offset[is_inside] = basis[is_inside] @ (step.length * table.series_of_integral @ step.slope)
-            velocities = np.vstack([step.start_velocity, step.v])
-            v[is_inside] = basis[is_inside] @ (table.series_with_start @ velocities)
+            step = self.steps[k]
+            is_inside = index == k
+            offset_series = step.length * table.series_of_integral @ step.slope
+            velocity_series = table.series_with_start @ np.vstack([step.start_velocity, step.v])
+            offset[is_inside] = basis[is_inside] @ offset_series
+            v[is_inside] = basis[is_inside] @ velocity_series
         return integrate(self.robot, starts, offset), v
 
 
