@@ -69,7 +69,7 @@ def _orthogonalise(vector: Array, basis: Array) -> tuple[Array, Array]:
 
 
 def _stagnates(residuals: list[float]) -> bool:
-    """Whether the last STAGNATION_PRODUCTS products have hardly reduced the residual."""
+    """Return whether the last STAGNATION_PRODUCTS products have hardly reduced the residual."""
     if len(residuals) <= STAGNATION_PRODUCTS:
         return False
     return residuals[-1] > STAGNATION_RATIO * residuals[-1 - STAGNATION_PRODUCTS]
