@@ -164,10 +164,8 @@ class BandFactors:
         The pivots of these factors decide which matrices are singular: rounding may differ in dense factors.
         """
         sign, logarithm = DenseFactors(self.band.fill(self.values)).slogdet
-        pivots = self.lu[self.band.lower + self.band.upper].reshape(
-            -1, self.band.size
-        )  # (T, k) diagonal of U
-        is_singular = (pivots == 0.0).any(axis=1)
+        diagonal_of_U = self.lu[self.band.lower + self.band.upper]  # (T k,)
+        is_singular = (diagonal_of_U.reshape(-1, self.band.size) == 0.0).any(axis=1)
         return np.where(is_singular, 0.0, sign), np.where(is_singular, -np.inf, logarithm)
 
 
