@@ -166,7 +166,7 @@ def _sign_of_g(robot: ParallelRobot, q: Array) -> Array:
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
 ) -> tuple[RaySegments, RaySegments]:
-    """Follow rays from x (n,); return the segments with sign changes of g, then those with ends.
+    """Follow rays from x (n,); return segments with sign changes of g, segments with ends.
 
     A ray ends with its first segment in which g changes its sign or the branch ends.
 
@@ -199,7 +199,7 @@ def _follow_rays(
     return _join_nearest(crossed, robot, x), _join_nearest(ended, robot, x)
 
 
-def _nearest_foot(
+def _nearest_singular(
     robot: ParallelRobot, crossed: RaySegments, x: Array, reach: float
 ) -> PoseAtDistance | None:
     """Find the singular pose nearest to x (n,) within reach, starting from sign changes of g.
@@ -246,7 +246,7 @@ def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array) -> list[
     fine = _bisect_segments(robot, nearest, MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
     distances = _platform_distances(robot, ends.start, x).tolist()
-    return [PoseAtDistance(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
+    return list(map(PoseAtDistance, distances, ends.start, ends.q))
 
 
 def _bisect_segments(robot: ParallelRobot, segments: RaySegments, halvings: int) -> RaySegments:

@@ -183,12 +183,13 @@ def choose_quantities(
     for name in names:
         if name not in QUANTITIES:
             raise InvalidInput(choose_from("quantity", name, QUANTITIES))
-        if QUANTITIES[name].springs and not has_springs:
+        quantity = QUANTITIES[name]
+        if quantity.springs and not has_springs:
             raise InvalidInput(
                 f"quantity {name}: {robot.name}, {robot.flexibility}, has no springs; take "
                 f"flexible_joints or flexible_links"
             )
-        if QUANTITIES[name].holding and not has_torque_limits(robot):
+        if quantity.holding and not has_torque_limits(robot):
             raise InvalidInput(f"quantity {name}: no motor of {robot.name} has a torque_limit")
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(

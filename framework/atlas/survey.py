@@ -121,9 +121,10 @@ def survey_window(
     """
     columns = map_axes(robot, axes)
     point = map_point(robot, at)
-    half_edges = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)
-    lower, upper = ((point + sign * half_edges)[list(columns)] for sign in (-1, 1))
-    bounds = Window(columns, lower, upper, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), point)
+    middle = point[list(columns)]
+    half_edges = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(columns)]
+    shape = (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES)
+    bounds = Window(columns, middle - half_edges, middle + half_edges, shape, constants=point)
     window = bounds
     for _ in range(1 + FINE_SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)

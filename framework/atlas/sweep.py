@@ -37,7 +37,7 @@ ReasonArray = NDArray[np.uint8]  # of `PoseReason`
 
 
 class PoseReason(IntEnum):
-    """Reasons why a pose has no value; if there are several, the largest is reported."""
+    """Reasons why a pose has no value, of which the largest is reported."""
 
     REACHED = 0
     NO_NEIGHBOUR = 1  # no neighbour is reached

@@ -96,7 +96,7 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _step_configurations(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Step q (T, nq) from start to end (T, n); return q at the ends and a mask (T,) of success."""
+        """Step q (T, nq) from start to end (T, n); return new q, mask (T,) of success."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 

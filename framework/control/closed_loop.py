@@ -267,7 +267,7 @@ class _VariedRobots(NamedTuple):
         return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
-        """Compute platform coordinates (R, n) at instant k, with angles near those of the plan."""
+        """Compute platform coordinates (R, n) at instant k, with angles near the planned ones."""
         x, _ = self.stepper.platform(q, v)
         return self.reference.robot.platform.unwrap(x, self.reference.x[k])
 

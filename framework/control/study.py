@@ -138,13 +138,12 @@ def run_chunk(
 def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
     """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`."""
     runs = len(chunk)
+    numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
         "passed": ArrayField("b", (runs,)),
         "why": ArrayField("U", (runs,)),
-        "tracking_error": ArrayField("f", (runs,)),
-        "end_error": ArrayField("f", (runs,)),
         "peak_torque": ArrayField("f", (runs, motors)),
-        "payload": ArrayField("f", (runs,)),
+        **numbers,
     }
 
 

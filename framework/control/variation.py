@@ -96,8 +96,7 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
     payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
     parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
     parameters += (variation.payload - 1) * payload.toDynamicParameters()
-    mass, *_ = parameters
-    if mass > 0:
+    if parameters[0] > 0:  # the mass
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
     for k, shift in enumerate(variation.shifts, start=1):  # joint 0 is the world
         model.jointPlacements[k].translation += shift

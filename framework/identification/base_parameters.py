@@ -132,9 +132,8 @@ def parameter_regressor(
     matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
 
     values_in_tree = parameters.values.copy()  # theta without the parameters that r does not contain
-    first_motor = body_part.shape[2]
-    for name in ("rotor_inertia", "friction"):
-        values_in_tree[first_motor + OF_MOTORS.index(name) :: len(OF_MOTORS)] = 0.0
+    for name in ("rotor_inertia", "friction"):  # every third parameter after those of the bodies
+        values_in_tree[body_part.shape[2] + OF_MOTORS.index(name) :: len(OF_MOTORS)] = 0.0
     constant = np.matvec(N_transposed, tree_forces(robot, motion)) - matrix @ values_in_tree
     return ParameterRegressor(matrix, constant, G.swapaxes(1, 2))
 

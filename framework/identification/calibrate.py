@@ -275,8 +275,8 @@ def _describe_unseen(
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
         least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
-        responses = {name: np.abs(np.vecdot(slopes[name], motion)).max() for name in unused}
-        sensor = next((name for name in unused if responses[name] > least), None)
+        responding = (name for name in unused if np.abs(np.vecdot(slopes[name], motion)).max() > least)
+        sensor = next(responding, None)
         advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)
@@ -302,7 +302,7 @@ def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
     If only two parameters change, and by the same amount, the data determine their difference. If they change
     by opposite amounts, the data determine their sum.
     """
-    used = np.flatnonzero(direction)
+    used = np.flatnonzero(direction).tolist()
     used_names = [names[k] for k in used]
     if len(used) == 1:
         return f"{used_names[0]} not at all"
@@ -363,8 +363,8 @@ class GaussNewton:
             q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
-            allowed_cost = cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING  # no higher, up to rounding
-            if not self._cost(next_equations, values) <= allowed_cost:
+            # the cost must not rise by more than rounding
+            if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
                 damping *= 10.0
                 continue
             self.q = q
@@ -407,7 +407,7 @@ class GaussNewton:
         return -self.prior * np.linalg.solve(R, Q.T @ residuals)
 
     def _cost(self, equations: ParameterEquations, values: Array) -> float:
-        """Compute the cost, as the class defines it, at parameters `values` (p,)."""
+        """Compute the cost of the class at parameters `values` (p,)."""
         _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
@@ -420,8 +420,7 @@ class GaussNewton:
         """
         residuals = np.sqrt(np.sum(equations.right**2, axis=1) / self.equations_per_instant)  # (T,)
         self._estimate_noise(equations, np.median(residuals))
-        weights = np.minimum(1.0, HUBER * self.noise / np.maximum(residuals, RANK_ROUNDING))
-        self.weights = np.sqrt(weights)
+        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(residuals, RANK_ROUNDING)))
         return self._cost(equations, self.values)
 
     def _estimate_deviations(self, equations: ParameterEquations) -> None:
@@ -468,8 +467,8 @@ class GaussNewton:
             from scipy.optimize import brentq  # slow to import
 
             upper_bound = max(residual * np.sqrt(count), 1.0)
-            error = RANK_ROUNDING * LEAST_NOISE
-            self.noise = float(brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=error))
+            solution = brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=RANK_ROUNDING * LEAST_NOISE)
+            self.noise = float(solution)
         self.freedom = freedom_at(self.noise)
 
     def _squared_singular_values(self, equations: ParameterEquations) -> Array:

@@ -94,13 +94,7 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     coefficients = np.zeros((rank, len(sizes)))
     coefficients[:, leading] = np.eye(rank)
     coefficients[:, dependent] = weights * unit_lengths[dependent] / unit_lengths[leading, None]
-    return Combinations(
-        rank=rank,
-        singular_values=values,
-        leading=leading,
-        coefficients=coefficients,
-        without_effect=np.flatnonzero(~has_effect),
-    )
+    return Combinations(rank, values, leading, coefficients, without_effect=np.flatnonzero(~has_effect))
 
 
 def _independent_columns(matrix: Array, rank: int) -> IntArray:

@@ -40,7 +40,7 @@ class Geometry(ReadOnlyArrays):
         """Return the robot's description with joint origins moved by parameters (p,)."""
         description = self.robot.description
         urdf = fromstring(description.urdf_text)
-        elements = _joint_elements(urdf)
+        elements = elements_by_name(urdf, "joint")
         for joint, move in zip(self.joints, values.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)
@@ -63,7 +63,7 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
-    elements = _joint_elements(urdf)
+    elements = elements_by_name(urdf, "joint")
     candidates = _joints_to_frames(description, elements)
     for name in joints or ():
         check_choice("joint", name, candidates)
@@ -84,9 +84,9 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     )
 
 
-def _joint_elements(urdf: Element) -> dict[str, Element]:
-    """Return the elements of all joints, by name."""
-    return {joint.get("name", ""): joint for joint in urdf.findall("joint")}
+def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
+    """Return the elements of a URDF with the tag "joint" or "link", by name."""
+    return {element.get("name", ""): element for element in urdf.findall(tag)}
 
 
 def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:

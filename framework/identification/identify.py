@@ -230,8 +230,7 @@ def _whiten(
     weights = axes.swapaxes(1, 2) / deviation[..., None] / scale  # (T, n, n) diag(variance)^(-1/2) V'
     wrench = np.matvec(regressor.motors, measured.torque) - regressor.constant  # (T, n)
     matrix = (weights @ regressor.matrix)[instants]  # (instants, n, p)
-    right = np.matvec(weights, wrench)[instants]
-    return Rows(matrix.reshape(-1, matrix.shape[2]), right.ravel())
+    return Rows(matrix.reshape(-1, matrix.shape[2]), np.matvec(weights, wrench)[instants].ravel())
 
 
 def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:

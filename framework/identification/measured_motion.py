@@ -173,8 +173,7 @@ def _signal_frequency(joints: Array, period: float) -> float:
     noise = np.median(power[len(power) // 2 :], axis=0)
     is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
     precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
-    bin_count = precedes_noise.sum(axis=0).max()  # a bin is 1 / (count period) wide
-    return bin_count / (count * period)
+    return precedes_noise.sum(axis=0).max() / (count * period)  # a bin is 1 / (count period) wide
 
 
 class _LowPass(NamedTuple):

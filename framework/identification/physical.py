@@ -19,6 +19,7 @@ import pinocchio as pin
 from framework.dynamics.body_parameters import parameter_transform, pseudo_inertia
 from framework.errors import NotConverged
 from framework.identification.base_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
+from framework.identification.geometry import elements_by_name
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
@@ -57,14 +58,14 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
     """
     urdf = fromstring(robot.description.urdf_text)
-    in_file = {link.get("name", ""): read_inertial_parameters(link) for link in urdf.findall("link")}
-    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}
+    links = elements_by_name(urdf, "link").items()
+    in_file = {name: read_inertial_parameters(link) for name, link in links}
+    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}  # by their mass
     frames: list[pin.Frame] = []
     columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
     for i, joint in enumerate(parameters.bodies.tolist()):
         for frame in robot.model.frames:
-            is_link_of_body = frame.parentJoint == joint and frame.type == pin.FrameType.BODY
-            if is_link_of_body and frame.name in heavy:
+            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in heavy:
                 frames.append(frame)
                 columns.append(_link_columns(robot, parameters, i, frame))
     motors = slice(10 * len(parameters.bodies), None)
@@ -201,7 +202,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     """Return the robot's description with other parameters (u,) of links and motors."""
     description = robot.description
     urdf = fromstring(description.urdf_text)
-    elements = {link.get("name", ""): link for link in urdf.findall("link")}
+    elements = elements_by_name(urdf, "link")
     for name, part in zip(links.links, links.link_slices, strict=True):
         if (values[part] != links.values[part]).any():
             _write_inertial(elements[name], values[part])

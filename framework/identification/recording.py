@@ -168,9 +168,11 @@ def _is_in_degrees(angles: Array, start: Array) -> bool:
     offset = angles[0] - start
     offset_without_turns = offset - whole_turns(offset)
     distances_in_radians = np.abs(np.radians(angles) - start)  # (T, k)
-    is_far_off = np.abs(offset).max() > np.pi
-    is_nearer_converted = distances_in_radians[0].max() < np.abs(offset_without_turns).max()
-    return bool(is_far_off and is_nearer_converted and distances_in_radians.max() <= np.pi)
+    return bool(
+        np.abs(offset).max() > np.pi
+        and distances_in_radians[0].max() < np.abs(offset_without_turns).max()
+        and distances_in_radians.max() <= np.pi
+    )
 
 
 def uniform_period(recording: Recording) -> float:

@@ -111,8 +111,7 @@ class SpeedSpace(NamedTuple):
         """
         size = len(y)
         if self.basis.is_spline:
-            sizes = np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean())
-            return np.diag(sizes**2)
+            return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
         if not relative:
             return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
         values = chebyshev.chebvander(nodes(4 * size), size - 1)  # (4 size, size) T_k at the samples

@@ -256,14 +256,12 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
     inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
     x = np.append(inner_x, end, axis=1)  # (m, c)
     orders = np.array([0, 1, 2] * times.shape[1] + [0])  # (c,) of the derivative in each condition
-    time_derivatives = np.append(values.reshape(inner_x.shape), end, axis=1)  # (m, c)
+    targets = np.append(values.reshape(inner_x.shape), end, axis=1) / scale**orders  # (m, c) in x
     rows = _rows_of_laws_at_rest(smoothness, x, orders)
     is_regular = np.linalg.det(rows) != 0.0  # (m,)
-    targets = (time_derivatives / scale**orders)[is_regular]  # derivatives in x
-    series = np.linalg.solve(rows[is_regular], targets[..., None])[..., 0]  # (regular, c) of p
+    series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]  # of p
 
-    samples = series @ _search_samples(smoothness, len(orders))
-    p, accelerations = np.split(samples, 2, axis=1)
+    p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
     mean = np.abs(series @ _interior_values(len(orders)).T).mean(axis=1)
     advances = np.full(count, -np.inf)
     peaks = np.full(count, np.inf)
@@ -327,7 +325,7 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
 @lru_cache(maxsize=64)
 def _interior_values(size: int) -> Array:
     """Return the matrix (2 size + 2, size) from Chebyshev coefficients to values inside (-1, 1)."""
-    return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
+    return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1))
 
 
 @lru_cache(maxsize=64)

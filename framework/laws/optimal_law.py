@@ -138,7 +138,7 @@ def _slope_powers(smoothness: int, order: int) -> Array:
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
     slope = bump / polynomial.polyval(1.0, integral)
-    return np.asarray(polynomial.polyder(slope, order - 1), dtype=float)
+    return np.asarray(polynomial.polyder(slope, order - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +166,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     def __post_init__(self) -> None:
         """Check that cells fit, z is positive, and the duration is that of z."""
         super().__post_init__()
-        object.__setattr__(self, "dense_at", tuple(map(float, self.dense_at)))
-        object.__setattr__(self, "cells", tuple(map(float, self.cells)))
+        for name in ("dense_at", "cells"):
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         _check_cells(self)
         if not np.all(np.isfinite(self.coefficients)) or least_value(self.series) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")

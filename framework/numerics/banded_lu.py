@@ -36,8 +36,7 @@ class DenseFactors:
         """
         if not right.size:
             return np.empty(right.shape)
-        count, size, _ = self.matrices.shape
-        columns = right.reshape(-1, count, size).transpose(1, 2, 0)  # (T, k, right-hand sides)
+        columns = right.reshape(-1, *self.matrices.shape[:2]).transpose(1, 2, 0)  # (T, k, right-hand sides)
         solution = np.asarray(np.linalg.solve(self.matrices, columns), dtype=float)
         return solution.transpose(2, 0, 1).reshape(right.shape)
 

@@ -101,8 +101,7 @@ def real_roots(series: Array) -> Array:
         return np.empty(0)
     roots = _quadratic_roots(series) if degree == 2 else _all_roots(series[: degree + 1])
     real = np.real(roots[np.abs(np.imag(roots)) <= np.sqrt(SAME_PLACE)])
-    inside = real[np.abs(real) <= 1 + SAME_PLACE]
-    return np.sort(np.clip(inside, -1.0, 1.0))
+    return np.sort(np.clip(real[np.abs(real) <= 1 + SAME_PLACE], -1.0, 1.0))
 
 
 def _constant_dominates(sizes: Array) -> bool:

@@ -66,10 +66,8 @@ class ConeProgram:
     @cached_property
     def columns(self) -> dict[str, slice]:
         """Positions of the unknowns of each name in the vector x (n,) of all unknowns."""
-        ends = accumulate(self.sizes.values())
-        return {
-            name: slice(end - size, end) for (name, size), end in zip(self.sizes.items(), ends, strict=True)
-        }
+        ends = dict(zip(self.sizes, accumulate(self.sizes.values()), strict=True))
+        return {name: slice(end - self.sizes[name], end) for name, end in ends.items()}
 
 
 def product_cone(
@@ -86,9 +84,7 @@ def product_cone(
     """
     zero = np.zeros(len(others[0].offset))
     minus_second = {name: -matrix for name, matrix in second.items()}
-    total = AffineRows({**first, **second}, zero)
-    difference = AffineRows({**first, **minus_second}, zero)
-    return [total, difference, *others]
+    return [AffineRows({**first, **second}, zero), AffineRows({**first, **minus_second}, zero), *others]
 
 
 class Unsolved(NamedTuple):

@@ -58,8 +58,8 @@ def interruptible() -> Iterator[Heard]:
     if threading.current_thread() is not threading.main_thread():
         yield heard
         return
-    handlers = {number: signal.getsignal(number) for number in SIGNALS}
-    handlers = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
+    heeded = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    handlers = {number: signal.getsignal(number) for number in heeded}
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         """Ignore further signals; raise `Terminated` or KeyboardInterrupt for this one."""
@@ -70,7 +70,7 @@ def interruptible() -> Iterator[Heard]:
         raise heard.stop
 
     def raise_lost(unraisable: sys.UnraisableHookArgs) -> None:
-        """Repeat an interruption that arrived in a weakref callback or __del__, where Python drops it."""
+        """Repeat an interruption that a weakref callback or __del__ raised, and Python dropped."""
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return

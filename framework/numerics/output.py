@@ -71,9 +71,8 @@ def written_together(
         with defer_signals():
             for written in files:
                 os.replace(written, folder / written.name)
-            outdated = set(beside) - set(names) if replaces else ()
-            for name in outdated:
-                (folder / name).unlink(missing_ok=True)
+            for outdated in set(beside) - set(names) if replaces else ():
+                (folder / outdated).unlink(missing_ok=True)
             _remove_locked_folder(locked)
             locked = None
     except OSError as error:

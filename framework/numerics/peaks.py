@@ -38,8 +38,8 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     # sample and component (m,) of the m local maxima to refine
     sample, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * peaks))
     middle = t[sample]
-    longer_steps = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))  # to either neighbour
-    step = longer_steps[sample]
+    # the first step is the longer one of those to both neighbours
+    step = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))[sample]
 
     def sizes_at(instants: Array) -> Array:
         """Return |value| (..., m) of each maximum's component at instants (..., m) [s]."""

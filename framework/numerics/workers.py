@@ -110,8 +110,9 @@ class Workers(Executor):
 
     def _start_process(self) -> _Worker:
         """Start a process; raise LostWorkers after `stop`."""
-        ours, theirs = get_context("spawn").Pipe()
-        process = get_context("spawn").Process(target=_serve_calls, args=(theirs,), daemon=True)
+        context = get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve_calls, args=(theirs,), daemon=True)
         with self._lock:
             if self._stopped:
                 raise LostWorkers("the worker processes were stopped")

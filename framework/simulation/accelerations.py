@@ -51,7 +51,6 @@ def accelerations(
         InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor
             stiffness nor damping.
     """
-    robot = equations.robot
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
     force = equations.motor_forces(torque) + applied - tangent.force
@@ -59,21 +58,20 @@ def accelerations(
         row = f", row {k}" if len(q) > 1 else ""
         _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
 
-    drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, v))
+    drift = closure_drift(equations.rows, frame_motions(equations.robot, tangent.frames, v))
     a = -matvec(closing, drift)  # a_0, (T, nv)
 
     # Solve Z' M Z alpha = Z' (force - M a_0). Motions without mass have alpha = 0: their rows and columns are
     # replaced by those of the unit matrix, and their right sides by 0
     Z_rows = Z.swapaxes(1, 2)  # Z'
     reduced_mass = matmul(Z_rows, matmul(tangent.mass, Z))  # Z' M Z, (T, d, d)
-    is_replaced = light[:, None] | light[:, :, None]  # (T, d, d)
-    inertia = np.where(is_replaced, np.eye(light.shape[1]), reduced_mass)
+    inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), reduced_mass)
     along_Z = matvec(Z_rows, force - matvec(tangent.mass, a))  # (T, d)
     alpha = np.linalg.solve(inertia, np.where(light, 0.0, along_Z)[..., None])[..., 0]
     a += matvec(Z, alpha)
 
     light_rates = np.abs(Z * light[:, None]).max(axis=2, initial=0.0)  # (T, nv)
-    return Accelerations(a, light_rates / robot.column_scale > RANK_ROUNDING)
+    return Accelerations(a, undetermined=light_rates / equations.robot.column_scale > RANK_ROUNDING)
 
 
 def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:

@@ -98,8 +98,14 @@ def radau_table(stages: int) -> Collocation:
     series_of_integral = integrals_of_basis @ series
     once = legendre.legvander(x, stages) @ series_of_integral
     series_with_start = np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages))
-    rates = np.asarray(np.linalg.inv(once), dtype=float)
-    return Collocation(nodes, once, rates, series, series_with_start, series_of_integral)
+    return Collocation(
+        nodes=nodes,
+        once=once,
+        rates=np.asarray(np.linalg.inv(once)),
+        series=series,
+        series_with_start=series_with_start,
+        series_of_integral=series_of_integral,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,8 +54,11 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     joint_inertias = np.diagonal(mass, axis1=1, axis2=2)  # (T, nv)
     all_inertias = np.concatenate([inertias, joint_inertias], axis=1)
     light = inertias <= EIGENVALUE_ROUNDING * all_inertias.max(axis=1, initial=0.0, keepdims=True)
-    closing = _pseudo_inverse(U, sizes, V_rows) / robot.loop_lengths
-    return AllowedMotions(scale * matmul(Z, axes), light, scale * closing)
+    return AllowedMotions(
+        basis=scale * matmul(Z, axes),
+        light=light,
+        closing=scale * (_pseudo_inverse(U, sizes, V_rows) / robot.loop_lengths),
+    )
 
 
 def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:

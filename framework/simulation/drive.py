@@ -151,9 +151,9 @@ class Drive:
             """Compute torques (T, n_a), calling the function at each instant with (t) or (t, q, v)."""
             torques = np.empty((len(t), robot.n_a))
             for k, instant in enumerate(map(float, t)):
-                arguments = (instant, q[k], v[k]) if count == 3 else (instant,)
-                torque = np.atleast_1d(source(*arguments))
-                torques[k] = finite_numbers(f"torque: at t = {instant:.9g} s", torque, robot.n_a)
+                torque = source(instant, q[k], v[k]) if count == 3 else source(instant)
+                where = f"torque: at t = {instant:.9g} s"
+                torques[k] = finite_numbers(where, np.atleast_1d(torque), robot.n_a)
             return torques
 
         return Drive(robot, torques_at, count == 3, tuple(sorted(map(float, breaks))), world)

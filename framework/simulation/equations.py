@@ -82,8 +82,8 @@ class EquationsOfMotion:
         idle = self.robot.structure.idle
         if not len(idle):
             return self
-        mass = self.tangent_at_rest(self.robot.q_near).mass[0]
-        massless = idle[np.diag(mass)[idle] <= EIGENVALUE_ROUNDING * np.diag(mass).max()]
+        inertias = np.diag(self.tangent_at_rest(self.robot.q_near).mass[0])  # (nv,)
+        massless = idle[inertias[idle] <= EIGENVALUE_ROUNDING * inertias.max()]
         rotors = self.rotors.copy()
         rotors[massless] = 1.0
         return replace(self, rotors=rotors)

@@ -61,14 +61,12 @@ def occurrences(
     states = step(times)
     for event in events:
         values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
-        previous_end = (times[0], last_values.get(event, values[0]))
-        points = [previous_end, *zip(times, values, strict=True)]  # (time, value)
+        points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
         last_values[event] = values[-1]
         for (begin, begin_value), (end, end_value) in pairwise(points):
-            has_same_sign = begin_value * end_value > 0
-            has_other_direction = event.direction * (end_value - begin_value) < 0
             # a zero exactly at `begin` belongs to the interval that ends there
-            if begin_value == 0.0 or has_same_sign or has_other_direction:
+            has_same_sign = begin_value * end_value > 0
+            if begin_value == 0.0 or has_same_sign or event.direction * (end_value - begin_value) < 0:
                 continue
             t = float(end)
             if end_value != 0.0 and begin != end:
@@ -76,8 +74,10 @@ def occurrences(
             q, v = step(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
-    terminal = [occurrence.terminal for occurrence in occurred]
-    return occurred[: terminal.index(True) + 1] if any(terminal) else occurred
+    for k in range(len(occurred)):
+        if occurred[k].terminal:
+            return occurred[: k + 1]
+    return occurred
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:

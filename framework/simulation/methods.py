@@ -259,8 +259,7 @@ def explicit_steps(
 
     nv = len(start.v)
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
-    torque_times = np.minimum(drive.shift_breaks(times).ravel(), edges[-1])
-    torques = drive.torques_without_feedback(torque_times)
+    torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
     # forces (K, stages, nv) of the motors; None with feedback
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
 

@@ -87,8 +87,7 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     v_middle = v + 0.5 * h * guess
     terms = stack.with_velocities(terms, middle, v_middle)
     rates = closing - 0.5 * stack.drift(terms, v_middle)
-    a = _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, rates)
-    v_end = v + h * a
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, rates)
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
 

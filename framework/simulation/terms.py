@@ -146,8 +146,8 @@ class RobotStack:
         frames = terms.frames
         rates = frames.carried * v[:, None]  # (R, F, nv) rates of the joints that carry each frame
         screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        twists, twist_rates = matmul(rates, screws_and_rates)  # (R, F, 6) each
-        motions = FrameMotions.of(frames.placements, twists, twist_rates)
+        twists_and_rates = matmul(rates, screws_and_rates)  # (2, R, F, 6)
+        motions = FrameMotions.of(frames.placements, *twists_and_rates)
         return closure_drift(self.first.rows, motions)
 
 
