@@ -37,12 +37,11 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     expect_robot(robot)
     target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     search = PoseSearch(robot)
-    q, sampled_x = _sample_poses(robot)
-    starts = _choose_starts((sampled_x - target) / robot.platform_scale)
+    sampled_q, sampled_x = _sample_poses(robot)
     ends: list[NearestPose] = []
-    for k in starts:
-        ends.append(search.find(q[k], sampled_x[k], target, earlier=ends))
-        if not ends[-1].stops:
+    for k in _choose_starts((sampled_x - target) / robot.platform_scale):
+        ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
+        if not ends[-1].stops:  # the target is reached
             break
     return min(ends, key=lambda pose: pose.distance)
 

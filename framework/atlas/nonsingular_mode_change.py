@@ -60,8 +60,8 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     free = [robot.actuator_names.index(name) for name in locus.free]
     scale = robot.column_scale[robot.actuated][free]
     opening_x, opening_y = _opening_direction(robot, curve, cusp)[free] / scale
-    start_angle = np.arctan2(opening_y, opening_x)  # between the arms of the locus
-    angle = start_angle + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
+    # the circle starts between the arms of the locus
+    angle = np.arctan2(opening_y, opening_x) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
     unit_circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (T, 2)
     for radius in CIRCLE_RADII:
         motors = np.repeat(cusp.motors[None], len(angle), axis=0)

@@ -123,8 +123,13 @@ def survey_window(
     point = map_point(robot, at)
     middle = point[list(columns)]
     half_edges = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(columns)]
-    shape = (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES)
-    bounds = Window(columns, middle - half_edges, middle + half_edges, shape, constants=point)
+    bounds = Window(
+        axes=columns,
+        lower=middle - half_edges,
+        upper=middle + half_edges,
+        shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
+        constants=point,
+    )
     window = bounds
     for _ in range(1 + FINE_SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)

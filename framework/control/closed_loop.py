@@ -81,7 +81,7 @@ class RunMonitor:
     why: (R,) reasons of failures; empty for runs that have not failed.
     worst, error: (R,) largest and last distance of the platform from the plan [robot lengths, rad]; `error`
         is MAX_DEVIATION for runs that have ended early.
-    peak: (R, n_a) largest motor torques [N m].
+    peak: (R, n_a) largest motor torques [N m], motor side.
     positions: platform coordinates (R, n) of each check.
     torques: motor torques (R, n_a) [N m] of each period, if recorded.
     """

@@ -4,14 +4,14 @@
     cycle.update(q_a, dq_a)                     # joint side of the gears
     torque = cycle.torque(ddq_a)                # motor side
 
-A cycle predicts the pose along the tangent T = dq/dq_a of the last cycle and closes the loops by Newton's
-method on the passive joints, P dq_p = -residual. With the joint accelerations a_0 at ddq_a = 0,
+A cycle predicts the pose along the tangent T = dq/dq_a of the last cycle. Newton's method then closes the
+loops with the passive joints, P dq_p = -residual. With the joint accelerations a_0 at ddq_a = 0,
 
     torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' (RNEA(q, v, a_0) + ...) / n,
 
 where T' eliminates the loop forces, and damping and joint springs are added to RNEA. A step is accepted by
-the same criteria as in `predictor_corrector`. If a step is refused, `forward_kinematics` follows the motors
-in short steps, or reports the singularity at which the assembly mode ends.
+the criteria of `predictor_corrector`. If a step is refused, `forward_kinematics` follows the motors in short
+steps, or reports the singularity at which the assembly mode ends.
 """
 
 from __future__ import annotations

@@ -178,16 +178,16 @@ class BaseParameters(ReadOnlyArrays):
 def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BaseParameters:
     """Compute the parameter combinations that motor torques determine.
 
-    These are the combinations that all motions near the reference determine together; the motion along a
-    single line determines fewer. Their number is the rank of the closed robot's regressor at random instants
-    (`parameter_regressor`). Several sets of instants must have the same rank.
+    All motions near the reference together determine these combinations; a motion along a single line
+    determines fewer. Their number is the rank of the closed robot's regressor at random instants
+    (`parameter_regressor`). Several sets of random instants must have the same rank.
 
     Args:
         massless: whether to include bodies that have no mass in the file.
 
     Raises:
-        InvalidInput: a robot with springs, or whose platform does not determine its joints.
-        NotConverged: the sets of instants do not agree on the rank.
+        InvalidInput: the robot has springs, or its platform does not determine its joints.
+        NotConverged: the sets of instants have different ranks.
     """
     expect_robot(robot)
     described = torque_parameters(robot, massless=massless)

@@ -1,7 +1,7 @@
 """Functions of time as Chebyshev series, panel by panel.
 
 All functions of time of a plan are sampled at Chebyshev points and represented by their coefficients. A
-removable quotient 0/0 between two nodes does no harm, since it is never evaluated. The decay of the
+removable singularity 0/0 between two nodes does no harm, since it is never evaluated. The decay of the
 coefficients shows whether the function is resolved; `TimeFunction.tail` is this certificate. Where a function
 has a kink, as at the knots of a spline, one panel ends and the next begins.
 

@@ -1,7 +1,7 @@
 """GMRES: linear equations A x = right solved in a Krylov space, from products with A alone.
 
 The small least-squares problem is solved by a truncated singular value decomposition, as in hybrid methods.
-So the solution has no part in directions that A maps to almost zero.
+So the solution has no component along directions that A maps to almost zero.
 
 Source: Saad, Iterative Methods for Sparse Linear Systems, SIAM 2003, chapter 6; Hansen, Discrete Inverse
 Problems, SIAM 2010, chapter 6.

@@ -69,7 +69,7 @@ def report_result() -> None:
 
 @contextmanager
 def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
-    """End the searches of a block by the first Ctrl-C after a result.
+    """End the searches of a block at the first Ctrl-C after a result.
 
     Args:
         on_result: called at the first result of a search, after which Ctrl-C ends the search.

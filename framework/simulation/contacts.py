@@ -50,7 +50,7 @@ class ContactDynamics:
 
     @staticmethod
     def of(equations: EquationsOfMotion, closing: float) -> ContactDynamics:
-        """Prepare a robot; open loops close, critically damped, within the time `closing` [s].
+        """Prepare a robot; gaps of loops close with the time constant `closing` [s], critically damped.
 
         Raises:
             InvalidInput: a loop that is neither spherical nor fixed, a joint that moves no mass, or a joint
