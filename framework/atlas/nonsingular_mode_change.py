@@ -24,7 +24,7 @@ from framework.singularity.type2 import singularity_measure
 from framework.tolerances import DISTINCT_SOLUTIONS
 
 CIRCLE_STEPS = 24
-# [rad, lengths] of the circles tried, largest first
+# [rad, robot lengths] radii of the circles that are tried in turn
 CIRCLE_RADII = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
 

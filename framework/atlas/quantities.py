@@ -68,7 +68,7 @@ class Quantity:
     springs: bool = False  # whether it needs a robot with springs
     loaded: bool = False  # whether it is computed at poses deflected by weight and `wrench`
     holding: bool = False  # whether it is a torque that balances weight and `wrench`; needs torque limits
-    wrench: tuple[float, ...] | None = None  # (n,) of the world ON the platform [N, N m]
+    wrench: tuple[float, ...] | None = None  # (n,) external wrench ON the platform [N, N m]
 
     @property
     def takes_wrench(self) -> bool:

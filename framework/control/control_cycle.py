@@ -141,7 +141,7 @@ class ControlCycle:
         """Compute motor torques (n_a,) [N m, N] for motor accelerations ddq_a (n_a,).
 
         Torques are on the motor side of the gears, accelerations on the joint side. The torques include
-        rotors, armature, damping and joint springs, but neither dry friction nor wrenches of the world.
+        rotors, armature, damping and joint springs, but neither dry friction nor external wrenches.
 
         Raises:
             InvalidInput: not n_a finite numbers.

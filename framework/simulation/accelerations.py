@@ -2,7 +2,7 @@
 
     M a + c + g + K (q - rest) + D v = S' n tau + f + J' lambda,        J a + drift = 0
 
-with f the forces of the world. These equations hold all coordinates and are therefore regular at Type 2. The
+with the external forces f. The equations contain all coordinates and are therefore regular at Type 2. The
 motions that the loops allow are split into Z with mass and Z_0 without (`consistent.allowed_motions`, as at
 the start of every simulation):
 
@@ -45,7 +45,7 @@ def accelerations(
 
     Args:
         q, v: (T, nq), (T, nv) with closed loops, also in their rates.
-        applied: generalised forces (T, nv) of the world.
+        applied: generalised external forces (T, nv).
 
     Raises:
         InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor

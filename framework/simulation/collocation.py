@@ -9,7 +9,7 @@ The unknowns at every node are all accelerations a (nv,) and multipliers lambda 
 
     M a + c + g + K (q - rest) + D v - S' n tau - f - J' lambda = 0        F(q) = 0
 
-with the forces f of the world, the velocities v = v0 + h A a, and q integrated from q0 by h A v. The loops
+with the external forces f, the velocities v = v0 + h A a, and q integrated from q0 by h A v. The loops
 are closed at all nodes, and the last node is the end of the step, so they do not drift. The mass matrix is
 never inverted, so coordinates without mass follow from the balance of their springs in the same solution.
 Newton's method uses all derivatives except the curvature of joints with several rotations.

@@ -9,7 +9,7 @@
 * F, J: the independent loop equations and their Jacobian.
 
 The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J does not.
-Pinocchio is called once for each state; all other computations are stacked.
+Pinocchio is called once for each state; all other computations treat the whole stack.
 """
 
 from __future__ import annotations

@@ -264,7 +264,7 @@ def explicit_steps(
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
 
     def force_at(k: int, i: int, q: Array, v: Array) -> Array:
-        """Compute the generalised forces (nv,) of motors and world at stage i of step k."""
+        """Compute the generalised forces (nv,) of motors and external wrenches at stage i of step k."""
         t = times[k, i : i + 1]
         if motors is None:
             force = equations.motor_forces(drive(t, q[None], v[None]))[0]

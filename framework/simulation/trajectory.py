@@ -60,9 +60,9 @@ class Cubics(ReadOnlyArrays):
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s].
 
-        On a step of length h, with u in [0, 1], the tangent offset from the start of the step is
-        h v_0 u + c_2 u^2 + c_3 u^3. At u = 1 the offset is d, that of the end of the step, and its derivative
-        by u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and c_3 = h v_0 + h v_1 - 2 d.
+        On a step of length h from velocity v_0 to v_1, with u in [0, 1], the tangent offset from the start of
+        the step is h v_0 u + c_2 u^2 + c_3 u^3. At u = 1, the end of the step, the offset is d and its
+        derivative in u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and c_3 = h v_0 + h v_1 - 2 d.
         """
         k = _step_index(self.edges, t)
         h = np.diff(self.edges)[k][:, None]
