@@ -54,10 +54,7 @@ class RobotStack:
     ) -> RobotStack:
         """Stack one robot or several of the same structure.
 
-        Args:
-            damping: added viscous damping of joint rates, one number, (nv,) or (R, nv) [N m s/rad, N s/m].
-            like: robot that decides which loop equations are independent and which joints idle; by default
-                the first.
+        `like`, by default the first, decides which loop equations are independent and which joints idle.
 
         Raises:
             InvalidInput: no robot is given, or the robots differ in joints, motors, springs or loops; or as
