@@ -73,7 +73,7 @@ class DesignStudy(ReadOnlyArrays):
     designs: Designs
     columns: Mapping[str, Array]  # (D,) see `units`
     units: Mapping[str, str]
-    why: tuple[str, ...]  # (D,) the reason why there is no map; empty if there is one
+    why: tuple[str, ...]  # (D,) reason why a design has no map; empty if it has one
 
 
 def read_designs(file: str | Path, table: str | Path | None = None) -> Designs:
@@ -109,7 +109,13 @@ def design_study(
     keeper: KeptChunks | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> DesignStudy:
-    """Map all designs and reduce each map to areas and ranges; options as of `workspace_map`."""
+    """Map all designs and reduce each map to areas and ranges.
+
+    Args:
+        executor: computes chunks of designs; None computes them in this process.
+        keeper: stores finished chunks; chunks stored before are not computed again.
+        progress: called with the number of finished designs.
+    """
     chunks = {}
     for first in range(0, len(designs.values), DESIGNS_PER_TASK):
         values = designs.values[first : first + DESIGNS_PER_TASK]
@@ -172,14 +178,15 @@ def _map_design(task: StudyTask, design: Sequence[float]) -> dict[str, float]:
 def _statistics(workspace: WorkspaceMap) -> dict[str, float]:
     """Return the areas of a map and the ranges of its quantities, by column.
 
-    `area` is that of all reached poses, `free_area` of poses in the reference's assembly mode, `carried_area`
-    of poses that carry the load. The reference's mode is taken from the reached pose nearest to it.
+    `area` is the area of all reached poses, `free_area` that of poses in the reference's assembly mode, and
+    `carried_area` that of poses that carry the load. The reached pose nearest to the reference determines the
+    assembly mode.
     """
     reached = workspace.reached
     distance = np.abs(workspace.window.points() - workspace.robot.reference.x).max(axis=2)
     nearest = np.argmin(np.where(reached, distance, np.inf))
-    is_free = workspace.assembly == workspace.assembly.flat[nearest]
-    masks = {"area": reached, "free_area": reached & is_free}
+    has_reference_mode = workspace.assembly == workspace.assembly.flat[nearest]
+    masks = {"area": reached, "free_area": reached & has_reference_mode}
     if workspace.load is not None:
         masks["carried_area"] = reached & (workspace.load == LoadReason.CARRIED)
     cell_area = np.prod(workspace.window.cell)
@@ -219,7 +226,12 @@ def write_study(study: DesignStudy, folder: Path) -> list[Path]:
 
 
 def _read_table(table: Path, declared: Mapping[str, Sequence[float]]) -> Designs:
-    """Read designs from a CSV table; raises as `read_designs`."""
+    """Read designs from a CSV table.
+
+    Raises:
+        InvalidInput: the table has undeclared or repeated names, too many designs, or cells that are not
+            numbers.
+    """
     text = read_text(table, f"{table}: cannot read the table")
     rows = [row for row in csv.reader(io.StringIO(text)) if row]
     if len(rows) < 2:

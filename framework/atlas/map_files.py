@@ -94,7 +94,8 @@ def write_map(workspace: WorkspaceMap, folder: Path) -> list[Path]:
     """Write map.json, map.npz and map.csv into a folder."""
     first, second = workspace.window.spans
     curves = workspace.locus.curves
-    no_x = np.zeros((0, 2))  # keep the shapes of a locus without curves
+    # empty arrays, so that a locus without curves is stored with the same number of columns
+    no_x = np.zeros((0, 2))
     no_q = np.zeros((0, workspace.q.shape[2]))
     arrays = {
         "first": first,
@@ -157,7 +158,7 @@ def _table_columns(workspace: WorkspaceMap) -> dict[str, list[Any]]:
 
 
 def value_range(values: np.ndarray) -> dict[str, float | None]:
-    """Return the `STATISTICS` of the finite values, None without any."""
+    """Return the `STATISTICS` of the finite values, by name; None if no value is finite."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return dict.fromkeys(STATISTICS)

@@ -1,15 +1,15 @@
-"""The nearest singular pose to a pose: the margin from Type 2.
+"""The singular pose nearest to a given pose: the margin from Type 2.
 
-Rays leave the pose in many directions. Continuation follows all of them at once until the branch ends at
-Type 1 or g changes its sign; bisection then locates the end. Newton's method looks for the foot point, the
-point of the locus g = 0 nearest to the pose x, starting from the points where the shortest rays meet the
+Rays start at the platform coordinates x of the pose in many directions. Continuation follows all of them at
+once until the branch ends at Type 1 or g changes its sign; bisection then locates the end. Newton's method
+looks for the foot point, the point of the locus g = 0 nearest to x, starting where the shortest rays meet the
 locus. From y it steps to the point nearest to x on the plane on which g, linearised at y, is zero:
 
     y' = x + a (a . (y - x) - g(y)) / a . a,        a = dg/dy.
 
 The foot point is a singular pose, so its distance is an upper bound of the margin. The lower bound is the
-radius of the ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
-bounds differ if a Type 1 pose ends that ball, or if the proof reaches its largest number of cells.
+radius of a ball in which `prove_regular_ball` proves that no pose is singular, of Type 1 or Type 2. The
+bounds differ if a Type 1 pose limits the ball, or if the proof reaches its largest number of cells.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ RAY_STEP = 0.02  # [robot lengths, rad] along a ray
 RAYS = {1: 2, 2: 96, 3: 300}  # number of rays by the number of platform coordinates
 RAYS_IN_MORE = 600  # number of rays for platforms with more coordinates
 MAX_STARTS = 8  # of Newton's method, on the shortest rays that meet the locus
-FAR_RATIO = 1.25  # segments that start farther away than the nearest end times this ratio are left out
+FAR_RATIO = 1.25  # segments that start beyond this ratio times the distance of the nearest end are left out
 MAX_FOOT_STEPS = 30  # steps towards a foot point
 # halvings of a step on the nearest ray, down to rounding; on all rays, enough to find the nearest
 MAX_HALVINGS, COARSE_HALVINGS = 45, 10
@@ -48,11 +48,11 @@ DIFFERENCE_STEP = 1e-5  # [robot lengths, rad] for central differences of g
 class NearestSingularPose(ReadOnlyArrays):
     """The nearest Type 2 pose of a local search, and the radius of the ball proved regular."""
 
-    at_least: float  # [unit] within this distance no pose is singular, Type 1 or Type 2: proved
+    at_least: float  # [unit] distance within which no pose is singular, of Type 1 or Type 2: proved
     unit: str  # m if all coordinates are translations, rad if all are turns, else robot lengths and rad
     within: float  # [unit] distance up to which rays were followed
-    rays: int
-    leg_end: float  # [unit] distance of the nearest Type 1 end of a ray; inf without one
+    rays: int  # number of rays
+    leg_end: float  # [unit] distance at which the nearest ray ends at Type 1; inf without one
     distance: float = np.inf  # [unit] of the nearest Type 2 pose; inf if none was found
     x: Array | None = None  # (n,) platform coordinates of this pose
     q: Array | None = None  # (nq,)
@@ -60,7 +60,7 @@ class NearestSingularPose(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """The proved and the found distance to Type 2, in a sentence."""
+        """A sentence with the proved and the found distance to Type 2."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -99,7 +99,7 @@ def nearest_singular_pose(
     reach = 0.5 if within is None else positive("within", within) / unit_length
     directions = _spread_directions(robot.n)
     crossed, ended = _follow_rays(robot, centre_q, centre, directions, reach)
-    nearest = _nearest_foot(robot, crossed, centre, reach)
+    nearest = _nearest_singular(robot, crossed, centre, reach)
     leg_end = _type_1_distance(robot, ended, centre)
     radius = reach if nearest is None else nearest.distance
     proved = prove_regular_ball(robot, centre_q, centre, radius, max_cells=max_cells)
@@ -120,7 +120,7 @@ def nearest_singular_pose(
 class RaySegments(NamedTuple):
     """The last segments of K rays, in which g changes its sign or the branch ends.
 
-    Each leads from a reached pose to a point where g has the other sign, or that is not reached.
+    Each segment leads from a reached pose to a point that is not reached, or where g has the other sign.
     """
 
     q: Array  # (K, nq) at the start
@@ -128,10 +128,10 @@ class RaySegments(NamedTuple):
     end: Array  # (K, n) platform coordinates
 
 
-class Foot(NamedTuple):
-    """A foot point of the locus, or another pose at the end of a ray."""
+class PoseAtDistance(NamedTuple):
+    """A pose with its distance from the centre of the rays."""
 
-    distance: float  # from the point [robot lengths, rad]
+    distance: float  # [robot lengths, rad]
     x: Array  # (n,)
     q: Array  # (nq,)
 
@@ -139,9 +139,9 @@ class Foot(NamedTuple):
 def _spread_directions(n: int) -> Array:
     """Return evenly spread unit vectors (K, n).
 
-    Two coordinates: a circle. Three: a spiral on the sphere that turns by the golden angle from one vector to
-    the next, at equidistant heights z, because bands of equal height have equal areas. Otherwise: both
-    directions of each axis, and random ones from a fixed seed.
+    With two coordinates they are on a circle. With three they are on a spiral around the sphere, which turns
+    by the golden angle from one vector to the next; the heights z are equidistant, because bands of equal
+    height have equal areas. Otherwise they are both directions of each axis, and random vectors.
     """
     count = RAYS.get(n, RAYS_IN_MORE)
     k = np.arange(count)
@@ -166,9 +166,14 @@ def _sign_of_g(robot: ParallelRobot, q: Array) -> Array:
 def _follow_rays(
     robot: ParallelRobot, q: Array, x: Array, directions: Array, reach: float
 ) -> tuple[RaySegments, RaySegments]:
-    """Follow rays (K, n) from x (n,); return the segments with a sign change of g, then with an end.
+    """Follow rays from x (n,); return segments with sign changes of g, segments with ends.
 
-    A ray ends with its first such segment.
+    A ray ends with its first segment in which g changes its sign or the branch ends.
+
+    Args:
+        q: configuration (nq,) at x.
+        directions: unit vectors (K, n) [robot lengths, rad].
+        reach: length of the rays [robot lengths, rad].
     """
     rays = directions * robot.platform_scale
     count = max(int(np.ceil(reach / RAY_STEP)), 1)
@@ -177,7 +182,8 @@ def _follow_rays(
     crossed: list[RaySegments] = []
     ended: list[RaySegments] = []
     for k in range(count):
-        start, end = (x + rays * (reach * i / count) for i in (k, k + 1))
+        start = x + rays * (reach * k / count)
+        end = x + rays * (reach * (k + 1) / count)
         step = step_poses(robot, ray_q, start, end, STEP_PARTS)
         is_reached = step.reason == PoseReason.REACHED
         is_crossed = is_reached.copy()
@@ -185,24 +191,26 @@ def _follow_rays(
         segments = RaySegments(ray_q, start, end)
         crossed.append(select(segments, is_crossed))
         ended.append(select(segments, ~is_reached))
-        goes_on = is_reached & ~is_crossed
-        ray_q = step.q[goes_on]
-        rays = rays[goes_on]
+        continues = is_reached & ~is_crossed
+        ray_q = step.q[continues]
+        rays = rays[continues]
         if not len(rays):
             break
     return _join_nearest(crossed, robot, x), _join_nearest(ended, robot, x)
 
 
-def _nearest_foot(robot: ParallelRobot, crossed: RaySegments, x: Array, reach: float) -> Foot | None:
+def _nearest_singular(
+    robot: ParallelRobot, crossed: RaySegments, x: Array, reach: float
+) -> PoseAtDistance | None:
     """Find the singular pose nearest to x (n,) within reach, starting from sign changes of g.
 
     Candidates are foot points, and the nearest sign change at which g is zero to rounding.
     """
-    hits = _locate_ends(robot, crossed, x)
-    feet = [_find_foot(robot, hit, x) for hit in hits[:MAX_STARTS]]
-    feet += [hit for hit in hits if _is_singular(robot, hit)][:1]
-    within_reach = [foot for foot in feet if foot is not None and foot.distance <= reach]
-    return min(within_reach, key=lambda foot: foot.distance, default=None)
+    sign_changes = _locate_ends(robot, crossed, x)  # nearest first
+    candidates = [_find_foot(robot, pose, x) for pose in sign_changes[:MAX_STARTS]]
+    candidates += [pose for pose in sign_changes if _is_singular(robot, pose)][:1]
+    within_reach = [pose for pose in candidates if pose is not None and pose.distance <= reach]
+    return min(within_reach, key=lambda pose: pose.distance, default=None)
 
 
 def _type_1_distance(robot: ParallelRobot, ended: RaySegments, x: Array) -> float:
@@ -212,7 +220,10 @@ def _type_1_distance(robot: ParallelRobot, ended: RaySegments, x: Array) -> floa
 
 
 def _join_nearest(segments: list[RaySegments], robot: ParallelRobot, x: Array) -> RaySegments:
-    """Join the segments that start no farther from x (n,) than FAR_RATIO times the nearest end."""
+    """Join the segments that start within FAR_RATIO times the distance of the nearest end.
+
+    Distances are from x (n,).
+    """
     joined = join(segments)
     start_distances = _platform_distances(robot, joined.start, x)
     end_distances = _platform_distances(robot, joined.end, x)
@@ -224,10 +235,10 @@ def _platform_distances(robot: ParallelRobot, y: Array, x: Array) -> Array:
     return np.linalg.norm((y - x) / robot.platform_scale, axis=-1)
 
 
-def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array) -> list[Foot]:
+def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array) -> list[PoseAtDistance]:
     """Locate the last poses before sign changes or ends of branches, nearest to x (n,) first.
 
-    The nearest is located to rounding; for the others few halvings are enough.
+    The nearest pose is located to rounding; for the others a few halvings are enough.
     """
     coarse = _bisect_segments(robot, segments, COARSE_HALVINGS)
     order = np.argsort(_platform_distances(robot, coarse.start, x), kind="stable")
@@ -235,26 +246,26 @@ def _locate_ends(robot: ParallelRobot, segments: RaySegments, x: Array) -> list[
     fine = _bisect_segments(robot, nearest, MAX_HALVINGS - COARSE_HALVINGS)
     ends = join([fine, select(coarse, order[1:])])
     distances = _platform_distances(robot, ends.start, x).tolist()
-    return [Foot(*foot) for foot in zip(distances, ends.start, ends.q, strict=True)]
+    return list(map(PoseAtDistance, distances, ends.start, ends.q))
 
 
 def _bisect_segments(robot: ParallelRobot, segments: RaySegments, halvings: int) -> RaySegments:
     """Advance the starts of segments (K,) towards the sign change or end, by bisection.
 
-    A step is repeated while it is accepted, and halved when it is refused. A simple bisection would not do:
-    near an end of a branch a long step may not be trusted although a shorter one is.
+    A step is repeated while it is accepted, and halved when it is refused. A simple bisection does not work:
+    near the end of a branch a long step may not be trusted although a shorter one is.
     """
     q, start, end = segments
     q = q.copy()
     sign = _sign_of_g(robot, q)
-    fraction = np.zeros(len(q))  # of each segment behind q
-    size = np.full(len(q), 0.5)  # of the next step, as a fraction
+    fraction = np.zeros(len(q))  # of each segment that has been passed
+    size = np.full(len(q), 0.5)  # fraction of the segment that the next step takes
     while (live := np.flatnonzero(size > 0.5 ** (halvings + 1))).size:
         next_fraction = (fraction + size)[live]
-        segment = select(RaySegments(q, start, end), live)
-        direction = segment.end - segment.start
-        origin = segment.start + direction * fraction[live, None]
-        step = step_poses(robot, segment.q, origin, segment.start + direction * next_fraction[:, None])
+        direction = (end - start)[live]
+        step_start = start[live] + direction * fraction[live, None]
+        step_end = start[live] + direction * next_fraction[:, None]
+        step = step_poses(robot, q[live], step_start, step_end)
         accepted = (step.reason == PoseReason.REACHED) & (next_fraction < 1.0)
         accepted[accepted] = _sign_of_g(robot, step.q[accepted]) == sign[live[accepted]]
         q[live[accepted]] = step.q[accepted]
@@ -263,12 +274,12 @@ def _bisect_segments(robot: ParallelRobot, segments: RaySegments, halvings: int)
     return RaySegments(q, start + (end - start) * fraction[:, None], end)
 
 
-def _is_singular(robot: ParallelRobot, hit: Foot) -> bool:
+def _is_singular(robot: ParallelRobot, hit: PoseAtDistance) -> bool:
     """Return whether g is zero to rounding at a pose."""
     return bool(abs(_compute_g(robot, hit.q[None])[0]) < RANK_LOST)
 
 
-def _is_type_1(robot: ParallelRobot, end: Foot) -> bool:
+def _is_type_1(robot: ParallelRobot, end: PoseAtDistance) -> bool:
     """Return whether a pose is singular of Type 1, within TYPE_1_END."""
     matrix = type1_matrix(robot, linearised_at(robot, end.q[None], None))
     least_singular_value = np.linalg.svd(matrix, compute_uv=False)[0, -1]
@@ -280,11 +291,12 @@ def _compute_g(robot: ParallelRobot, q: Array) -> Array:
     return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
 
 
-def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
+def _find_foot(robot: ParallelRobot, hit: PoseAtDistance, x: Array) -> PoseAtDistance | None:
     """Find the foot point of x (n,) by Newton's method; None without convergence.
 
-    Each step goes from y to the point of the linearised locus nearest to x, or RAY_STEP towards it. In scaled
-    coordinates, with the slopes a of g, this point is x + a (a . (y - x) - g) / |a|^2.
+    The method starts at y, the pose `hit`. Each step leads from y to the point of the linearised locus that
+    is nearest to x, or RAY_STEP towards this point. In scaled coordinates, with the slopes a of g, the point
+    is x + a (a . (y - x) - g) / |a|^2.
     """
     scale = robot.platform_scale
     _, y, q = hit
@@ -299,7 +311,9 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
         target = x + scale * a * (a @ ((y - x) / scale) - g) / square
         distance = float(_platform_distances(robot, target, y))
         if distance < NEWTON_STEP:
-            return Foot(float(_platform_distances(robot, y, x)), y, q) if abs(g) < RANK_LOST else None
+            if not abs(g) < RANK_LOST:
+                return None
+            return PoseAtDistance(float(_platform_distances(robot, y, x)), y, q)
 
         next_y = y + min(1.0, RAY_STEP / distance) * (target - y)
         step = step_poses(robot, q[None], y[None], next_y[None], STEP_PARTS)
@@ -311,10 +325,10 @@ def _find_foot(robot: ParallelRobot, hit: Foot, x: Array) -> Foot | None:
 
 
 def _linearise_g(robot: ParallelRobot, q: Array, y: Array) -> tuple[float, Array] | None:
-    """Compute g and its slopes (n,) in scaled coordinates at q (nq,), y (n,); None at an end.
+    """Compute g and its slopes (n,) in scaled coordinates at q (nq,), y (n,).
 
-    The slopes are central differences between neighbours of y along the axes. Near an end of the branch a
-    neighbour may not be reached.
+    The slopes are central differences between neighbours of y along the axes. The result is None if a
+    neighbour is not reached, near an end of the branch.
     """
     unit_steps = np.concatenate([np.zeros((1, robot.n)), np.eye(robot.n), -np.eye(robot.n)])
     neighbours = y + unit_steps * DIFFERENCE_STEP * robot.platform_scale  # (2 n + 1, n), y itself first

@@ -1,7 +1,8 @@
-"""The nearest pose to a platform that may be out of reach, among poses joined to the reference.
+"""The pose nearest to a platform target that may be out of reach.
 
-A search (`PoseSearch`) ends in a local minimum of the distance, and there may be several. So poses are
-sampled once per robot, on random walks from the reference, and searches start from the nearest samples.
+Only poses that are joined to the reference are considered. A search (`PoseSearch`) ends in a local minimum of
+the distance, and there may be several. So poses are sampled once per robot, on random walks from the
+reference, and searches start from the samples nearest to the target.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ START_DISTANCE = 0.2  # [robot lengths, rad] least distance between starts
 def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     """Find the pose nearest to platform coordinates x (n,) within the joints' ranges.
 
-    The pose is joined to the reference by steps within the ranges on which every leg keeps its working mode.
-    Type 2 singularities may lie between. The pose is the best result of a few local searches, without a proof
-    that no other is nearer. The first call for a robot samples its poses, which takes about a second.
+    The pose is joined to the reference by steps within the ranges, on which every leg keeps its working mode.
+    The steps may cross Type 2 singularities. The pose is the best result of a few local searches, without a
+    proof that no other pose is nearer. The first call for a robot samples poses, which takes about a second.
 
     Raises:
         InvalidInput: not n finite numbers; the platform does not determine the joints.
@@ -36,12 +37,11 @@ def nearest_pose(robot: ParallelRobot, x: ArrayLike) -> NearestPose:
     expect_robot(robot)
     target = finite_numbers(f"x ({', '.join(robot.axis_names)})", x, robot.n)
     search = PoseSearch(robot)
-    q, sampled_x = _sample_poses(robot)
-    starts = _choose_starts((sampled_x - target) / robot.platform_scale)
+    sampled_q, sampled_x = _sample_poses(robot)
     ends: list[NearestPose] = []
-    for k in starts:
-        ends.append(search.find(q[k], sampled_x[k], target, earlier=ends))
-        if not ends[-1].stops:
+    for k in _choose_starts((sampled_x - target) / robot.platform_scale):
+        ends.append(search.find(sampled_q[k], sampled_x[k], target, earlier=ends))
+        if not ends[-1].stops:  # the target is reached
             break
     return min(ends, key=lambda pose: pose.distance)
 
@@ -66,8 +66,8 @@ def _choose_starts(offsets: Array) -> list[int]:
 def _sample_poses(robot: ParallelRobot) -> tuple[Array, Array]:
     """Sample poses q (S, nq) at x (S, n), joined to the reference within ranges.
 
-    Walks from the reference go straight on until a step is refused, at Type 1 or the end of a range; then
-    they take a new random direction.
+    Each random walk keeps its direction until a step is refused, at Type 1 or the end of a range. Then it
+    continues in a new random direction.
     """
     random = np.random.default_rng(0)
     q = np.repeat(robot.reference.q[None], WALKS, axis=0)

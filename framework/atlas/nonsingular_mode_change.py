@@ -24,7 +24,7 @@ from framework.singularity.type2 import singularity_measure
 from framework.tolerances import DISTINCT_SOLUTIONS
 
 CIRCLE_STEPS = 24
-# [rad, lengths] of the circles tried, largest first
+# [rad, robot lengths] radii of the circles that are tried in turn
 CIRCLE_RADII = (0.04, 0.02, 0.01, 0.005, 0.0025)
 
 
@@ -47,7 +47,8 @@ class AssemblyModeChange(ReadOnlyArrays):
 def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange | None:
     """Find the change of assembly mode around a cusp of a locus in two motors.
 
-    None if no circle leads from one assembly mode to another, because each meets other parts of the locus.
+    The result is None if no circle leads from one assembly mode to another, because all circles meet other
+    parts of the locus.
 
     Raises:
         InvalidInput: the locus was traced in platform coordinates, or the cusp is not one of its cusps.
@@ -58,13 +59,14 @@ def find_mode_change(locus: TracedLocus, cusp: LocusPoint) -> AssemblyModeChange
     curve = _find_curve(locus, cusp)
     free = [robot.actuator_names.index(name) for name in locus.free]
     scale = robot.column_scale[robot.actuated][free]
-    opening = _opening_direction(robot, curve, cusp)[free] / scale
-    angle = np.arctan2(opening[1], opening[0]) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
+    opening_x, opening_y = _opening_direction(robot, curve, cusp)[free] / scale
+    # the circle starts between the arms of the locus
+    angle = np.arctan2(opening_y, opening_x) + np.linspace(0.0, 2 * np.pi, CIRCLE_STEPS + 1)
     unit_circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (T, 2)
     for radius in CIRCLE_RADII:
         motors = np.repeat(cusp.motors[None], len(angle), axis=0)
         motors[:, free] += radius * scale * unit_circle
-        motors[-1] = motors[0]
+        motors[-1] = motors[0]  # exactly, without rounding
         change = _follow_circle(robot, cusp, motors)
         if change is not None:
             return change
@@ -82,19 +84,23 @@ def _find_curve(locus: TracedLocus, cusp: LocusPoint) -> LocusCurve:
 def _opening_direction(robot: ParallelRobot, curve: LocusCurve, cusp: LocusPoint) -> Array:
     """Compute the direction (n_a,) of the motors into which a cusp opens.
 
-    It leads from the cusp to the midpoint between the curve's points on both arms next to the cusp.
+    The direction leads from the cusp to the midpoint between the points of the curve on both arms next to the
+    cusp.
     """
-    scale = robot.column_scale if robot.model.nq == robot.model.nv else 1.0
+    scale = robot.column_scale if robot.model.nq == robot.model.nv else 1.0  # balls have no scale per nq
     distance = np.linalg.norm((curve.q - cusp.q) / scale, axis=1)
-    k = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # the curve's point nearest to the cusp
-    offset = curve.motors[k] - cusp.motors
+    nearest = int(np.clip(np.argmin(distance), 1, len(curve.q) - 2))  # an inner point of the curve
+    offset = curve.motors[nearest] - cusp.motors
     turns = np.where(np.abs(offset) > 3, whole_turns(offset), 0.0)  # angles may differ by whole turns
-    midpoint = 0.5 * (curve.motors[k - 1] + curve.motors[k + 1])
+    midpoint = 0.5 * (curve.motors[nearest - 1] + curve.motors[nearest + 1])
     return midpoint - (cusp.motors + turns)
 
 
 def _follow_circle(robot: ParallelRobot, cusp: LocusPoint, motors: Array) -> AssemblyModeChange | None:
-    """Follow motors (T, n_a) from the three modes next to the cusp; return the first change."""
+    """Follow motors (T, n_a) from the three assembly modes nearest to a cusp.
+
+    Return the first change of mode; None if there is no change.
+    """
 
     def distance(x: Array, y: Array) -> float:
         return float(np.linalg.norm((x - y) / robot.platform_scale))

@@ -63,12 +63,12 @@ class Quantity:
     name: str
     unit: str
     large_is_good: bool = True
-    decades: bool = False  # drawn on a logarithmic scale
-    signed: bool = False
-    springs: bool = False  # needs a robot with springs
-    loaded: bool = False  # computed at poses deflected by weight and `wrench`
-    holding: bool = False  # torque that balances weight and `wrench`; needs torque limits
-    wrench: tuple[float, ...] | None = None  # (n,) of the world ON the platform [N, N m]
+    decades: bool = False  # whether it is drawn on a logarithmic scale
+    signed: bool = False  # whether its sign has a meaning
+    springs: bool = False  # whether it needs a robot with springs
+    loaded: bool = False  # whether it is computed at poses deflected by weight and `wrench`
+    holding: bool = False  # whether it is a torque that balances weight and `wrench`; needs torque limits
+    wrench: tuple[float, ...] | None = None  # (n,) external wrench ON the platform [N, N m]
 
     @property
     def takes_wrench(self) -> bool:
@@ -167,12 +167,12 @@ def choose_quantities(
     has springs.
 
     Args:
-        wrench: (n,) of the world ON the platform in addition to the weight [N, N m], for quantities that
+        wrench: external wrench (n,) ON the platform in addition to the weight [N, N m], for quantities that
             depend on it.
 
     Raises:
-        InvalidInput: an unknown name; a quantity that needs springs, torque limits or translations that the
-            robot does not have; a wrench without a potential, or without a quantity that depends on it.
+        InvalidInput: a name is unknown; a quantity needs springs, torque limits or translations that the
+            robot does not have; the wrench has no potential, or no quantity depends on it.
     """
     has_springs = robot.n_e or robot.joint_stiffness.any()
     if names is None:
@@ -183,12 +183,13 @@ def choose_quantities(
     for name in names:
         if name not in QUANTITIES:
             raise InvalidInput(choose_from("quantity", name, QUANTITIES))
-        if QUANTITIES[name].springs and not has_springs:
+        quantity = QUANTITIES[name]
+        if quantity.springs and not has_springs:
             raise InvalidInput(
                 f"quantity {name}: {robot.name}, {robot.flexibility}, has no springs; take "
                 f"flexible_joints or flexible_links"
             )
-        if QUANTITIES[name].holding and not has_torque_limits(robot):
+        if quantity.holding and not has_torque_limits(robot):
             raise InvalidInput(f"quantity {name}: no motor of {robot.name} has a torque_limit")
         if "torque" in name and not robot.translations.any():
             raise InvalidInput(
@@ -200,7 +201,7 @@ def choose_quantities(
         return quantities
     if not any(quantity.takes_wrench for quantity in quantities):
         with_wrench = [quantity.key for quantity in QUANTITIES.values() if quantity.takes_wrench]
-        raise InvalidInput(f"wrench: counts for {', '.join(with_wrench)} alone; ask for one of them")
+        raise InvalidInput(f"wrench: affects only {', '.join(with_wrench)}; ask for one of them")
     load = tuple(finite_numbers("wrench", wrench, robot.n).tolist())
     if has_loaded(quantities):
         check_wrench(robot, load)  # deflections minimise an energy, so the wrench needs a potential

@@ -88,11 +88,11 @@ def map_point(robot: ParallelRobot, point: ArrayLike | None) -> Array:
 
 
 EDGE_POSES = 200  # poses along an edge
-MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] of a step from a pose to its neighbour
-FIRST_POSE_TRIES = 9  # coarse poses near the reference that are tried as the first one
+MAX_NEIGHBOUR_DISTANCE = 0.15  # [robot lengths, rad] largest step from a pose to its neighbour
+FIRST_POSE_TRIES = 9  # number of poses nearest to the reference of which one must be assembled
 SURVEY_EDGE_POSES = 33  # poses along an edge of a survey
 SURVEY_REACH, SURVEY_TURN = 1.6, 1.6  # [robot lengths], [rad] half an edge of the first survey
-SURVEY_MARGIN = 2.0  # [cells] beyond the outermost poses reached, as more may be reached between poses
+SURVEY_MARGIN = 2.0  # [cells] beyond the outermost reached poses, for poses that the survey leaves out
 FINE_SURVEYS = 2  # further surveys, each of the window that the previous one has found
 
 
@@ -107,13 +107,13 @@ def survey_window(
     """Find the smallest window with all poses of the reference's working mode.
 
     A first survey covers `SURVEY_REACH` robot lengths and `SURVEY_TURN` about the point `at` with coarse
-    poses. `FINE_SURVEYS` more cover the window found by the previous one.
+    poses. Each of `FINE_SURVEYS` further surveys covers the window that the previous one has found.
 
     Args:
-        axes: two of the platform's axes; by default its first translations.
+        axes: names of two platform coordinates; by default the first two, translations first.
         at: platform point (n,); by default the reference. Its other coordinates are constant over the map.
-        size: poses along an edge of the window returned.
-        keep_limits: count only poses within the ranges of all joints, if there are any.
+        size: number of poses along an edge of the returned window.
+        keep_limits: whether to count only poses within the ranges of all joints, if there are any.
 
     Raises:
         InvalidInput: see `map_axes`; or `at` has the wrong length.
@@ -121,9 +121,15 @@ def survey_window(
     """
     columns = map_axes(robot, axes)
     point = map_point(robot, at)
-    half_edges = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)
-    lower, upper = ((point + sign * half_edges)[list(columns)] for sign in (-1, 1))
-    bounds = Window(columns, lower, upper, (SURVEY_EDGE_POSES, SURVEY_EDGE_POSES), point)
+    middle = point[list(columns)]
+    half_edges = np.where(robot.translations, SURVEY_REACH * robot.length, SURVEY_TURN)[list(columns)]
+    bounds = Window(
+        axes=columns,
+        lower=middle - half_edges,
+        upper=middle + half_edges,
+        shape=(SURVEY_EDGE_POSES, SURVEY_EDGE_POSES),
+        constants=point,
+    )
     window = bounds
     for _ in range(1 + FINE_SURVEYS):
         window = _reached_window(robot, window, bounds, keep_limits)
@@ -145,9 +151,9 @@ def _reached_window(robot: ParallelRobot, survey: Window, bounds: Window, keep_l
 def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array, ReasonArray]:
     """Compute every `stride`-th pose of a window: configurations (I, J, nq), reasons (I, J).
 
-    The poses nearest to the reference are assembled from it until one succeeds; the others are reached from
-    their neighbours. If cells are longer than a step may be, poses between the window's own are computed too,
-    and not returned.
+    The poses nearest to the reference are assembled in turn until one succeeds; the others are reached from
+    their neighbours. If cells are longer than a step may be, they are subdivided: poses between those of the
+    window are computed too, but not returned.
 
     Raises:
         InvalidInput: the window is too wide.
@@ -165,8 +171,8 @@ def seed_poses(robot: ParallelRobot, window: Window, stride: int) -> tuple[Array
     q = np.full((rows, columns, robot.model.nq), np.nan)
     reason = np.full((rows, columns), PoseReason.NO_NEIGHBOUR, dtype=np.uint8)
     distance = np.abs(x[::stride, ::stride] - robot.reference.x).max(axis=2)
-    nearest_first = np.argsort(distance, axis=None, kind="stable")[:FIRST_POSE_TRIES]
-    first_poses = stride * np.transpose(np.unravel_index(nearest_first, distance.shape))  # (tries, 2)
+    nearest = np.argsort(distance, axis=None, kind="stable")[:FIRST_POSE_TRIES]  # flat indices
+    first_poses = stride * np.transpose(np.unravel_index(nearest, distance.shape))  # (tries, 2)
     refusal: NoAnswer | None = None
     for i, j in first_poses:
         try:

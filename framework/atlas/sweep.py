@@ -29,7 +29,7 @@ from framework.tolerances import BRANCHES_CROSS
 NEWTON_STEPS = 10  # at most to correct a prediction
 MAX_JOINT_STEP = 0.5  # [rad, lengths] largest motion of a joint in a Newton step
 
-STEP_PARTS = 4  # into which a step too long to be trusted is divided, with the last stride
+STEP_PARTS = 4  # into which a step that is too long to be trusted is divided
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))  # rows and columns from a neighbour to a pose
 
 
@@ -37,11 +37,11 @@ ReasonArray = NDArray[np.uint8]  # of `PoseReason`
 
 
 class PoseReason(IntEnum):
-    """Reasons why a pose has no value; of two reasons the larger one is reported."""
+    """Reasons why a pose has no value, of which the largest is reported."""
 
     REACHED = 0
     NO_NEIGHBOUR = 1  # no neighbour is reached
-    OPEN = 2  # from no neighbour do the loops close
+    OPEN = 2  # the loops close from no neighbour
     OTHER_MODE = 3  # the loops close beyond a Type 1 singularity, or too near one to trust the step
 
 
@@ -70,8 +70,8 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, str
         x: (I, J, n) platform coordinates.
         q: (I, J, nq) configurations; NaN at poses that are not reached.
         reason: (I, J) `PoseReason` of each pose.
-        strides: descending numbers of rows and columns between neighbours, counted from the first pose. With
-            the last stride a step that cannot be trusted is divided.
+        strides: distances between neighbours [rows or columns], descending; poses are counted from the first
+            one. With the last stride a step that cannot be trusted is divided into `STEP_PARTS`.
     """
     wanted = reason == PoseReason.NO_NEIGHBOUR
     for stride in strides:
@@ -83,11 +83,11 @@ def fill_grid(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, str
 def _fill_lattice(
     robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, wanted: BoolArray, parts: int
 ) -> None:
-    """Fill the wanted poses (I, J) of one lattice in waves; arrays are views of the whole grid.
+    """Fill the wanted poses (I, J) of one lattice in waves, in place.
 
-    In each wave every wanted pose not yet filled is tried from one filled neighbour, from which it has not
-    been tried before. A step is divided into `parts` if it is not trusted. Of several reasons for failure the
-    largest is stored.
+    In each wave every wanted pose that is not filled is tried from one filled neighbour, from which it has
+    not been tried before. A step that is not trusted is divided into `parts`. If a pose fails for several
+    reasons, the largest is stored.
     """
     untried = np.ones((len(DIRECTIONS), *reason.shape), dtype=bool)
     while True:
@@ -123,8 +123,8 @@ def step_poses(robot: ParallelRobot, q: Array, start: Array, end: Array, parts: 
     refused = np.flatnonzero(step.reason == PoseReason.OTHER_MODE)
     if parts == 1 or not len(refused):
         return step
-    step.q[refused] = q[refused]
-    live = refused  # steps whose parts have all been accepted
+    step.q[refused] = q[refused]  # back to the start
+    live = refused  # steps whose parts have all been accepted so far
     for k in range(parts):
         offset = end[live] - start[live]
         part_start = start[live] + offset * (k / parts)
@@ -144,23 +144,24 @@ def _step_once(robot: ParallelRobot, q: Array, start: Array, end: Array) -> Step
     working mode and on the same branch.
     """
     linearised = linearised_at(robot, q, start)
-    start_twist, end_twist = (robot.platform.twist(x, end - start)[0] for x in (start, end))
-    move = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))
-    predicted = integrate(robot, q, move)
+    start_twist, _ = robot.platform.twist(start, end - start)  # the platform's step, as a twist
+    end_twist, _ = robot.platform.twist(end, end - start)
+    prediction = joint_rates(robot, linearised, start_twist, np.zeros((len(q), robot.n_e)))  # (T, nv) step
+    predicted = integrate(robot, q, prediction)
     corrected, end_linearised, closed = close_each(
         robot, end, predicted, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP
     )
     reason = np.where(closed, PoseReason.OTHER_MODE, PoseReason.OPEN).astype(np.uint8)
     with np.errstate(invalid="ignore"):  # of steps that do not close
         correction = largest_motion(robot, difference(robot, predicted, corrected))
-        advance = largest_motion(robot, move)
+        advance = largest_motion(robot, prediction)
         is_near = closed & is_small(correction, advance)
         same_mode = np.flatnonzero(_keep_working_mode(robot, linearised, end_linearised, is_near))
         is_same_branch = _keep_branch(
             robot,
             end_linearised.select(same_mode),
             end_twist[same_mode],
-            move[same_mode],
+            prediction[same_mode],
             correction[same_mode],
             advance[same_mode],
         )
@@ -173,7 +174,7 @@ def _keep_working_mode(
 ) -> BoolArray:
     """Return a mask (T,) of the candidate steps with the same working mode at both ends.
 
-    If the determinant keeps its sign, so does the mode; otherwise the modes themselves are compared.
+    If the determinant keeps its sign, the mode is the same. Otherwise the modes themselves are compared.
     """
     has_same_sign = keeps_sign(start.factors.slogdet, end.factors.slogdet)
     is_kept = candidates.copy()
@@ -183,16 +184,27 @@ def _keep_working_mode(
 
 
 def _keep_branch(
-    robot: ParallelRobot, end: LinearisedLoops, twist: Array, move: Array, correction: Array, advance: Array
+    robot: ParallelRobot,
+    end: LinearisedLoops,
+    end_twist: Array,
+    prediction: Array,
+    correction: Array,
+    advance: Array,
 ) -> BoolArray:
     """Return a mask (k,) of the steps that end on the branch of their start.
 
-    Either the tangent turns no more than correction (k,) and advance (k,) explain, or no branches cross at
-    the end. `move` (k, nv) is along the tangent at the start, `twist` (k, n) the platform's step at the end.
+    A step stays on its branch if its tangent turns little, see `is_straight`, or if no branches cross at its
+    end.
+
+    Args:
+        end: loops at the ends of the steps.
+        end_twist: platform's steps (k, n) as twists at the ends.
+        prediction: joints' steps (k, nv) along the tangents at the starts.
+        correction, advance: largest motions (k,) of correction and prediction [rad, robot lengths].
     """
-    end_move = joint_rates(robot, end, twist, np.zeros((len(move), robot.n_e)))
-    change = largest_motion(robot, end_move - move)
-    is_same = is_straight(change, correction, advance)
-    bent = np.flatnonzero(~is_same)
-    is_same[bent] = count_lost_ranks(robot, end.select(bent), BRANCHES_CROSS) == 0
+    end_tangent = joint_rates(robot, end, end_twist, np.zeros((len(prediction), robot.n_e)))
+    tangent_change = largest_motion(robot, end_tangent - prediction)
+    is_same = is_straight(tangent_change, correction, advance)
+    turned = np.flatnonzero(~is_same)
+    is_same[turned] = count_lost_ranks(robot, end.select(turned), BRANCHES_CROSS) == 0
     return is_same

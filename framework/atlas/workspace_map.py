@@ -2,8 +2,8 @@
 
 Coarse poses are reached first, from the reference and from one another, in this process. Then bands of rows
 are filled from their coarse poses. Bands are independent of one another, and this process or any
-`concurrent.futures.Executor` may fill them. They depend only on the window, so a map is the same to the last
-bit whatever computes it, and finished bands of an interrupted map can be stored. A last step reaches the
+`concurrent.futures.Executor` may fill them. Bands depend only on the window, so a map is the same to the last
+bit wherever it is computed, and finished bands of an interrupted map can be stored. A last step reaches the
 poses that are joined to the reference only across the border between two bands.
 
 `restrict_to_ranges` removes poses beyond the limits of joints and motors: they lose their values, and the
@@ -52,7 +52,7 @@ from framework.numerics.kept import ArrayField, KeptChunks, complete_chunks
 from framework.singularity.locus_on_map import MapLocus, MapPoses, locus_on_map
 from framework.tolerances import SAME_PLACE
 
-# [rad, robot lengths] sizes of random joint offsets, at which searches for other working modes start
+# [rad, robot lengths] sizes of the random joint offsets from which searches for other working modes start
 OFFSETS = (0.0, 1.0, 1.0, 1.0)
 BAND_ROWS = 8  # rows of a band; also the largest stride of coarse poses
 
@@ -96,7 +96,7 @@ class WorkspaceMap(ReadOnlyArrays):
         return locus_on_map(self.robot, poses)
 
     def _step_configurations(self, q: Array, start: Array, end: Array) -> tuple[Array, BoolArray]:
-        """Step q (T, nq) from start to end (T, n); return the ends and a mask (T,) of success."""
+        """Step q (T, nq) from start to end (T, n); return new q, mask (T,) of success."""
         ends = step_poses(self.robot, q, start, end)
         return ends.q, ends.reason == PoseReason.REACHED
 
@@ -107,7 +107,10 @@ class WorkspaceMap(ReadOnlyArrays):
 
     @property
     def open_edges(self) -> tuple[str, ...]:
-        """Edges of the window with reached poses, such as `least x`: more may lie beyond."""
+        """Edges of the window with reached poses, such as `least x`.
+
+        Beyond these edges more poses may be reachable.
+        """
         edges: dict[str, BoolArray] = {}
         for k, rows in zip(self.window.axes, (self.reached, self.reached.T), strict=True):
             name = self.robot.axis_names[k]
@@ -164,15 +167,17 @@ def workspace_map(
 
     Args:
         window: by default the region reached over the first two translations, see `survey_window`.
-        quantities: keys of `QUANTITIES`, by default as in `choose_quantities`; g is always computed.
-        wrench: (n,) of the world ON the platform [N, N m], in addition to the weight, for quantities that
+        quantities: keys of `QUANTITIES`; by default those of `choose_quantities`. g is always computed.
+        wrench: external wrench (n,) ON the platform [N, N m], in addition to the weight, for quantities that
             depend on it.
-        executor: computes bands, and must be able to pickle the robot; None computes in this process.
+        executor: computes the bands, and must be able to pickle the robot; None computes them in this
+            process.
         keeper: stores finished bands; bands stored before are not computed again.
         progress: called with the number of finished poses.
 
     Raises:
-        InvalidInput: the platform does not determine the robot's joints, or as `choose_quantities`.
+        InvalidInput: the platform does not determine the robot's joints; or a quantity or the wrench is
+            refused, see `choose_quantities`.
         OutOfReach: no pose near the reference is reached.
     """
     expect_robot(robot)
@@ -229,8 +234,9 @@ def _coarse_stride(robot: ParallelRobot, window: Window) -> int:
 
     Coarse poses are at most MAX_NEIGHBOUR_DISTANCE apart, unless the window's own poses are farther apart.
     """
-    largest = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)  # in cells
-    return int(2 ** np.clip(np.floor(np.log2(largest)), 0, np.log2(BAND_ROWS)))
+    largest_stride = MAX_NEIGHBOUR_DISTANCE / longest_cell_edge(robot, window)
+    exponent = np.clip(np.floor(np.log2(largest_stride)), 0, np.log2(BAND_ROWS))
+    return int(2**exponent)
 
 
 def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
@@ -242,8 +248,9 @@ def _make_bands(robot: ParallelRobot, window: Window) -> list[RowBand]:
         stop = min(first + BAND_ROWS, len(q))
         rows = slice(first, stop + 1)  # with the first row of the next band, if any
         band_reason = reason[rows].copy()
-        next_row = band_reason[BAND_ROWS:]
-        next_row[next_row == PoseReason.NO_NEIGHBOUR] = PoseReason.OPEN  # not tried: the next band does so
+        next_row = band_reason[BAND_ROWS:]  # a view
+        # unreached poses of the next band must not be tried here, so they get another reason
+        next_row[next_row == PoseReason.NO_NEIGHBOUR] = PoseReason.OPEN
         bands.append(RowBand(first, stop, q[rows], band_reason))
     return bands
 
@@ -263,25 +270,30 @@ def _evaluate_poses(
 ) -> dict[str, NDArray]:
     """Compute quantities and assembly modes at poses q (I, J, nq); return all arrays by name."""
     reached = reason == PoseReason.REACHED
-    chunk: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": np.zeros(reason.shape, dtype=np.int8)}
-    chunk |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
+    assembly = np.zeros(reason.shape, dtype=np.int8)
+    arrays: dict[str, NDArray] = {"q": q, "reason": reason, "assembly": assembly}
+    arrays |= {quantity.key: np.full(reason.shape, np.nan) for quantity in quantities}
     if has_loaded(quantities):
-        chunk["load"] = np.zeros(reason.shape, dtype=np.uint8)
+        arrays["load"] = np.zeros(reason.shape, dtype=np.uint8)
     if reached.any():
         linearised = linearised_at(robot, q[reached], None)
         for key, values in quantity_values(robot, quantities, q[reached], linearised).items():
-            chunk[key][reached] = values
-        chunk["assembly"][reached] = mode_signs(robot, linearised)[1]
-    return chunk
+            arrays[key][reached] = values
+        _, assembly[reached] = mode_signs(robot, linearised)
+    return arrays
 
 
 def _join_bands(
     robot: ParallelRobot, x: Array, quantities: tuple[Quantity, ...], grids: dict[str, NDArray]
 ) -> None:
-    """Reach poses that only steps across a border between bands reach, in place.
+    """Reach poses that only steps across a border between bands can reach, in place.
 
     First the unfilled poses with a filled neighbour across a border are tried. If any of them is reached, all
-    unfilled poses are tried, because it may lead to them.
+    unfilled poses are tried, because they may be reached from it.
+
+    Args:
+        x: platform coordinates (I, J, n).
+        grids: arrays of the whole map by name, see `_evaluate_poses`.
     """
     reason = grids["reason"]
     was_filled = reason == PoseReason.REACHED
@@ -304,9 +316,13 @@ def _join_bands(
 def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonArray, stride: int) -> None:
     """Set the reason (I, J) of poses in other working modes or out of reach, in place.
 
-    At every `stride`-th unreached pose Newton's method looks for a configuration of any working mode. It
-    starts from the nearest reached q (I, J, nq) and from random configurations about it. Configurations found
-    are continued to their neighbours x (I, J, n). The remaining poses are out of reach.
+    At every `stride`-th unreached pose Newton's method searches for a configuration of any working mode. It
+    starts from the nearest reached configuration and from random configurations about it. The configurations
+    that it finds are continued to neighbouring poses. The remaining poses are out of reach.
+
+    Args:
+        x: platform coordinates (I, J, n).
+        q: configurations (I, J, nq); NaN at poses that are not reached.
     """
     unjoined = (reason == PoseReason.NO_NEIGHBOUR) | (reason == PoseReason.OPEN)
     coarse = np.zeros_like(unjoined)
@@ -314,14 +330,14 @@ def _mark_out_of_reach(robot: ParallelRobot, x: Array, q: Array, reason: ReasonA
     row, column = distance_transform_edt(  # (I, J) each, of the nearest reached pose
         reason != PoseReason.REACHED, return_distances=False, return_indices=True
     )
-    other_q = np.full_like(q, np.nan)
+    other_q = np.full_like(q, np.nan)  # configurations of any working mode
     random = np.random.default_rng(0)
     for size in OFFSETS:
-        missing = coarse & np.isnan(other_q[..., 0])
-        start = q[row[missing], column[missing]]
+        is_searched = coarse & np.isnan(other_q[..., 0])
+        start = q[row[is_searched], column[is_searched]]
         offset = size * random.standard_normal((len(start), robot.model.nv)) * robot.column_scale
-        closing = close_each(robot, x[missing], integrate(robot, start, offset))
-        other_q[missing] = np.where(closing.closed[:, None], closing.q, np.nan)
+        end = close_each(robot, x[is_searched], integrate(robot, start, offset))
+        other_q[is_searched] = np.where(end.closed[:, None], end.q, np.nan)
 
     other_reason = np.where(unjoined, PoseReason.NO_NEIGHBOUR, PoseReason.OPEN).astype(np.uint8)
     other_reason[np.isfinite(other_q[..., 0])] = PoseReason.REACHED
@@ -338,13 +354,14 @@ TOO_WEAK = "beyond the torque limits at rest"
 def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
     """Remove the values of poses that no steps within all limits join to the reference.
 
-    The limits are the ranges of joints and, if motors have torque limits, these limits at rest, compared with
-    the quantity `holding`. For a pose beyond several ranges the reason is the joint farthest beyond its
-    range, relative to the range. Codes of `reason` are indices into `reason_words`: those of `PoseReason`,
-    then NOT_JOINED, TOO_WEAK, and one for each joint with a range.
+    The limits are the ranges of joints and the torque limits of motors, if any. The torque at rest is the
+    quantity `holding`. For a pose beyond several ranges the reason is the joint farthest beyond its range,
+    relative to the range. Codes of `reason` are indices into `reason_words`: those of `PoseReason`, then
+    NOT_JOINED, TOO_WEAK, and one for each joint with a range.
 
     Raises:
-        InvalidInput: motors have torque limits and the map lacks `holding`; or as `check_window`.
+        InvalidInput: motors have torque limits and the map lacks `holding`; or the window contains no pose
+            within one step of the reference.
         LimitsExceeded: the reference itself is beyond a range, or no pose next to it is within all limits.
     """
     robot = workspace.robot
@@ -352,8 +369,7 @@ def restrict_to_ranges(workspace: WorkspaceMap) -> WorkspaceMap:
     check_window(robot, workspace.window)
     if has_torque_limits(robot) and "holding" not in workspace.values:
         raise InvalidInput(
-            f"quantities: {robot.name} has limits of torque, with which the quantity holding is compared; "
-            f"add it"
+            f"quantities: {robot.name} has torque limits, which need the quantity holding; add it"
         )
     shares = shares_beyond_limits(robot.limits, workspace.q)  # (I, J, limits) of the ranges
     in_range = workspace.reached & (shares <= 0.0).all(axis=-1)
@@ -395,13 +411,15 @@ def check_window(robot: ParallelRobot, window: Window) -> None:
 
 
 def _reference_distances(robot: ParallelRobot, window: Window) -> Array:
-    """Compute distances (I, J) of poses from the reference, over the longest cell edge."""
+    """Compute distances (I, J) of poses from the reference, divided by the longest cell edge."""
     offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
     return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
 
 
 def _join_to_reference(workspace: WorkspaceMap, within: BoolArray) -> BoolArray:
-    """Return a mask (I, J) of the poses that neighbours `within` limits join to the reference.
+    """Return a mask (I, J) of the poses `within` limits that are joined to the reference.
+
+    A pose is joined if neighbouring poses within limits connect it with the pose nearest to the reference.
 
     Raises:
         LimitsExceeded: the nearest of these poses is more than one step away from the reference.

@@ -1,6 +1,6 @@
 """A controller on robots that differ from its model, with sampling, delay, noise, saturation and friction.
 
-A monitor compares the platforms with the plan, ends lost runs and decides which runs pass.
+A monitor compares the platforms with the plan, ends diverged runs and decides which runs pass.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from framework.simulation.world_forces import WorldForces
 SENSORS = ("motors", "joints")  # where the encoders are
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run
 PERIODS_PER_CHECK = 5  # sampling periods between two comparisons of the platform with the plan
-MAX_JOINT_STEP = 3.0  # [rad, robot lengths] of a joint in one sampling period; a run that is faster is lost
-FRICTION_SMOOTHING = 0.02  # of the largest planned motor speed: below this speed friction is smoothed
+MAX_JOINT_STEP = 3.0  # [rad, robot lengths] of a joint in one sampling period; a faster run has diverged
+FRICTION_SMOOTHING = 0.02  # share of the largest planned motor speed below which friction is smoothed
 MIN_SPEED = 1e-12  # [rad/s] in place of 0 for motors that never move, against 0 / 0
 
 
@@ -77,11 +77,11 @@ class Run(Outcomes):
 class RunMonitor:
     """Errors and torques of R runs so far, with the reasons of failures.
 
-    alive: (R,) whether a run still goes on.
-    why: R reasons of failures, empty so far for other runs.
-    worst, error: (R,) largest and last distance of the platform from the plan [robot lengths, rad];
-        MAX_DEVIATION for runs that are over.
-    peak: (R, n_a) largest motor torques [N m].
+    alive: (R,) whether a run still continues.
+    why: (R,) reasons of failures; empty for runs that have not failed.
+    worst, error: (R,) largest and last distance of the platform from the plan [robot lengths, rad]; `error`
+        is MAX_DEVIATION for runs that have ended early.
+    peak: (R, n_a) largest motor torques [N m], motor side.
     positions: platform coordinates (R, n) of each check.
     torques: motor torques (R, n_a) [N m] of each period, if recorded.
     """
@@ -97,15 +97,18 @@ class RunMonitor:
         self.torques: list[Array] = []
 
     def check(self, time: float, x: Array, planned: Array) -> None:
-        """Compare platform coordinates x (R, n) with the plan (n,); end runs that are too far off."""
+        """Compare platform coordinates x (R, n) with the plan (n,); end runs that deviate too far.
+
+        A run deviates too far at MAX_DEVIATION, or if its coordinates are not finite.
+        """
         deviations = np.abs((x - planned) / self.robot.platform_scale)
         self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)
-        self.end(time, ~(self.error < MAX_DEVIATION))
+        self.end(time, self.error >= MAX_DEVIATION)
         self.worst = np.maximum(self.worst, self.error)
         self.positions.append(np.where(self.alive[:, None], x, np.nan))
 
     def end(self, time: float, runs: BoolArray) -> None:
-        """End the runs of a mask (R,) that still go on, at `time` [s]."""
+        """End the continuing runs in a mask (R,) at `time` [s]."""
         for run in np.flatnonzero(self.alive & runs):
             self.why[run] = f"lost at t = {time:.4g} s"
         self.alive = self.alive & ~runs
@@ -153,11 +156,12 @@ class DelayLine(NamedTuple):
     def delay(self, torque: Array) -> Array:
         """Store commanded torques (R, n_a); return the delayed torques (R, n_a).
 
-        A run has its first torques until its delay has passed.
+        Until its delay has passed, a run keeps its first commanded torques.
         """
         self.past.append(torque)
-        delays = np.minimum(self.delays, len(self.past) - 1)
-        return np.array([self.past[-1 - delay][run] for run, delay in enumerate(delays)])
+        newest = len(self.past) - 1
+        ages = np.minimum(self.delays, newest)  # (R,) [sampling periods]
+        return np.array([self.past[newest - age][run] for run, age in enumerate(ages)])
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
@@ -188,10 +192,10 @@ def run_closed_loop(
     """Drive R varied robots along the plan, from rest at its start.
 
     In every sampling period the encoders are read, the controller commands torques, the torques are limited
-    and delayed, and the robots move. Lost runs end early.
+    and delayed, and the robots move. Runs that diverge end early.
 
     Args:
-        record: whether the torques of all periods are returned.
+        record: whether the result contains the torques of all periods.
         report_progress: called with the finished share of the motion.
 
     Raises:
@@ -215,22 +219,23 @@ def run_closed_loop(
         if k == last or not monitor.alive.any():
             break
         q, v = robots.step(k, q, v, torque)
-        monitor.end(ref.times[k + 1], _are_lost(ref, q, v))
-        # put ended runs back to their start: NaN in one run would spoil the stacked solution of all runs
+        monitor.end(ref.times[k + 1], _have_diverged(ref, q, v))
+        # runs that have ended wait at their start, as NaN in one run would spoil the stacked solution of all
         is_running = monitor.alive[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
     return monitor.conclude(loop, variations)
 
 
-def _are_lost(ref: Reference, q: Array, v: Array) -> BoolArray:
+def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
     """Return a mask (R,) of the runs with joints that are not finite or too fast."""
-    is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale
-    return np.asarray(~(np.isfinite(q).all(axis=1) & is_slow.all(axis=1)))
+    is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale  # false for NaN
+    is_valid = np.isfinite(q).all(axis=1) & is_slow.all(axis=1)
+    return np.asarray(~is_valid)
 
 
 class _VariedRobots(NamedTuple):
-    """R varied robots with encoders, motor friction and wrenches of the world."""
+    """R varied robots with encoders, motor friction and external wrenches."""
 
     reference: Reference
     stepper: Stepper
@@ -262,20 +267,23 @@ class _VariedRobots(NamedTuple):
         return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
     def platform(self, k: int, q: Array, v: Array) -> Array:
-        """Compute platform coordinates (R, n) at instant k, with angles in the turn of the plan."""
-        return self.reference.robot.platform.unwrap(self.stepper.platform(q, v)[0], self.reference.x[k])
+        """Compute platform coordinates (R, n) at instant k, with angles near the planned ones."""
+        x, _ = self.stepper.platform(q, v)
+        return self.reference.robot.platform.unwrap(x, self.reference.x[k])
 
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
         """Read the encoders at instant k, with their noise.
 
-        Noise of encoders on all joints carries over to the measured platform by dx/dq, the pseudo-inverse of
-        the planned N = dq/dx.
+        With encoders on all joints the platform is measured too. The noise of the joints becomes noise of the
+        platform by dx/dq, the pseudo-inverse of the planned N = dq/dx.
         """
         ref = self.reference
         robot = ref.robot
-        # (R, nv) each
-        noise, rate_noise = np.zeros((2, *v.shape)) if self.noise is None else self.noise[k].swapaxes(0, 1)
-        rates = v + rate_noise
+        noise = np.zeros_like(v)
+        rates = v
+        if self.noise is not None:
+            noise, rate_noise = self.noise[k].swapaxes(0, 1)  # (R, nv) each
+            rates = v + rate_noise
         n, motors = robot.gear_ratio, robot.actuated
         angle = n * (robot.actuated_coordinates(q) + noise[:, motors])
         speed = n * rates[:, motors]
@@ -289,8 +297,8 @@ class _VariedRobots(NamedTuple):
     def step(self, k: int, q: Array, v: Array, torque: Array) -> State:
         """Compute the states one period after instant k under motor torques (R, n_a) [N m].
 
-        Wrenches of the world are evaluated in the middle of the period, at q predicted from the present
-        rates.
+        External wrenches are evaluated in the middle of the period, at a configuration predicted from the
+        present rates.
         """
         ref = self.reference
         world = None

@@ -4,14 +4,14 @@
     cycle.update(q_a, dq_a)                     # joint side of the gears
     torque = cycle.torque(ddq_a)                # motor side
 
-A cycle predicts the pose along the tangent T = dq/dq_a of the last cycle and closes the loops by Newton's
-method on the passive joints, P dq_p = -residual. With the joint accelerations a_0 at ddq_a = 0,
+A cycle predicts the pose along the tangent T = dq/dq_a of the last cycle. Newton's method then closes the
+loops with the passive joints, P dq_p = -residual. With the joint accelerations a_0 at ddq_a = 0,
 
     torque = mass ddq_a + bias,     mass = T' (M + rotors) T / n,     bias = T' (RNEA(q, v, a_0) + ...) / n,
 
 where T' eliminates the loop forces, and damping and joint springs are added to RNEA. A step is accepted by
-the same criteria as in `predictor_corrector`. If a step is refused, `forward_kinematics` follows the motors
-in short steps, or reports the singularity at which the assembly mode ends.
+the criteria of `predictor_corrector`. If a step is refused, `forward_kinematics` follows the motors in short
+steps, or reports the singularity at which the assembly mode ends.
 """
 
 from __future__ import annotations
@@ -83,11 +83,11 @@ class ControlCycle:
         self._names = ", ".join(robot.actuator_names)
         self._actuated, self._following = robot.actuated, robot.following
         self._independent = robot.structure.independent
-        self._all_rows = len(self._independent) == len(robot.rows.names)
+        self._has_no_redundant_rows = len(self._independent) == len(robot.rows.names)
         self._scale = np.asfortranarray(robot.passive_scale)
         self._passive_lengths = robot.column_scale[robot.following]
         self._row_sizes = robot.row_lengths[self._independent] * robot.structure.row_sizes
-        self._steps_add = robot.model.nq == robot.model.nv  # no balls: q + step is the next configuration
+        self._has_no_balls = robot.model.nq == robot.model.nv  # then q + step is the next configuration
         self.q, self.x = start.q.copy(), start.x.copy()
         self.T = np.zeros((robot.nv, robot.n_a))
         self._factor_loops(self.q)
@@ -110,18 +110,20 @@ class ControlCycle:
         rates = finite_numbers(f"dq_a ({self._names})", dq_a, self.robot.n_a)
         q = self._predict_and_correct(target)
         if q is None:
-            self._factor_loops(self.q)  # restore the last cycle, as `forward_kinematics` may raise
+            # the refused step has changed T and the factors: restore them first, because
+            # `forward_kinematics` may raise an error and the state must remain that of the last cycle
+            self._factor_loops(self.q)
             q = forward_kinematics(self.robot, target, near=self.q).q.copy()
             self._factor_loops(q)
-        self._motors = target.copy() if self._steps_add else self.robot.actuated_coordinates(q[None])[0]
+        self._motors = target.copy() if self._has_no_balls else self.robot.actuated_coordinates(q[None])[0]
         self._set_state(q, rates)
 
     def approach(self, x: ArrayLike) -> NearestPose:
         """Move to platform coordinates x (n,), or to the nearest pose found, and rest.
 
-        The search starts at the pose of the last cycle and stays in its working and assembly mode. The ranges
-        of joints, stretched legs (Type 1) and Type 2 end the search. `update` and `approach` go on from the
-        pose found. A search takes some 10 to 80 ms.
+        The search starts at the pose of the last cycle and stays in its working and assembly mode. It ends at
+        x, at the end of a joint's range, at stretched legs (Type 1) or at Type 2. The next `update` or
+        `approach` continues from the pose found. A search takes some 10 to 80 ms.
 
         Raises:
             InvalidInput: not n finite numbers.
@@ -129,7 +131,8 @@ class ControlCycle:
         target = finite_numbers(f"x ({', '.join(self.robot.axis_names)})", x, self.robot.n)
         self._search = self._search or PoseSearch(self.robot, motors_hold=True)
         nearest = self._search.find(self.q, self.x, target)
-        q, self.x = nearest.q.copy(), nearest.x.copy()  # full turns are counted from this x on
+        q = nearest.q.copy()
+        self.x = nearest.x.copy()  # from now on full turns are counted from this x
         self._factor_loops(q)
         self._rest_at(q)
         return nearest
@@ -138,7 +141,7 @@ class ControlCycle:
         """Compute motor torques (n_a,) [N m, N] for motor accelerations ddq_a (n_a,).
 
         Torques are on the motor side of the gears, accelerations on the joint side. The torques include
-        rotors, armature, damping and joint springs, but neither dry friction nor wrenches of the world.
+        rotors, armature, damping and joint springs, but neither dry friction nor external wrenches.
 
         Raises:
             InvalidInput: not n_a finite numbers.
@@ -172,15 +175,17 @@ class ControlCycle:
         return float(np.copysign(least, np.linalg.det(dx_dq_a)))
 
     def _factor_loops(self, q: Array) -> float:
-        """Factorise P at q (nq,); set T, `type2` and Newton's step; return the size of the step.
+        """Factorise P at q (nq,); set T, `type2` and the Newton step; return the step's size.
 
-        The system P [dq_p, T_p] = -[residual, J_a] has the step dq_p (n_p,) and the passive rows T_p of T as
-        its solutions. The size is infinite if P is singular.
+        The step dq_p (n_p,) and the passive rows T_p of T solve P [dq_p, T_p] = -[residual, J_a]. The size of
+        the step is its largest entry [rad, robot lengths]; it is infinite if P is singular.
         """
-        equations, columns = self._equations, self._following
+        equations = self._equations
+        columns = self._following
         equations.place(q)
-        jacobian, residual = equations.jacobian, equations.residual
-        if not self._all_rows:
+        jacobian = equations.jacobian
+        residual = equations.residual
+        if not self._has_no_redundant_rows:
             jacobian = jacobian.take(self._independent, axis=0)
             residual = residual.take(self._independent)
         self.T[:] = 0.0
@@ -191,7 +196,7 @@ class ControlCycle:
         P = np.multiply(jacobian.take(columns, axis=1), self._scale, order="F")
         if not self._factor(P):
             return np.inf
-        # LAPACK overwrites right sides in this order of memory by their solutions
+        # in Fortran order LAPACK overwrites the right-hand sides by their solutions, without a copy
         right_sides = np.empty((len(columns), 1 + len(self._actuated)), order="F")
         right_sides[:, 0] = residual / self._row_sizes
         right_sides[:, 1:] = jacobian.take(self._actuated, axis=1) / self._row_sizes[:, None]
@@ -217,20 +222,20 @@ class ControlCycle:
     def _predict_and_correct(self, target: Array) -> Array | None:
         """Return the configuration (nq,) at motor joints `target` (n_a,); None if refused.
 
-        The step from the last cycle is accepted if its correction is small beside the prediction, the tangent
-        turns little along the step, and the pose stays in the assembly mode, away from Type 2.
+        The step from the last cycle is accepted if its correction is small compared with the prediction, the
+        tangent turns little along the step, and the pose stays in the assembly mode, away from Type 2.
         """
         last_determinant = self._determinant
         motor_step = target - self._motors
         prediction = self.T @ motor_step
         q = self._integrate(self.q, prediction)
-        if self._steps_add:
+        if self._has_no_balls:
             q[self._actuated] = target  # exactly, without the rounding of the sum
         correction = np.zeros(len(prediction))
         previous_size = MAX_PREDICTOR_MOVE
         for _ in range(MAX_ITERATIONS):
             size = self._factor_loops(q)
-            if not size < previous_size:
+            if not size < previous_size:  # Newton's method diverges, or P is singular
                 return None
             if size > 0.0:
                 step = np.zeros(len(prediction))
@@ -256,7 +261,7 @@ class ControlCycle:
 
     def _integrate(self, q: Array, step: Array) -> Array:
         """Return the configuration (nq,) after a step (nv,) from q."""
-        return q + step if self._steps_add else pin.integrate(self.robot.model, q, step)
+        return q + step if self._has_no_balls else pin.integrate(self.robot.model, q, step)
 
     def _rest_at(self, q: Array) -> None:
         """Set the state of rest at q (nq,)."""
@@ -264,11 +269,9 @@ class ControlCycle:
         self._set_state(q, np.zeros(self.robot.n_a))
 
     def _set_state(self, q: Array, rates: Array) -> None:
-        """Set q (nq,), the joint rates at motor rates `rates` (n_a,), residual and platform.
-
-        T must already be that at q.
-        """
-        self.q, self.v = q, self.T @ rates
+        """Set the state at q (nq,) and motor rates `rates` (n_a,); T must already belong to q."""
+        self.q = q
+        self.v = self.T @ rates
         self._drift: Array | None = None  # a_0, computed when needed
         self._equations.move(q, self.v)
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
@@ -281,11 +284,12 @@ class ControlCycle:
     def _platform_motion(self, platform: FramePlatform) -> tuple[Array, Array]:
         """Compute x and dx (n,) of a platform that is a frame.
 
-        The rates of its attitude follow from the angular velocity w. A rotation vector r has the rates
-        dr = Jexp(-r)^-1 w; other attitudes have a matrix of their own.
+        The rates of the attitude follow from the angular velocity w. A rotation vector r has the rates
+        dr = Jexp(-r)^-1 w. For the other kinds of attitude the matrix `couples` takes w to the rates.
         """
-        linear, w = self._equations.platform_twist()
-        attitude, position = platform.attitude, self._equations.platform_origin
+        linear, w = self._equations.platform_twist()  # velocity and angular velocity, (3,) each
+        attitude = platform.attitude
+        position = self._equations.platform_origin
         if platform.is_point:
             return position[platform.along], linear[platform.along]
         frames = self._equations.frame_stack(self.q)

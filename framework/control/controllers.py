@@ -1,12 +1,12 @@
 """Controllers by name, with the measurements and state estimates that they use.
 
 With encoders only on the motors, the platform coordinates follow from the motor angles by the inverse of G =
-d(motor angles)/dx. Like A, G is singular at Type 2. The naive estimate divides noise by nearly zero there.
-The aware estimate takes the plan in the directions that the motors do not determine.
+d(motor angles)/dx. Like A, G is singular at Type 2. The naive estimate amplifies noise without bound there.
+The aware estimate takes the planned values in the directions that the motors do not determine.
 
 Feedforward: planned torques with proportional and derivative feedback at each motor. The planned torque is
-finite at the crossing, and the feedback does not invert A. So the controller needs no change at a
-singularity.
+finite at the crossing, and the feedback does not invert A. So the controller works at a singularity without
+change.
 
 Time-varying LQR on the manifold of closed loops: the dynamics are linearised along the plan in platform
 coordinates, in which they are regular at Type 2. G loses rank there, so that the motors do not control one
@@ -83,6 +83,9 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
 
     The estimate is one Newton step from the plan. The step dx of the platform solves G dx = measured -
     planned motor angles; the step of the joints is N dx. Rates are estimated in the same way.
+
+    Args:
+        aware: whether G is inverted by `solve_damped`, which is aware of the singularity.
     """
     if measurement.state is not None:
         return measurement.state
@@ -91,7 +94,7 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
     G = robot.gear_ratio[:, None] * N[robot.actuated]  # (n_a, n)
     angle_step = measurement.motor_angle - reference.motor_angle[k]
     speed_step = measurement.motor_speed - reference.motor_speed[k]
-    steps = np.stack([angle_step, speed_step])
+    steps = np.stack([angle_step, speed_step])  # (2, R, n_a)
     if aware:
         x_step, dx_step = solve_damped(G[None], steps)
     else:
@@ -108,9 +111,9 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
 def solve_damped(matrices: Array, right: Array) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
 
-    The inverse of a singular value sigma below the threshold t = FADING_RATIO times the largest one is sigma
-    / t^2 instead of 1 / sigma. This is continuous at t and falls to zero with sigma. The solution is NaN if a
-    matrix is not finite.
+    Let t be FADING_RATIO times the largest singular value. The inverse of a singular value sigma below t is
+    sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
+    NaN for a matrix that is not finite.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
@@ -126,7 +129,7 @@ def solve_damped(matrices: Array, right: Array) -> Array:
 # computed torque
 FREQUENCY, COMPUTED_TORQUE_FREQUENCY = 40.0, 20.0
 POSITION_DEVIATION, SPEED_DEVIATION = 1e-3, 2e-2  # [robot lengths, robot lengths/s] with equal cost for LQR
-# of the damping that stops a rotor within one sampling period; twice that damping is unstable
+# share of the damping that stops a rotor within one sampling period; a share of 2 is unstable
 MAX_SAMPLED_DAMPING = 0.5
 
 
@@ -144,9 +147,9 @@ class FeedforwardPD:
     def tune(reference: Reference) -> FeedforwardPD:
         """Tune each motor to the natural frequency FREQUENCY, critically damped.
 
-        The inertia is that of a motor moving alone at the start of the motion. A fast motor moves only its
-        rotor if there are springs. Then the frequency w is lowered until the damping gain k_d is stable with
-        this sampling period.
+        The inertia is that of a motor moving alone at the start of the motion. If the robot has springs, a
+        fast motion of a motor moves only its rotor. Then the frequency w is lowered so far that the damping
+        gain k_d = 2 w inertia is stable with this sampling period.
         """
         robot = reference.robot
         inertia = motor_inertia(robot, reference.motion.q[0])
@@ -178,8 +181,9 @@ class TimeVaryingLQR:
     def tune(reference: Reference) -> TimeVaryingLQR:
         """Compute the gains of least quadratic cost.
 
-        The cost is the integral of e' Q e + u' R u with diagonal weights 1 / POSITION_DEVIATION^2 of
-        positions, 1 / SPEED_DEVIATION^2 of speeds and 1 / (peak torque of the plan)^2 of torques.
+        The cost is the integral of e' Q e + u' R u for errors e = [x error; dx error] and torque corrections
+        u. The weights are diagonal: 1 / POSITION_DEVIATION^2 for positions, 1 / SPEED_DEVIATION^2 for speeds
+        and 1 / (peak torque of the plan)^2 for torques.
 
         Raises:
             InvalidInput: the robot has springs.
@@ -207,8 +211,8 @@ class TimeVaryingLQR:
 def linearise_error(reference: Reference) -> tuple[Array, Array]:
     """Compute A (K, 2n, 2n), B (K, 2n, n_a) of the error dynamics along the plan.
 
-    The error e = [x; dx] follows de/dt = A e + B tau with A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and
-    B = [[0], [d(ddx)/dtau]].
+    With deviations e = [x; dx] and tau from the plan, de/dt = A e + B tau, where
+    A = [[0, 1], [d(ddx)/dx, d(ddx)/d(dx)]] and B = [[0], [d(ddx)/dtau]].
     """
     slopes = forward_derivatives(
         reference.robot,
@@ -218,7 +222,8 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
         wrenches=reference.planned_wrenches,
         turning=[entry.frame for entry in reference.wrenches.entries if entry.turns],
     )
-    by_x, by_torque = slopes.acceleration_y, slopes.acceleration_torque
+    by_x = slopes.acceleration_y  # (K, n, n)
+    by_torque = slopes.acceleration_torque  # (K, n, n_a)
     identity = np.broadcast_to(np.eye(reference.robot.n), by_x.shape)
     A = np.block([[np.zeros_like(by_x), identity], [by_x, slopes.acceleration_dy]])
     return A, np.concatenate([np.zeros_like(by_torque), by_torque], axis=1)
@@ -227,9 +232,9 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
 def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
     """Solve the discrete Riccati equation backwards in time for gains (K, n_a, 2n).
 
-    Torques are constant over a period h: e_(k+1) = F e_k + G tau_k with [F, G; 0, 1] = exp([A, B; 0, 0] h).
-    With the cost-to-go e' P e the gain is K = (R + G' P G)^-1 G' P F. One step earlier the cost-to-go has
-    Q + K' R K + (F - G K)' P (F - G K) in place of P.
+    With constant torques over a period h, e_(k+1) = F e_k + G tau_k and [F, G; 0, 1] = exp([A, B; 0, 0] h).
+    For the cost-to-go e' P e after a period the gain is L = (R + G' P G)^-1 G' P F. The cost-to-go before the
+    period has the matrix Q + L' R L + (F - G L)' P (F - G L).
     """
     from scipy.linalg import expm
 
@@ -240,12 +245,12 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     F = transition[:, :size, :size]
     G = transition[:, :size, size:]
     gain = np.empty((count, inputs, size))
-    P = Q
+    P = Q  # cost at the end of the motion
     for k in reversed(range(count)):
         PG = P @ G[k]
         gain[k] = np.linalg.solve(R + G[k].T @ PG, PG.T @ F[k])
-        closed = F[k] - G[k] @ gain[k]
-        P = Q + gain[k].T @ R @ gain[k] + closed.T @ P @ closed
+        closed_loop = F[k] - G[k] @ gain[k]
+        P = Q + gain[k].T @ R @ gain[k] + closed_loop.T @ P @ closed_loop
     return gain
 
 
@@ -261,7 +266,7 @@ class ComputedTorque:
 
     @staticmethod
     def tune(reference: Reference, *, aware: bool) -> ComputedTorque:
-        """Return the naive controller, or the one aware of the singularity.
+        """Return the controller that is aware of the singularity, or the naive one.
 
         Raises:
             InvalidInput: the robot has springs, or redundant motors.
@@ -278,8 +283,8 @@ class ComputedTorque:
     def torque(self, k: int, measurement: Measurement) -> Array:
         """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero.
 
-        r are the forces of the open tree. The passive joints (p) determine the multipliers lambda of the
-        loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda on the joint side.
+        The open tree needs the generalised forces r. Its passive joints (p) determine the multipliers lambda
+        of the loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda on the joint side.
         """
         ref = self.reference
         robot = ref.robot
@@ -288,9 +293,10 @@ class ComputedTorque:
         ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale
-        # J', rows of joints: (R, nv, m), dimensionless
+        # J' (R, nv, m), scaled to be dimensionless, with one row for each joint
         J_T = scale_jacobian(robot, motion.loops, robot.loops.rotation).transpose(0, 2, 1)
-        P_T, r_p = J_T[:, robot.following], r[:, robot.following]
+        P_T = J_T[:, robot.following]
+        r_p = r[:, robot.following]
         if self.multipliers is None:
             multipliers = solve(P_T, r_p)
         else:
@@ -315,14 +321,16 @@ class _Motion(NamedTuple):
 def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Array) -> _Motion:
     """Compute joint rates and accelerations for platform accelerations ddx (R, n).
 
-    With F = [X; J] of platform and loops, the rates solve F v = [twist; 0] and the accelerations
-    F a = [twist rate; 0] - drift. Both are infinite if the platform does not determine the joints. Wrenches
-    are those of the plan at instant k.
+    The Jacobian X of the platform and J of the loops form F = [X; J]. The rates solve F v = [twist; 0], the
+    accelerations F a = [twist rate; 0] - drift. Both are infinite if the platform does not determine the
+    joints. The wrenches are those of the plan at instant k.
 
-    Each run is solved by itself. `motion_at` would factorise all of them as one band matrix, so that rounding
-    would depend on the number of runs.
+    Each run is solved by itself. `motion_at` would factorise all runs as one band matrix, so rounding would
+    depend on the number of runs.
     """
-    robot, rows, columns = reference.robot, reference.robot.loops, reference.robot.moving
+    robot = reference.robot
+    rows = robot.loops
+    columns = robot.moving
     frames = frames_at(robot, state.q)
     J = loop_equations(rows, frames).jacobian
     F = np.concatenate([robot.platform.jacobian(frames), J], axis=1)[:, :, columns]
@@ -343,18 +351,18 @@ def _constrained_motion(reference: Reference, k: int, state: RobotState, ddx: Ar
 def _planned_multipliers(reference: Reference) -> Array:
     """Compute the multipliers lambda (K, m) of the scaled loop rows along the plan.
 
-    At the crossing the passive rows P' lambda = r_p do not determine lambda, but all rows
-    J' lambda = r - S' tau do, with the planned torque tau on the joint side.
+    At the crossing the passive rows P' lambda = r_p do not determine lambda. All rows together,
+    J' lambda = r - S' tau, do so, where tau is the planned torque on the joint side and S selects the motors.
     """
     robot = reference.robot
     motion = reference.motion
     n = robot.gear_ratio
     rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]
-    force = tree_forces(robot, motion)  # r, then r - S' tau
-    force[:, robot.actuated] -= n * (reference.torque - rotor_torque)
+    loop_forces = tree_forces(robot, motion)  # r (K, nv), from which S' tau is subtracted
+    loop_forces[:, robot.actuated] -= n * (reference.torque - rotor_torque)
     J = scaled_loops(robot, motion.linearised)
     inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
-    return np.matvec(inverse, force * robot.column_scale)
+    return np.matvec(inverse, loop_forces * robot.column_scale)
 
 
 # ------------------------------------------------------------------ all by name

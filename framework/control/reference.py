@@ -33,13 +33,13 @@ class Reference(ReadOnlyArrays):
     period_torque: Array  # (K, n_a) in the middle of the period after each instant, to be constant over it
     motor_angle: Array  # (K, n_a) [rad], motor side
     motor_speed: Array  # (K, n_a)
-    N: Array  # (K, nv, n) joint rates for unit rates of x, springs at rest
+    N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
     law: MotionLaw
-    wrenches: ExternalWrenches  # wrenches of the world, as planned
+    wrenches: ExternalWrenches  # external wrenches, as planned
 
     @property
     def planned_wrenches(self) -> dict[str, Array]:
-        """Wrenches (K, 6) by frame, on base axes, along the planned motion."""
+        """External wrenches (K, 6) along the planned motion, on base axes, by frame."""
         frames = self.motion.linearised.frames
         return self.wrenches.evaluate_on_base_axes(self.robot, frames, np.asarray(self.law(self.times)))
 
@@ -83,7 +83,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
 
 
 def joint_rates_by_platform(robot: ParallelRobot, motion: Motion, x: Array) -> Array:
-    """Compute N = dq/dx (T, nv, n) along a motion at constant deflections."""
-    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n) twists at unit rates of x
-    rates = joint_rates(robot, motion.linearised, twists, np.zeros((len(x), robot.n_e)))
+    """Compute N = dq/dx (T, nv, n) at x (T, n) along a motion, at constant deflections."""
+    twists = np.moveaxis(robot.platform.rate_matrix(x), 2, 0)  # (n, T, n) one twist for each unit rate of x
+    no_deflection_rates = np.zeros((len(x), robot.n_e))
+    rates = joint_rates(robot, motion.linearised, twists, no_deflection_rates)  # (n, T, nv)
     return np.moveaxis(rates, 0, 2)

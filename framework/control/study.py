@@ -71,15 +71,17 @@ def run_study(
     """Do `runs` closed-loop runs, each of a robot drawn from the spread.
 
     Args:
-        executor: where chunks of runs are computed, by default in this process. It must be able to pickle
-            the controller.
-        chunk: runs that are computed together, at most and by default 250. Results do not depend on it.
+        name: name of the controller in the result.
+        executor: computes chunks of runs; by default this process does. It must be able to pickle the
+            controller.
+        chunk: number of runs that are computed together, at most and by default 250. Results do not depend
+            on this number.
         keeper: stores finished chunks; stored chunks are not computed again.
-        progress: called with the number of finished runs. Without an executor, unfinished runs count by the
-            finished share of their motion.
+        progress: called with the number of finished runs. Without an executor a chunk in progress counts by
+            the finished share of its motion.
 
     Raises:
-        InvalidInput: fewer than one run, a negative seed.
+        InvalidInput: fewer than one run, or a negative seed.
     """
     if runs < 1 or isinstance(runs, bool):
         raise InvalidInput(f"runs: needs at least 1, got {runs!r}")
@@ -88,7 +90,7 @@ def run_study(
     started = time.perf_counter()
     size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
     chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
-    finished_runs = 0
+    finished_runs = 0  # in finished chunks
 
     def report(names: Collection[str]) -> None:
         """Count the runs of finished chunks, and report their number."""
@@ -99,7 +101,7 @@ def run_study(
     task = partial(run_chunk, controller, loop, spread, seed)
 
     def run_and_report(chunk_runs: range) -> Arrays:
-        """Do the runs of a chunk in this process, and report the share that is done."""
+        """Do the runs of a chunk in this process, and report progress within the chunk."""
         return task(chunk_runs, lambda share: progress(finished_runs + int(share * len(chunk_runs))))
 
     arrays = complete_chunks(
@@ -136,20 +138,19 @@ def run_chunk(
 def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
     """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`."""
     runs = len(chunk)
+    numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
         "passed": ArrayField("b", (runs,)),
         "why": ArrayField("U", (runs,)),
-        "tracking_error": ArrayField("f", (runs,)),
-        "end_error": ArrayField("f", (runs,)),
         "peak_torque": ArrayField("f", (runs, motors)),
-        "payload": ArrayField("f", (runs,)),
+        **numbers,
     }
 
 
 def run_store(out: Path, setup: Mapping[str, Any], controller: str) -> KeptChunks:
-    """Return the store in the folder `out` for runs of a controller.
+    """Return the store in the folder `out` for the runs of a controller.
 
-    The store depends on the JSON document `setup`, except for the time that planning took.
+    Its name is a hash of the JSON document `setup`, in which the computing time of the plan does not count.
     """
     plan = {key: value for key, value in setup["plan"].items() if key != "seconds"}
     return KeptChunks.of(out, {**setup, "plan": plan}, controller)

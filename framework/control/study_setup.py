@@ -64,11 +64,21 @@ class StudySetup:
         return reference_of(self.plan, period=self.period)
 
     def controller(self, name: str) -> Controller:
-        """Return the controller of a name with its default gains; errors as of `tuned_controller`."""
+        """Return the controller of a name with its default gains.
+
+        Raises:
+            InvalidInput: unknown name, or a robot that the controller cannot drive.
+        """
         return tuned_controller(name, self.reference)
 
     def run(self, controller: str, *numbers: int, record: bool = False) -> Run:
-        """Repeat runs of the study together, by their numbers; with `record` also return the torques."""
+        """Repeat runs of the study together.
+
+        Args:
+            controller: name of the controller.
+            numbers: numbers of the runs, from 0.
+            record: whether the result contains the torques of all periods.
+        """
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 
@@ -105,7 +115,7 @@ def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[St
     """Read the set-up of a study that `crossing robustness --out` wrote; return also its document.
 
     Args:
-        robot_file: the robot's file, if not where the document says.
+        robot_file: path of the robot's file, if it differs from the path in the document.
 
     Raises:
         InvalidInput: there is no robustness.json, the file is another document, or the robot has changed.

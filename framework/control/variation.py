@@ -18,7 +18,8 @@ from framework.numerics.fields import not_negative
 class Spread:
     """The spread of each quantity about the model, zero by default.
 
-    Uniform quantities have their largest deviation here, normally distributed ones their standard deviation.
+    The spread of a uniform distribution is its largest deviation, that of a normal distribution its standard
+    deviation.
     """
 
     payload: float = 0.0  # share of the platform body's inertia, uniform to both sides
@@ -26,8 +27,8 @@ class Spread:
     places: float = 0.0  # [m] standard deviation of each coordinate of each joint's position
     friction: float = 0.0  # Coulomb friction of each motor, share of the plan's peak torque, uniform from 0
     delay: float = 0.0  # [s] from measurement to torque, uniform from 0, rounded to sampling periods
-    noise: float = 0.0  # [rad] or [robot lengths], standard deviation of each encoder
-    speed_noise: float = 0.0  # [rad/s] or [robot lengths/s], standard deviation of measured speeds
+    noise: float = 0.0  # [rad, robot lengths] standard deviation of each encoder
+    speed_noise: float = 0.0  # [rad/s, robot lengths/s] standard deviation of measured speeds
 
     def __post_init__(self) -> None:
         """Check that no deviation is negative, and that shares are below 1."""
@@ -51,9 +52,9 @@ class Variation:
 
 
 def draw(robot: ParallelRobot, spread: Spread, seed: tuple[int, int]) -> Variation:
-    """Draw the variation of one seed, independent of all other runs."""
+    """Draw the variation of one robot from its seed, independent of all other runs."""
     random = np.random.default_rng(seed)
-    # the order of these draws is part of the result
+    # drawing in another order would give other results for the same seed
     return Variation(
         seed=seed,
         payload=1 + spread.payload * random.uniform(-1, 1),
@@ -73,29 +74,29 @@ def draw_noise(
     """
     if not (spread.noise or spread.speed_noise):
         return None
-    deviation = np.array([spread.noise, spread.speed_noise])[:, None]
+    deviations = np.array([spread.noise, spread.speed_noise])[:, None]  # (2, 1)
     shape = (samples, 2, robot.nv)
-    # the third number makes the sequences independent of those of `draw`
+    # the additional 1 in the seed makes the sequences independent of those of `draw`
     runs = [np.random.default_rng((*seed, 1)).standard_normal(shape) for seed in seeds]
-    return np.stack(runs, axis=1) * deviation * robot.column_scale
+    return np.stack(runs, axis=1) * deviations * robot.column_scale
 
 
 def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
     """Return the robot with the differences of a variation.
 
-    With other joint positions the loops close at another configuration. Only the independent loop equations
-    are used: redundant ones hold only for exact positions, while a real machine has clearance.
+    With shifted joints the loops close at another configuration. Only the independent loop equations are
+    used: redundant ones hold only for exact positions, and a real machine has clearance in its joints.
 
-    The payload is the inertia of the platform's link or, if that link has none, of the moving body that
-    carries the platform's frame.
+    The payload factor applies to the inertia of the platform's link or, if that link has no inertia, to the
+    moving body that carries the platform's frame.
     """
     model = robot.model.copy()
     frame = model.frames[robot.frames[0]]
     joint = frame.parentJoint
     payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
-    parameters = model.inertias[joint].toDynamicParameters()  # the first one is the mass
+    parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
     parameters += (variation.payload - 1) * payload.toDynamicParameters()
-    if parameters[0] > 0:
+    if parameters[0] > 0:  # the mass
         model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters)
     for k, shift in enumerate(variation.shifts, start=1):  # joint 0 is the world
         model.jointPlacements[k].translation += shift

@@ -87,8 +87,8 @@ def torque_parameters(robot: ParallelRobot, *, massless: bool = False) -> Torque
 def _motor_sizes(robot: ParallelRobot) -> Array:
     """Compute typical sizes (n_a, 3) of rotor inertia, viscous and dry friction.
 
-    On the joint side the inertia I is mass length^2 for a hinge and the mass for a slide. With the rate
-    w = sqrt(g / length) viscous friction has the size I w, dry friction I w^2.
+    On the joint side the inertia I is mass length^2 for a hinge and the mass for a slide. With the typical
+    rate w = sqrt(g / length) viscous friction has the size I w, and dry friction the size I w^2.
     """
     scale = robot.column_scale[robot.actuated]  # 1 for a hinge, the robot's length for a slide
     inertia = (robot.mass or 1.0) * (robot.length / scale) ** 2
@@ -102,7 +102,7 @@ def gravity_scale(robot: ParallelRobot) -> float:
 
 
 class ParameterRegressor(NamedTuple):
-    """Y of N' Y theta + constant = N' S tau at T instants, on platform axes."""
+    """The terms of N' Y theta + constant = N' S tau at T instants, on platform axes."""
 
     matrix: Array  # (T, n, p) N' Y
     constant: Array  # (T, n) springs, and armature and damping of joints without a motor
@@ -114,9 +114,9 @@ def parameter_regressor(
 ) -> ParameterRegressor:
     """Compute the regressor of the closed robot at T instants of a motion.
 
-    A motor loads its joint with the torque n^2 I a + damping v + friction sign(v), with the gear ratio n. The
-    constant part is N' r, r of `tree_forces`, minus the part of N' r that the regressor explains: r contains
-    bodies and damping, but neither rotors nor dry friction.
+    A motor with the gear ratio n loads its joint with the torque n^2 I a + damping v + friction sign(v). The
+    constant is N' r, with r of `tree_forces`, minus the part of N' r that is linear in theta. The forces r
+    contain those of bodies and damping, but neither rotors nor dry friction.
 
     Args:
         signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
@@ -131,8 +131,8 @@ def parameter_regressor(
     motor_part = N_transposed[:, :, motors, None] * np.stack(unit_torques, axis=2)[:, None]  # (T, n, n_a, 3)
     matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
 
-    values_in_tree = parameters.values.copy()
-    for name in ("rotor_inertia", "friction"):
+    values_in_tree = parameters.values.copy()  # theta without the parameters that r does not contain
+    for name in ("rotor_inertia", "friction"):  # every third parameter after those of the bodies
         values_in_tree[body_part.shape[2] + OF_MOTORS.index(name) :: len(OF_MOTORS)] = 0.0
     constant = np.matvec(N_transposed, tree_forces(robot, motion)) - matrix @ values_in_tree
     return ParameterRegressor(matrix, constant, G.swapaxes(1, 2))
@@ -141,7 +141,7 @@ def parameter_regressor(
 RANDOM_SETS = 3  # sets of random instants; their ranks must agree
 ROWS_PER_PARAMETER = 1.5  # in each set
 STEP = 0.5  # [rad, robot lengths] largest step of the platform in a random walk
-# steps of all random walks; at most for a walk that has not moved by then, each half as long as the last
+# steps of all random walks; steps of a walk that has not moved by then, each half as long as the previous one
 STEPS, MAX_STEPS = 16, 36
 
 
@@ -178,16 +178,16 @@ class BaseParameters(ReadOnlyArrays):
 def base_parameters(robot: ParallelRobot, *, massless: bool = False) -> BaseParameters:
     """Compute the parameter combinations that motor torques determine.
 
-    These are the combinations that all motions near the reference determine together; the motion along a
-    single line determines fewer. Their number is the rank of the closed robot's regressor at random instants
-    (`parameter_regressor`). Several sets of instants must have the same rank.
+    All motions near the reference together determine these combinations; a motion along a single line
+    determines fewer. Their number is the rank of the closed robot's regressor at random instants
+    (`parameter_regressor`). Several sets of random instants must have the same rank.
 
     Args:
         massless: whether to include bodies that have no mass in the file.
 
     Raises:
-        InvalidInput: a robot with springs, or whose platform does not determine its joints.
-        NotConverged: the sets of instants do not agree on the rank.
+        InvalidInput: the robot has springs, or its platform does not determine its joints.
+        NotConverged: the sets of instants have different ranks.
     """
     expect_robot(robot)
     described = torque_parameters(robot, massless=massless)
@@ -243,9 +243,9 @@ def random_motion(robot: ParallelRobot, count: int, random: np.random.Generator)
 def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator) -> tuple[Array, Array]:
     """Draw assembled configurations q (count, nq) and platform coordinates x (count, n).
 
-    Each is the end of a random walk from the reference. A step is rejected if the loops do not close at its
-    end, or if the end is near a singularity. After STEPS steps only walks without an accepted step continue,
-    with shorter and shorter steps.
+    Each pose is the end of a random walk from the reference. A step is rejected if the loops do not close at
+    its end, or if the end is near a singularity. After STEPS steps only walks without an accepted step
+    continue, with ever shorter steps.
     """
     q = np.repeat(robot.reference.q[None], count, axis=0)
     x = np.repeat(robot.reference.x[None], count, axis=0)
@@ -256,10 +256,11 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
             break
         step = STEP * robot.platform_scale * random.uniform(-1.0, 1.0, (count, robot.n))
         target = x + step * 0.5 ** max(k - STEPS, 0)
-        closed = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
-        accepted = closed.closed & ~(only_unmoved & has_moved)  # (count,)
-        accepted[accepted] = clearance(robot, linearised_at(robot, closed.q[accepted], None)) > BRANCHES_MEET
-        q[accepted] = closed.q[accepted]
+        end = close_each(robot, target, q, farthest=MAX_NEWTON_STEP)
+        accepted = end.closed & ~(only_unmoved & has_moved)  # (count,)
+        end_clearance = clearance(robot, linearised_at(robot, end.q[accepted], None))
+        accepted[accepted] = end_clearance > BRANCHES_MEET
+        q[accepted] = end.q[accepted]
         x[accepted] = target[accepted]
         has_moved |= accepted
     if has_moved.all():

@@ -1,8 +1,8 @@
-"""Calibration of the geometry from motor angles and measured poses, or parts of poses.
+"""Calibration of the geometry from motor angles and fully or partly measured poses.
 
-Damped Gauss-Newton steps solve for all poses and parameters together, with a prior at the robot file's values
-and Huber's weights against outliers. Parameter directions that the data do not determine keep the file's
-values, and are reported.
+A damped Gauss-Newton method solves for all poses and parameters together. The robot file's values are a
+prior, and Huber's weights reduce the influence of outliers. Parameter directions that the data do not
+determine keep the file's values, and are reported.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ LENGTH_ERROR = 1e-3  # [m] standard deviation of the file's lengths, typical of 
 ANGLE_ERROR = float(np.radians(1.0))  # [rad] standard deviation of the file's angles
 NOISE = {"motor_angle": 3e-5, "joint": 1e-4, "platform": 2e-5}  # standard deviations [rad, m], by kind
 HELD_OUT_EVERY = 4  # every fourth instant is held out for validation
-MIN_RESPONSE = 1e-6  # least response of a sensor to a motion, over its largest entry [robot lengths, rad]
-HUBER = 2.0  # ratio of an instant's residual to the median residual above which its weight falls
+MIN_RESPONSE = 1e-6  # least response of a sensor to a motion, over the motion [rad, robot lengths]
+HUBER = 2.0  # ratio of an instant's residual to the noise above which the instant's weight falls
 MAX_STEPS, FIRST_DAMPING, MAX_DAMPING = 60, 1e-3, 1e9  # damping is relative to the prior
 CONVERGED = 1e-6  # largest change of a parameter in the last step, over its prior deviation
-DEVIATIONS = 3.0  # number of standard deviations at which Student's t and the normal distribution agree
+DEVIATIONS = 3.0  # number of standard deviations for which intervals are widened by Student's t
 LEAST_NOISE = 1e-3  # residuals below this share of the assumed noise count as rounding
 
 
@@ -57,11 +57,12 @@ class Calibration(ReadOnlyArrays):
         values, deviations: (p,) changes of `geometry.names` from the file [m, rad], and their standard
             deviations.
         combinations: the parameter combinations that the data determine; other directions keep the prior.
+        unseen: descriptions of the directions that the data do not determine, with remedies.
         error_before, error_after: (m,) root mean square errors of the columns of `measured`, predicted from
             the motors' angles at the instants held out; zero for the motors themselves.
-        noise: residual over the assumed noise, by which deviations are scaled; 1 if the data are too few to
-            estimate it. With estimated noise deviations are widened by Student's t, so that an interval of
-            three deviations has the same probability as with known noise.
+        noise: ratio of the residual to the assumed noise, by which deviations are scaled; 1 if the data are
+            too few to estimate it. If the noise is estimated, deviations are widened by Student's t, so that
+            an interval of three deviations has the same probability as with known noise.
         degrees_of_freedom: number of equations minus number of parameters that they determine; the noise is
             estimated if this is at least 1.
     """
@@ -134,12 +135,12 @@ def calibrate(
             of its file.
         joints: the joints whose origins are calibrated; by default all between the base and the frames of the
             platform and of closures, see `parametrise_geometry`.
-        noise: standard deviations of measurements, by kind: `motor_angle`, `joint`, `platform`.
+        noise: standard deviations of measurements by kind: `motor_angle`, `joint`, `platform` [rad, m].
         length_error, angle_error: standard deviations of the file's dimensions [m, rad].
         progress: called with the number of steps tried.
 
     Raises:
-        InvalidInput: wrong or too few data; redundant motors; unknown joints or kinds of noise.
+        InvalidInput: data are wrong or too few; motors are redundant; joints or kinds of noise are unknown.
         NotAssembled: the loops do not close at some motor angles.
         NotConverged: the steps do not converge, or converge far outside the errors assumed of the file.
     """
@@ -212,17 +213,16 @@ def _check_plausible(geometry: Geometry, deviations: Array, noise: float) -> Non
     """Refuse implausible noise, and implausible changes (p,) over their prior deviations."""
     if noise > MAX_NOISE_RATIO:
         raise NotConverged(
-            f"{geometry.robot.name}: what is left of the data is {noise:.3g} times the noise that is "
-            f"assumed; raise length_error or angle_error, give the noise, or look at the data",
+            f"{geometry.robot.name}: the residual of the data is {noise:.3g} times the assumed noise; raise "
+            f"length_error or angle_error, give the noise, or look at the data",
             residual=noise,
         )
     worst = np.abs(deviations).argmax()
     largest = float(abs(deviations[worst]))
     if largest > MAX_PRIOR_DEVIATIONS:
         raise NotConverged(
-            f"{geometry.robot.name}: {geometry.names[worst]} would be off by {largest:.3g} standard "
-            f"deviations of what the file may be wrong by; raise length_error or angle_error, or "
-            f"look at the data",
+            f"{geometry.robot.name}: {geometry.names[worst]} would differ from the file by {largest:.3g} "
+            f"times the file's assumed error; raise length_error or angle_error, or look at the data",
             residual=largest,
         )
 
@@ -230,7 +230,7 @@ def _check_plausible(geometry: Geometry, deviations: Array, noise: float) -> Non
 def _prediction_error(model: ParallelRobot, measured: Measurements, q: Array, values: Array) -> Array:
     """Compute root mean square errors (m,) of measurements predicted from motor angles.
 
-    From q (T, nq) the motors move to their measured angles and the parameters to `values` (p,); then the
+    The motors of q (T, nq) are moved to their measured angles, and the parameters to `values` (p,). Then the
     loops are closed.
     """
     motor_steps = measured.values[:, : measured.driven] - model.actuated_coordinates(q)
@@ -263,8 +263,8 @@ def _describe_unseen(
 ) -> tuple[str, ...]:
     """Describe the parameter directions that the data do not determine, with remedies.
 
-    Such a direction moves the joints while all measurements stay the same. An unused sensor would show the
-    direction if the sensor's value changes along this motion.
+    A step along such a direction moves the joints while all measurements stay the same. A sensor that was not
+    used would determine the direction if its value changes during this motion.
     """
     model = geometry.model
     slopes = _sensor_slopes(model, q)
@@ -275,9 +275,9 @@ def _describe_unseen(
         motion[:, model.joints] = equations.follow @ direction
         motion[:, model.elastic] = direction
         least = MIN_RESPONSE * np.abs(motion / model.column_scale).max()
-        responses = {name: np.abs(np.vecdot(slopes[name], motion)).max() for name in unused}
-        name = next((name for name in unused if responses[name] > least), None)
-        advice = f"{name} would show it" if name else "no pose or joint angle depends on it"
+        responding = (name for name in unused if np.abs(np.vecdot(slopes[name], motion)).max() > least)
+        sensor = next(responding, None)
+        advice = f"{sensor} would show it" if sensor else "no pose or joint angle depends on it"
         sentences.append(f"{describe_unseen_direction(geometry.names, direction)}; {advice}")
     return tuple(sentences)
 
@@ -285,8 +285,8 @@ def _describe_unseen(
 def _sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
     """Compute derivatives of all measurable quantities at q (T, nq), by name.
 
-    These are position and rotation of the platform's frame, (T, nv) each, and joints that an encoder can
-    measure, (nv,) at all q.
+    The quantities are the position and the rotation of the platform's frame, with derivatives (T, nv), and
+    the joints that an encoder can measure, with constant derivatives (nv,).
     """
     jacobian = frames_at(model, q).frame_jacobian(0)  # (T, 6, nv)
     axes = [*(f"platform_{axis}" for axis in "xyz"), *(f"the platform's turn about {axis}" for axis in "xyz")]
@@ -299,29 +299,31 @@ def _sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
 def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
     """Describe a direction (p,) of the parameters that the data do not determine.
 
-    If two parameters change by the same amount, the data determine only their difference; if by opposite
-    amounts, only their sum.
+    If only two parameters change, and by the same amount, the data determine their difference. If they change
+    by opposite amounts, the data determine their sum.
     """
-    used = np.flatnonzero(direction)
+    used = np.flatnonzero(direction).tolist()
+    used_names = [names[k] for k in used]
     if len(used) == 1:
-        return f"{names[used[0]]} not at all"
+        return f"{used_names[0]} not at all"
     if len(used) == 2:
-        first, second = direction[used]
-        if abs(abs(first) - abs(second)) < MIN_RESPONSE * abs(first):
-            kind = "difference" if first * second > 0 else "sum"
-            return f"{names[used[0]]} and {names[used[1]]} only as their {kind}"
+        change_1, change_2 = direction[used]
+        if abs(abs(change_1) - abs(change_2)) < MIN_RESPONSE * abs(change_1):
+            kind = "difference" if change_1 * change_2 > 0 else "sum"
+            return f"{' and '.join(used_names)} only as their {kind}"
     return f"no change by {format_combination(names, direction)}"
 
 
 class GaussNewton:
     """Damped Gauss-Newton method for parameters and poses.
 
-    The cost is the sum of squared residuals over the noise, weighted by instant, plus the sum of squared
-    values over their prior deviations.
+    The cost is a sum of squares: of the residuals over the noise, weighted by instant; of loop equations that
+    no joint can close; and of the parameters' changes over their prior deviations.
 
     values, deviations: (p,) changes of the parameters from the file, and their standard deviations.
     weights: (T,) square roots of Huber's weights of the instants.
-    noise: residual over the assumed noise; freedom: degrees of freedom of this estimate.
+    noise: ratio of the residual to the assumed noise.
+    freedom: degrees of freedom from which the noise is estimated.
     steps: number of steps tried.
     """
 
@@ -343,8 +345,12 @@ class GaussNewton:
     def run(self, progress: Callable[[int], None]) -> None:
         """Iterate until the parameters converge.
 
-        A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). Poses
-        follow the parameters linearly.
+        A step that raises the cost is repeated with ten times the damping (Levenberg and Marquardt). With
+        each step of the parameters the poses take the step that keeps the linearised loops closed and the
+        residuals least.
+
+        Raises:
+            NotConverged: no convergence within MAX_STEPS steps or with a damping of at most MAX_DAMPING.
         """
         damping = FIRST_DAMPING
         equations = eliminate_poses(self.model, self.measured, self.q)
@@ -357,6 +363,7 @@ class GaussNewton:
             q = _move_poses(self.model, self.q, self.model.joints, joint_steps, change)
             values = self.values + change
             next_equations = eliminate_poses(self.model, self.measured, q)
+            # the cost must not rise by more than rounding
             if not self._cost(next_equations, values) <= cost * (1.0 + RANK_ROUNDING) + RANK_ROUNDING:
                 damping *= 10.0
                 continue
@@ -369,16 +376,16 @@ class GaussNewton:
                 self._estimate_deviations(equations)
                 return
         raise NotConverged(
-            f"{self.model.name}: calibration does not settle after {self.steps} steps; the file is too "
+            f"{self.model.name}: calibration does not converge after {self.steps} steps; the file is too "
             f"far off for these data, or they are of another robot",
             residual=cost,
         )
 
     def _weighted_rows(self, equations: ParameterEquations) -> tuple[Array, Array]:
-        """Return rows (N, p) with unit noise for parameters over prior deviations, residuals (N,).
+        """Return the rows (N, p) of the least squares problem and their residuals (N,).
 
-        The first rows are those of the data, weighted by instant; the others are loop equations that no joint
-        can close.
+        Rows have unit noise, and parameters are in units of their prior deviations. The first rows are those
+        of the data, weighted by instant; the others are loop equations that no joint can close.
         """
         weights = self.weights[:, None] / self.noise  # (T, 1)
         data_rows = merge_rows(weights[..., None] * equations.matrix)
@@ -389,8 +396,8 @@ class GaussNewton:
     def _damped_step(self, equations: ParameterEquations, damping: float) -> Array:
         """Compute the damped Gauss-Newton step (p,) of the parameters.
 
-        In units of the prior deviations it is the least squares solution of
-        [data; 1; sqrt(damping)] step = -[residual; values; 0].
+        In units of the prior deviations the step is the least squares solution of
+        [rows; 1; sqrt(damping)] step = -[residuals; values; 0].
         """
         matrix, residual = self._weighted_rows(equations)
         identity = np.eye(len(self.prior))
@@ -400,26 +407,26 @@ class GaussNewton:
         return -self.prior * np.linalg.solve(R, Q.T @ residuals)
 
     def _cost(self, equations: ParameterEquations, values: Array) -> float:
-        """Compute the cost, see the class, of equations at parameters `values` (p,)."""
-        residual = self._weighted_rows(equations)[1]
+        """Compute the cost of the class at parameters `values` (p,)."""
+        _, residual = self._weighted_rows(equations)
         return float(residual @ residual + np.sum((values / self.prior) ** 2))
 
     def _update_weights(self, equations: ParameterEquations) -> float:
         """Update the noise and Huber's weights of the instants; return the cost.
 
-        The noise follows from the median residual. An instant with a residual above HUBER times the noise has
-        the weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of Mathematical
-        Statistics 35, 1964).
+        The noise is estimated from the median residual. An instant with a residual above HUBER times the
+        noise has the weight HUBER noise / residual, so that its cost grows linearly (Huber, Annals of
+        Mathematical Statistics 35, 1964).
         """
-        sizes = np.sqrt(np.sum(equations.right**2, axis=1) / self.equations_per_instant)
-        self._estimate_noise(equations, np.median(sizes))
-        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(sizes, RANK_ROUNDING)))
+        residuals = np.sqrt(np.sum(equations.right**2, axis=1) / self.equations_per_instant)  # (T,)
+        self._estimate_noise(equations, np.median(residuals))
+        self.weights = np.sqrt(np.minimum(1.0, HUBER * self.noise / np.maximum(residuals, RANK_ROUNDING)))
         return self._cost(equations, self.values)
 
     def _estimate_deviations(self, equations: ParameterEquations) -> None:
         """Set the noise from all residuals, and the deviations of the parameters.
 
-        With R'R the normal matrix of data and prior, deviations are the norms of the rows of R^-1.
+        If R'R is the normal matrix of data and prior, the deviations are the norms of the rows of R^-1.
         """
         from scipy.special import ndtr, stdtrit  # slow to import
 
@@ -433,14 +440,14 @@ class GaussNewton:
             self.deviations *= stdtrit(self.freedom, ndtr(DEVIATIONS)) / DEVIATIONS
 
     def _estimate_noise(self, equations: ParameterEquations, residual: float) -> None:
-        """Set the noise s, over the assumed one, and the degrees of freedom N - r(s).
+        """Set the noise s, relative to the assumed noise, and the degrees of freedom N - r(s).
 
-        `residual` is the root mean square of the N residuals. With a prior a fit of N equations determines
-        r(s) = sum of w^2 / (w^2 + s^2) parameters, with w the singular values of the rows: the effective
-        number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements of Statistical
-        Learning, 2009, section 3.4.1). The residuals have the expected sum of squares s^2 (N - r(s)). It
-        grows with s, and s is solved from s^2 (N - r(s)) = N residual^2. If fewer than one degree of freedom
-        is left, the noise is the assumed one.
+        `residual` is the root mean square of the N residuals. With a prior, a fit of N equations determines
+        only r(s) = sum of w^2 / (w^2 + s^2) parameters, where w are the singular values of the rows. This is
+        the effective number of parameters of ridge regression (Hastie, Tibshirani and Friedman, The Elements
+        of Statistical Learning, 2009, section 3.4.1). The expected sum of squared residuals s^2 (N - r(s))
+        grows with s, and s solves s^2 (N - r(s)) = N residual^2. If less than one degree of freedom is left,
+        the noise is the assumed noise, s = 1.
         """
         count = len(self.q) * self.equations_per_instant
         squares = self._squared_singular_values(equations)
@@ -456,19 +463,20 @@ class GaussNewton:
         if self.freedom < 1.0:
             return
         self.noise = LEAST_NOISE
-        if noise_equation(LEAST_NOISE) < 0.0:
+        if noise_equation(LEAST_NOISE) < 0.0:  # else the residuals are rounding
             from scipy.optimize import brentq  # slow to import
 
-            high = max(residual * np.sqrt(count), 1.0)
-            self.noise = float(brentq(noise_equation, LEAST_NOISE, high, xtol=RANK_ROUNDING * LEAST_NOISE))
+            upper_bound = max(residual * np.sqrt(count), 1.0)
+            solution = brentq(noise_equation, LEAST_NOISE, upper_bound, xtol=RANK_ROUNDING * LEAST_NOISE)
+            self.noise = float(solution)
         self.freedom = freedom_at(self.noise)
 
     def _squared_singular_values(self, equations: ParameterEquations) -> Array:
-        """Compute squared singular values (p,) of A S.
+        """Compute squared singular values (p,) of A S, with the rows A of the data.
 
-        A are the rows of the data, and S S' is the covariance of the prior, which combines the deviations D
-        with the slopes L of loop equations that no joint can close: (S S')^-1 = D^-2 + L'L. With
-        L D = U diag(w) V' the solution is S = D V diag(1 + w^2)^(-1/2).
+        S S' is the covariance of the prior. The prior combines the deviations D with the slopes L of loop
+        equations that no joint can close: (S S')^-1 = D^-2 + L'L. With L D = U diag(w) V' the solution is
+        S = D V diag(1 + w^2)^(-1/2).
         """
         size = len(self.prior)
         # zero rows complete w and V if there are fewer loop equations than parameters

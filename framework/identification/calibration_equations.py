@@ -1,9 +1,9 @@
 """Measured poses as equations for the geometric parameters, with the pose of each instant eliminated.
 
-At each instant the joints q close the loops, F(q, p) = 0, and measurements differ from h(q, p) by noise. The
-linearised loops F_q dq + F_p dp = -F have the solutions dq = step + follow dp + free z. Least squares on the
-measurements determines z, and the remaining equations contain only the parameters p. They are regular at Type
-2 singularities, and treat the noise of motors like that of the platform.
+At each instant the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p) plus noise. The
+linearised loops F_q dq + F_p dp = -F have the solutions dq = step + follow dp + free z with any z. Least
+squares on the measurements determines z, and the remaining equations contain only the parameters p. These are
+regular at Type 2 singularities, and treat the noise of motors like that of the platform.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
 
     Args:
         noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
-            [m]; for turns of the platform the latter is divided by the robot's length.
+            [m]. For turns of the platform its deviation is divided by the robot's length.
 
     Raises:
-        InvalidInput: motor angles are missing, or the recording has nothing else.
+        InvalidInput: motor angles are missing, or the recording contains nothing else.
     """
     robot = geometry.robot
     model = geometry.model
@@ -64,7 +64,7 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     names = [*encoders.values(), *(f"platform_{axis}" for axis in axes + positions)]  # without motors
     if not names:
         raise InvalidInput(
-            f"{data.source}: motor angles alone show nothing of the geometry; platform_"
+            f"{data.source}: motor angles alone do not determine the geometry; platform_"
             f"{robot.axis_names[0]} or angles of other joints are needed"
         )
     coordinates = np.array([robot.axis_names.index(axis) for axis in axes], dtype=np.intp)
@@ -95,10 +95,10 @@ def encoder_names(model: ParallelRobot) -> dict[int, str]:
 
 
 class MeasuredOffsets(NamedTuple):
-    """Values of the model minus measured values, and derivatives along all joints."""
+    """Values of the model minus measured values, and their derivatives."""
 
     offset: Array  # (T, m)
-    slope: Array  # (T, m, nv)
+    slope: Array  # (T, m, nv) derivatives along all joints
 
 
 def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:
@@ -111,7 +111,8 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
     positions = measured.positions
     ends = np.cumsum([len(joints), len(axes)])
     joint_values, x_values, position_values = np.split(measured.values, ends, axis=1)
-    x = model.platform.coordinates(frames)  # (T, n); coordinates without a measurement keep these values
+    # measured platform coordinates (T, n), with the model's values for those that are not measured
+    x = model.platform.coordinates(frames)
     x[:, axes] = x_values
     offset = [
         model.coordinates.positions(frames.q)[:, joints] - joint_values,
@@ -129,7 +130,7 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
 class ParameterEquations(NamedTuple):
     """Linear equations right + matrix dp = noise for steps dp of the parameters, at T instants."""
 
-    right: Array  # (T, m) offsets over their noise, without the part that a step of the pose removes
+    right: Array  # (T, m) offsets over their noise, minus the part that a step of the pose can remove
     matrix: Array  # (T, m, p) derivatives of `right` along the parameters
     open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
     loop_slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
@@ -140,9 +141,9 @@ class ParameterEquations(NamedTuple):
 def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
     """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
-    Offsets over their noise are r + A dp + B z, with z along the free motions of the loops. Least squares
-    gives z = -B^+ (r + A dp), and the equations (1 - B B^+) (r + A dp) remain (variable projection, Golub and
-    Pereyra 1973).
+    After steps dp of the parameters and z along the free motions of the loops, the offsets over their noise
+    are r + A dp + B z. Least squares gives z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable
+    projection, Golub and Pereyra 1973).
     """
     frames = frames_at(model, q)
     scale = model.column_scale[model.joints]  # (k,)
@@ -179,8 +180,9 @@ class _LinearLoops(NamedTuple):
 def _solve_linear_loops(model: ParallelRobot, frames: FrameStack) -> _LinearLoops:
     """Solve the linearised loops for the joints by the singular value decomposition F_q = U S V'.
 
-    The first columns of U and V, as many as the rank, give the step. The other columns of V are the free
-    motions; those of U are the combinations of loop equations that no joint can close.
+    The first columns of U and V, as many as the rank of F_q, give the step of the joints. The other columns
+    of V are the free motions. The other columns of U are the combinations of loop equations that no joint can
+    close.
     """
     loops = loop_equations(model.rows, frames)
     weights = 1.0 / model.row_lengths

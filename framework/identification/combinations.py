@@ -22,7 +22,7 @@ from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_ROUNDING
 
-# a coefficient below this is zero; relative to the largest of its column, in sizes of the parameters
+# coefficients below this share of the largest of their column are zero, with parameters over their sizes
 COEFFICIENT_ROUNDING = 1e-7
 MAX_TERMS = 8  # of a combination in text
 
@@ -57,7 +57,7 @@ class Combinations(ReadOnlyArrays):
     def unseen(self) -> Array:
         """Directions (p - rank, p) of the parameters that change no base parameter.
 
-        In each direction one parameter that does not lead changes by 1, and the leading ones compensate.
+        In each direction one non-leading parameter changes by 1, and the leading ones compensate its effect.
         """
         identity = np.eye(self.coefficients.shape[1])
         directions = np.delete(identity, self.leading, axis=0)
@@ -73,28 +73,28 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     """
     columns = regressor * sizes
     lengths = np.linalg.norm(columns, axis=0)
-    is_seen = lengths > RANK_ROUNDING * lengths.max(initial=0.0)
-    seen = np.flatnonzero(is_seen)
-    # unit columns, reduced to a triangle with the same linear dependences and singular values
-    R = np.asarray(np.linalg.qr(columns[:, seen] / lengths[seen], mode="r"))
+    has_effect = lengths > RANK_ROUNDING * lengths.max(initial=0.0)
+    effective = np.flatnonzero(has_effect)
+    # R of unit columns has the same linear dependences and singular values as these columns
+    R = np.asarray(np.linalg.qr(columns[:, effective] / lengths[effective], mode="r"))
     values = singular_values(R)
     rank = int(np.sum(values > RANK_ROUNDING * values.max(initial=0.0)))
     independent = _independent_columns(R, rank)
-    leading = seen[independent]
-    dependent = np.delete(seen, independent)
+    leading = effective[independent]
+    dependent = np.delete(effective, independent)
 
-    # each dependent column is a combination of leading ones, with weights (rank, dependent)
+    # each dependent unit column is a combination of leading ones, with weights (rank, dependent)
     weights = np.linalg.lstsq(R[:, independent], np.delete(R, independent, axis=1), rcond=None)[0]
-    in_sizes = weights * lengths[dependent] / lengths[leading, None]  # with columns scaled by `sizes`
-    largest = np.abs(in_sizes).max(axis=0, initial=0.0)
-    weights[np.abs(in_sizes) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
+    scaled_weights = weights * lengths[dependent] / lengths[leading, None]  # of the columns before scaling
+    largest = np.abs(scaled_weights).max(axis=0, initial=0.0)
+    weights[np.abs(scaled_weights) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
 
     # the weights of unit columns become coefficients in the units of the parameters
     unit_lengths = lengths / sizes
     coefficients = np.zeros((rank, len(sizes)))
     coefficients[:, leading] = np.eye(rank)
     coefficients[:, dependent] = weights * unit_lengths[dependent] / unit_lengths[leading, None]
-    return Combinations(rank, values, leading, coefficients, np.flatnonzero(~is_seen))
+    return Combinations(rank, values, leading, coefficients, without_effect=np.flatnonzero(~has_effect))
 
 
 def _independent_columns(matrix: Array, rank: int) -> IntArray:

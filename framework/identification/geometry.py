@@ -2,8 +2,8 @@
 
 Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six
 parameters: translations along the axes of its origin, then rotations about them. Each parameter is a virtual
-joint, like that of a spring. So the robot's own equations give the loop equations, frames and derivatives
-along the parameters.
+joint, like that of a spring. So the equations of the robot with these joints also give derivatives with
+respect to the parameters.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ class Geometry(ReadOnlyArrays):
 
     robot: ParallelRobot
     model: ParallelRobot  # the robot with an elastic virtual joint for each parameter
-    joints: tuple[str, ...]  # whose origins have errors
-    names: tuple[str, ...]  # (p,) JOINT.x .. JOINT.rz
+    joints: tuple[str, ...]  # (p / 6,) joints whose origins have errors
+    names: tuple[str, ...]  # (p,) names of the parameters, JOINT.x .. JOINT.rz
     turning: np.ndarray  # (p,) true for an angle [rad], false for a length [m]
 
     def description(self, values: Array) -> RobotDescription:
         """Return the robot's description with joint origins moved by parameters (p,)."""
         description = self.robot.description
         urdf = fromstring(description.urdf_text)
-        elements = _joint_elements(urdf)
+        elements = elements_by_name(urdf, "joint")
         for joint, move in zip(self.joints, values.reshape(-1, 6), strict=True):
             if move.any():
                 _move_origin(elements[joint], move)
@@ -50,19 +50,20 @@ class Geometry(ReadOnlyArrays):
 def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = None) -> Geometry:
     """Add six geometric parameters to the origin of each joint.
 
-    Each joint gets a spring of six virtual joints behind its origin. They follow the joint itself if it is
-    fixed; otherwise a new fixed joint takes over the origin, and they follow that one.
+    Each joint gets a spring of six virtual joints directly behind its origin. Behind the origin of a fixed
+    joint this is behind the joint itself. For a moving joint a new fixed joint takes over the origin, and the
+    virtual joints come between it and the moving joint.
 
     Args:
-        joints: whose origins get parameters; by default all joints between the base and the frames of the
-            platform and of closures.
+        joints: names of the joints; by default all joints between the base and the frames of the platform and
+            of closures.
 
     Raises:
-        InvalidInput: unknown joints; too many.
+        InvalidInput: a joint is not one of these, or there are too many.
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
-    elements = _joint_elements(urdf)
+    elements = elements_by_name(urdf, "joint")
     candidates = _joints_to_frames(description, elements)
     for name in joints or ():
         check_choice("joint", name, candidates)
@@ -83,15 +84,15 @@ def parametrise_geometry(robot: ParallelRobot, joints: Sequence[str] | None = No
     )
 
 
-def _joint_elements(urdf: Element) -> dict[str, Element]:
-    """Return the elements of all joints, by name."""
-    return {joint.get("name", ""): joint for joint in urdf.findall("joint")}
+def elements_by_name(urdf: Element, tag: str) -> dict[str, Element]:
+    """Return the elements of a URDF with the tag "joint" or "link", by name."""
+    return {element.get("name", ""): element for element in urdf.findall(tag)}
 
 
 def _joints_to_frames(description: RobotDescription, elements: dict[str, Element]) -> list[str]:
-    """Return the joints between the base and the frames of platform and closures, in the URDF's order.
+    """Return the joints between the base and the frames of platform and closures, in URDF order.
 
-    A frame has the name of a link, or of a joint whose child link is meant.
+    A frame is named by a link, or by a joint, which stands for its child link.
     """
     parent_joints = {_link_name(element, "child"): name for name, element in elements.items()}  # by link
     frames = [description.platform.frame]
@@ -131,9 +132,9 @@ def _insert_origin_joint(urdf: Element, joint: Element) -> str:
 
 
 def _move_origin(joint: Element, move: Array) -> None:
-    """Move a joint's origin by translations [m], then rotations [rad] about x, y, z, move (6,).
+    """Move a joint's origin by `move` (6,): translations [m], then rotations [rad] about x, y, z.
 
-    The virtual joints of `parametrise_geometry` move it in the same way: three slides, then three hinges.
+    The virtual joints of `parametrise_geometry`, three slides and then three hinges, have the same effect.
     """
     old = joint.find("origin")
     pose = read_origin(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])

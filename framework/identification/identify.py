@@ -1,9 +1,9 @@
 """Identification of inertial and motor parameters from motor angles, torques and time.
 
 Base parameters are estimated by weighted least squares from the rows N' Y theta = N' S tau
-(`base_parameters`). Noise e of the torques gives a row the noise G' e, with G of `platform_wrench`. At a Type
-2 singularity G' e has no component along t_s, and errors of the motion dominate there. So the noise of a row
-has a lower bound, which limits the row's weight.
+(`base_parameters`). Noise e of the torques is noise G' e of these rows, with G of `platform_wrench`. At a
+Type 2 singularity G' e has no component along the twist t_s of the escaping motion, and errors of the motion
+dominate there. So the noise of a row has a lower bound, which limits the row's weight.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
 HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording; every fourth is held out
-# An undetermined base parameter stays near the file's value by a row with a small deviation.
-UNSEEN_SPREAD = 1e-3  # this deviation over the estimated one, and at most over the parameter's size
-LEAST_SPREAD = 1e-6  # at least over the parameter's size; the inverse square enters a matrix
+# An additional row with a small deviation keeps an undetermined base parameter near the file's value.
+UNSEEN_SPREAD = 1e-3  # this deviation over the estimated one; largest ratio to the parameter's size
+LEAST_SPREAD = 1e-6  # smallest ratio to the parameter's size; its inverse square enters a matrix
 DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the sizes of each body's parameters
 
 
@@ -62,11 +62,14 @@ class Identification(ReadOnlyArrays):
         base: the base parameters of the robot.
         values, deviations: (rank,) estimated base parameters and their standard deviations; a deviation is
             infinite if these data do not determine the parameter.
-        parameters: (p,) values of `base.parameters` that belong to possible bodies, nearest to the file's.
-        links, link_values: the same for single links. Base parameters that these data do not determine keep
-            the file's values. All parameters do if the file predicts the held-out torques better.
-        error_before, error_after: (n_a,) errors of the held-out motor torques predicted by the file and by
-            `parameters`, root mean square over that of the measured torques; NaN if all are at Type 2.
+        parameters: (p,) values of `base.parameters` that physically possible bodies can have, as near as
+            possible to the file's values.
+        links, link_values: parameters of single links and their identified values. Base parameters that these
+            data do not determine keep the file's values. All parameters keep them if the file predicts the
+            held-out torques better.
+        error_before, error_after: (n_a,) errors of held-out motor torques that the file and `parameters`
+            predict: root mean square error over root mean square of the measured torques. They are NaN if all
+            held-out instants are near Type 2.
     """
 
     robot: ParallelRobot
@@ -78,7 +81,7 @@ class Identification(ReadOnlyArrays):
     link_values: Array
     error_before: Array
     error_after: Array
-    noise: float  # of the rows over that of the torques alone; 1 if there are no other errors
+    noise: float  # ratio of the rows' noise to the torques' noise; 1 if there are no other errors
     cutoff: float  # [Hz]
     poses: str  # source of the poses: motors or platform
     motor_misfit: float  # of the poses to the motors' angles, see `MeasuredMotion`
@@ -214,10 +217,11 @@ def _whiten(
 ) -> Rows:
     """Return the equations of the instants in a mask (T,), whitened by the noise of the torques.
 
-    Torques with the deviations E give the wrench W = G' tau the covariance G' E E G = V diag(variance) V'.
-    Rows multiplied by diag(variance)^(-1/2) V' are independent and have unit noise.
+    If the torques have the standard deviations E, a diagonal matrix, the wrench W = G' tau has the covariance
+    G' E E G = V diag(variance) V'. Multiplied by diag(variance)^(-1/2) V' the rows have independent unit
+    noise.
     """
-    scale = robot.platform_scale  # divides moments, to compare them with forces
+    scale = robot.platform_scale  # divides moments, so that they compare with forces
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
     wrench_noise = regressor.motors * noise / scale[:, None]  # (T, n, n_a) G' E
     variance, axes = np.linalg.eigh(wrench_noise @ wrench_noise.swapaxes(1, 2))  # ascending
@@ -232,7 +236,7 @@ def _whiten(
 def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -> BoolArray:
     """Return a mask (rank,) of base parameters with deviations (rank,) above their size.
 
-    Values (rank,) are the estimated ones; the size is that of the estimate or of the file's value.
+    The size of a parameter is the larger one of the estimated `values` (rank,) and the file's value.
     """
     return deviations > np.maximum(np.abs(values), np.abs(base.values))
 
@@ -255,9 +259,10 @@ class BaseEstimate(NamedTuple):
 def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
     """Estimate the base parameters by least squares (Gautier 1997).
 
-    In units of their sizes they solve A beta = b. With A = U S V' the solution is V S^-1 U' b, its covariance
-    noise^2 V S^-2 V'. The noise is the root mean square of the residual per degree of freedom. Parameters
-    with a component along directions of zero singular value have infinite deviations.
+    The base parameters beta, in units of their sizes, solve A beta = b. With A = U S V' the solution is
+    V S^-1 U' b, and its covariance is noise^2 V S^-2 V'. The squared noise is the sum of squared residuals
+    per degree of freedom. Parameters with a component along directions of zero singular value have infinite
+    deviations.
     """
     leading = base.combinations.leading
     sizes = base.described.sizes[leading]
@@ -269,7 +274,8 @@ def _estimate_base_parameters(base: BaseParameters, rows: Rows) -> BaseEstimate:
     residual = rows.right - A @ beta
     noise = float(np.sqrt(residual @ residual / (len(residual) - np.count_nonzero(is_seen))))
     deviations = sizes * (noise * np.linalg.norm(inverse, axis=1))
-    deviations[np.sum(V_rows[~is_seen] ** 2, axis=0) > RANK_ROUNDING] = np.inf
+    unseen_part = np.sum(V_rows[~is_seen] ** 2, axis=0)  # (rank,) squared
+    deviations[unseen_part > RANK_ROUNDING] = np.inf
     return BaseEstimate(sizes * beta, deviations, noise)
 
 
@@ -278,7 +284,12 @@ def _fit_possible_bodies(
 ) -> Array:
     """Fit parameters (u,) of possible links and motors to the rows.
 
-    For each undetermined base parameter an additional row of small deviation keeps it near the file's value.
+    For each undetermined base parameter an additional row with a small deviation keeps the parameter near the
+    file's value.
+
+    Args:
+        estimate: least squares estimate from the same rows.
+        prior: standard deviation of the file's values, over the sizes of each link's parameters.
     """
     sizes = base.described.sizes[base.combinations.leading]  # (rank,)
     spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
@@ -299,12 +310,13 @@ def torque_error(
 ) -> Array:
     """Compute root mean square errors (n_a,) of predicted torques, relative to the torques.
 
-    The errors e solve G' e = W - G' tau, with the wrench W that the parameters (p,) predict. Of the
-    `instants` in a mask (T,) only those count at which G is well conditioned; without any the result is NaN.
+    The errors e solve G' e = W - G' tau, with the wrench W that the parameters (p,) predict. `instants` is a
+    mask (T,). Of these instants only those count at which G is well conditioned. If there are none, the
+    result is NaN.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
-    least = singular_values(scaled_G / robot.gear_ratio)[:, -1]
+    least = singular_values(scaled_G / robot.gear_ratio)[:, -1]  # (T,)
     used = instants & (least > MIN_NOISE_RATIO * least.max())
     if not used.any():
         return np.full(robot.n_a, np.nan)

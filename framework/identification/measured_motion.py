@@ -2,9 +2,9 @@
 
 Angles, platform and torques pass the same filter without delay: a Butterworth filter of order 4, applied
 forwards and backwards (scipy). Derivatives are those of splines of degree 5 through the filtered samples
-(scipy). The instants used are half a period of the cutoff apart, so that their noise is nearly independent,
-and away from the ends of the recording. The signs of the motors' speeds, on which dry friction depends, pass
-the same filter, because the torques do.
+(scipy). The instants used are half a period of the cutoff frequency apart, so that their noise is nearly
+independent, and away from the ends of the recording. The signs of the motors' speeds, on which dry friction
+depends, pass the same filter as the torques, so that they correspond.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class MeasuredMotion:
     motion: Motion
     signs: Array  # (T, n_a) filtered signs of the motors' speeds
     torque: Array  # (T, n_a) filtered, motor side
-    torque_noise: Array  # (n_a,) standard deviations of the noise left after filtering
-    motor_misfit: float  # [rad, robot lengths] of poses from the platform to the motors' joints; else 0
+    torque_noise: Array  # (n_a,) standard deviations of the noise that remains after filtering
+    motor_misfit: float  # [rad, robot lengths] largest offset of the motors; 0 if poses are from motors
 
 
 def measured_motion(
@@ -68,15 +68,17 @@ def measured_motion(
     the band up to half the sampling rate, and the filter passes the share 2 cutoff period of this band.
 
     Args:
-        cutoff: of the filter [Hz]; by default the frequency above which the angles' spectra are noise.
-        poses: "motors" computes poses from the motor angles; "platform" from measured platform coordinates,
-            which works at Type 2 singularities too. The default is "motors", and "platform" if that fails.
+        cutoff: cutoff frequency of the filter [Hz]; by default the frequency above which the angles' spectra
+            are noise.
+        poses: "motors" computes poses from the motor angles, "platform" from measured platform coordinates,
+            which works at Type 2 singularities too. The default is "motors", then "platform" if that fails.
         progress: called with the number of poses computed from the motors.
 
     Raises:
-        InvalidInput: missing columns, too few samples, unequal time steps, a cutoff out of range, torques
-            that are always zero, a platform that contradicts the motors.
-        NotAssembled: the loops do not close at some pose; Type2Singularity if the motors pass one.
+        InvalidInput: columns are missing, samples too few, time steps unequal, the cutoff out of range, or a
+            torque always zero; or the platform contradicts the motors.
+        NotAssembled: the loops do not close at some pose.
+        Type2Singularity: the motors pass a Type 2 singularity.
     """
     require_square(robot)
     period = uniform_period(data)
@@ -118,7 +120,7 @@ def measured_motion(
 
 
 def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the motors' torques (samples, n_a); refuse a torque that is always zero."""
+    """Return the measured torques (samples, n_a) [N m]; refuse a torque that is always zero."""
     torque = data.columns("torque", robot.actuator_names)
     for joint, column in zip(robot.actuator_names, torque.T, strict=True):
         if not column.any():
@@ -131,14 +133,14 @@ def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
 def _subtract_whole_turns(robot: ParallelRobot, joints: Array) -> Array:
     """Subtract whole turns from the motors' joints (T, n_a).
 
-    Afterwards they start within half a turn of the reference.
+    The result starts within half a turn of the reference.
     """
     offset = joints[0] - robot.actuated_coordinates(robot.reference.q[None])[0]
     return joints - np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
 
 
 def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float | None) -> float:
-    """Return the given cutoff [Hz], or the frequency above which all angles' spectra are noise.
+    """Return `cutoff` [Hz] or, if None, the frequency above which all spectra are noise.
 
     Raises:
         InvalidInput: the cutoff is outside the range that the recording allows, or this range is empty.
@@ -157,9 +159,9 @@ def _choose_cutoff(data: Recording, joints: Array, period: float, cutoff: float 
 def _signal_frequency(joints: Array, period: float) -> float:
     """Return the frequency [Hz] above which the spectra of all joints (T, n_a) are noise.
 
-    The noise level is the median of the upper half of a smoothed power spectrum. The straight line between
-    the ends is subtracted from each signal and a window is applied, so that the ends of the recording add no
-    high frequencies.
+    The noise level of a joint is the median of the upper half of its smoothed power spectrum. The straight
+    line between the ends is subtracted from each signal, and a window is applied, so that the ends of the
+    recording add no high frequencies.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -171,7 +173,7 @@ def _signal_frequency(joints: Array, period: float) -> float:
     noise = np.median(power[len(power) // 2 :], axis=0)
     is_signal = power > SIGNAL_TO_NOISE * np.maximum(noise, np.finfo(float).tiny)  # (bins, n_a)
     precedes_noise = np.logical_and.accumulate(is_signal, axis=0)  # true up to the first noise bin
-    return precedes_noise.sum(axis=0).max() / (count * period)
+    return precedes_noise.sum(axis=0).max() / (count * period)  # a bin is 1 / (count period) wide
 
 
 class _LowPass(NamedTuple):
@@ -198,9 +200,10 @@ class _LowPass(NamedTuple):
 
     def choose_instants(self, data: Recording) -> IntArray:
         """Return indices (T,) of samples half a period of the cutoff apart, without the ends."""
-        samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff
+        samples_per_period = 1.0 / (self.cutoff * self.period)  # of the cutoff frequency
         margin = math.ceil(END_PERIODS * samples_per_period)
-        instants = np.arange(margin, len(data) - margin, max(round(0.5 * samples_per_period), 1))
+        stride = max(round(0.5 * samples_per_period), 1)
+        instants = np.arange(margin, len(data) - margin, stride)
         if len(instants) < MIN_INSTANTS:
             raise InvalidInput(
                 f"{data.source}: {len(instants)} instants are left between the ends, at least "
@@ -212,8 +215,9 @@ class _LowPass(NamedTuple):
 def _motion_of_motors(robot: ParallelRobot, angles: list[Array], progress: Callable[[int], None]) -> Motion:
     """Compute the motion of all joints from motor angles, rates and accelerations (T, n_a).
 
-    N are the joint rates for unit twists, N_a their rows of motors. Then v = N N_a^+ dq_a and
-    a = drift + N N_a^+ (ddq_a - drift_a), where the drift belongs to zero acceleration of the platform.
+    N are the joint rates for unit twists of the platform, and N_a the rows of N that belong to motors. Then
+    v = N N_a^+ dq_a and a = drift + N N_a^+ (ddq_a - drift_a). The drift are the joint accelerations at zero
+    acceleration of the platform, drift_a those of the motors.
     """
     q_a, dq_a, ddq_a = angles
     q = _poses_of_motors(robot, q_a, progress)
@@ -246,16 +250,19 @@ def _poses_of_motors(robot: ParallelRobot, q_a: Array, progress: Callable[[int],
 def _check_clearance(robot: ParallelRobot, q: Array, linearised: LinearisedLoops) -> None:
     """Refuse motors that may pass a Type 2 singularity between two instants.
 
-    Motor angles do not determine in which mode the robot continues there. A singularity is possible if the
-    clearance, extrapolated linearly from either side of an instant, reaches zero at the next instant.
+    Beyond a singularity motor angles do not determine the mode of the robot. A singularity is possible if the
+    clearance, extrapolated linearly through two neighbouring instants, reaches zero at the instant after them
+    or before them.
     """
-    value = clearance(robot, linearised)
-    change = np.diff(value)
-    inner = value[1:-1]
-    may_vanish = (inner + change[:-1] <= 0.0) | (inner - change[1:] <= 0.0)
+    clearances = clearance(robot, linearised)  # (T,)
+    change = np.diff(clearances)
+    inner = clearances[1:-1]
+    next_value = inner + change[:-1]  # extrapolated
+    previous_value = inner - change[1:]
+    may_vanish = (next_value <= 0.0) | (previous_value <= 0.0)
     if not may_vanish.any():
         return
-    k = 1 + int(may_vanish.argmax())  # the first
+    k = 1 + int(may_vanish.argmax())  # the first of these instants
     x = robot.platform.coordinates(linearised.frames)[k]
     raise _type2_error(robot, q[k], x, float(linearised.gap[k]), k / len(q))
 
@@ -264,7 +271,7 @@ def _type2_error(robot: ParallelRobot, q: Array, x: Array, residual: float, shar
     """Return the error for motors that pass Type 2 near q (nq,), after a share of the recording."""
     return Type2Singularity(
         f"{robot.name}: the recorded motors pass a Type 2 singularity or come near one beside "
-        f"{robot.place(x)}, where they do not say how the robot goes on; the poses "
+        f"{robot.place(x)}, where they do not determine how the robot continues; the poses "
         f"must come from the measured platform (platform_{robot.axis_names[0]} ...)",
         q=q,
         residual=residual,
@@ -286,14 +293,15 @@ def _motion_of_platform(robot: ParallelRobot, platform: list[Array]) -> Motion:
 def _motor_misfit(robot: ParallelRobot, source: str, motion: Motion, q_a: Array, samples: IntArray) -> float:
     """Compute the largest offset of poses from the motors' joints q_a (T, n_a).
 
-    It is in radians, up to whole turns, or in robot lengths.
+    The offset of a hinge is in radians, up to whole turns, that of a slide in robot lengths. `samples` (T,)
+    are indices of the instants in the recording.
 
     Raises:
         InvalidInput: the offset is too large to be a small error of the file.
     """
     offset = robot.actuated_coordinates(motion.q) - q_a
-    distance = np.abs(np.where(robot.sliding[robot.actuated], offset, offset - whole_turns(offset)))
-    distance /= robot.column_scale[robot.actuated]
+    turns = np.where(robot.sliding[robot.actuated], 0.0, whole_turns(offset))
+    distance = np.abs(offset - turns) / robot.column_scale[robot.actuated]
     k, motor = np.unravel_index(distance.argmax(), distance.shape)
     largest = float(distance[k, motor])
     if largest > MAX_MOTOR_MISFIT:

@@ -1,4 +1,4 @@
-"""Physically possible parameters of bodies and motors that fit the data, near the file's values.
+"""Physically possible parameters of bodies and motors that fit the data and are near the file's values.
 
 The misfit to the data is a quadratic form in all parameters. A prior keeps parameters that the data do not
 determine at the file's values. The pseudo-inertia of every body must be positive semidefinite (Wensing, Kim
@@ -19,6 +19,7 @@ import pinocchio as pin
 from framework.dynamics.body_parameters import parameter_transform, pseudo_inertia
 from framework.errors import NotConverged
 from framework.identification.base_parameters import LENGTH_POWERS, OF_MOTORS, TorqueParameters
+from framework.identification.geometry import elements_by_name
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
@@ -28,8 +29,8 @@ from framework.numerics.arrays import Array
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
-NO_ROTOR = 1e-9  # prior deviation of a rotor that is zero in the file, over the size of a motor's inertia
-ROUNDED_BODY = 1e-9  # negative eigenvalues of a pseudo-inertia that count as rounding, relative to the body
+NO_ROTOR = 1e-9  # prior deviation of a rotor that is zero in the file, over the typical inertia of a motor
+ROUNDED_BODY = 1e-9  # negative eigenvalues of a pseudo-inertia that count as rounding, over its size
 
 
 class LinkParameters(NamedTuple):
@@ -57,13 +58,14 @@ def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) 
     The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
     """
     urdf = fromstring(robot.description.urdf_text)
-    in_file = {link.get("name", ""): read_inertial_parameters(link) for link in urdf.findall("link")}
-    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}
+    links = elements_by_name(urdf, "link").items()
+    in_file = {name: read_inertial_parameters(link) for name, link in links}
+    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}  # by their mass
     frames: list[pin.Frame] = []
     columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
-    for i, j in enumerate(parameters.bodies.tolist()):
+    for i, joint in enumerate(parameters.bodies.tolist()):
         for frame in robot.model.frames:
-            if frame.parentJoint == j and frame.type == pin.FrameType.BODY and frame.name in heavy:
+            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in heavy:
                 frames.append(frame)
                 columns.append(_link_columns(robot, parameters, i, frame))
     motors = slice(10 * len(parameters.bodies), None)
@@ -86,12 +88,12 @@ def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, li
 
 
 def _motor_sizes(parameters: TorqueParameters, motors: slice) -> Array:
-    """Return prior sizes (3 n_a,) of the motors' parameters.
+    """Return prior sizes (3 n_a,) of the motors' parameters, at the indices `motors` of all p.
 
-    The size of a rotor is the file's inertia; a rotor that is zero in the file has almost no freedom.
+    The size of a rotor is the file's inertia; a rotor that is zero in the file stays almost zero.
     """
     sizes = parameters.sizes[motors].copy()
-    rotors = slice(OF_MOTORS.index("rotor_inertia"), None, len(OF_MOTORS))
+    rotors = slice(OF_MOTORS.index("rotor_inertia"), None, len(OF_MOTORS))  # every third
     sizes[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * sizes[rotors])
     return sizes
 
@@ -99,8 +101,8 @@ def _motor_sizes(parameters: TorqueParameters, motors: slice) -> Array:
 def _link_sizes(link: Array) -> Array:
     """Compute sizes (10,) of a link's parameters (10,): mass times powers of its radius.
 
-    The radius is the radius of gyration about the origin, with the powers of `LENGTH_POWERS`. It is 0 for a
-    point mass at the origin, whose moments therefore remain zero.
+    The powers are `LENGTH_POWERS`. The radius is the radius of gyration about the origin. It is 0 for a point
+    mass at the origin, whose moments therefore remain zero.
     """
     mass = link[0]
     trace = np.trace(pseudo_inertia(link)[:3, :3])
@@ -126,9 +128,9 @@ def fit_possible_parameters(
 ) -> Array:
     """Compute the most probable physically possible parameters (u,) of links and motors.
 
-    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with T =
-    `to_parameters`. Let theta = best + change y, where best is the unconstrained minimum and `change` turns
-    the quadratic form into |y|^2. Then the shortest y with possible parameters is the solution.
+    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with
+    T = `to_parameters`. Let theta = best + change y, where `best` is the unconstrained minimum and `change`
+    turns the quadratic form into |y|^2. Then the shortest y with possible parameters is the solution.
 
     Args:
         information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
@@ -161,11 +163,11 @@ def fit_possible_parameters(
 def _minimise_misfit(
     links: LinkParameters, information: Array, residual: Array, deviation: Array
 ) -> tuple[Array, Array]:
-    """Minimise misfit and prior without constraints: minimum (u,), change (u, u).
+    """Minimise misfit plus prior without constraints; return minimum (u,) and `change` (u, u).
 
-    At the parameters minimum + change y, misfit and prior exceed their minimum by |y|^2. In units of the
-    deviations (u,), with T = `to_parameters`, the quadratic form has the matrix T' A'A T + 1 = V diag(w) V'.
-    Its minimum differs from the file's values by V diag(1 / w) V' T' A'r.
+    For any y, misfit plus prior at the parameters minimum + change y exceeds its least value by |y|^2. In
+    units of the prior deviations (u,), with T = `to_parameters`, the quadratic form has the matrix
+    T' A'A T + 1 = V diag(w) V'. The minimum differs from the file's values by V diag(1 / w) V' T' A'r.
     """
     T = links.to_parameters * deviation  # (p, u)
     w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
@@ -175,9 +177,10 @@ def _minimise_misfit(
 
 
 def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
-    """Return the scaled pseudo-inertia D P D of a link's parameters best + change y, affine in y (u,).
+    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
 
-    D belongs to the file's values (10,). A small multiple of the identity is added for rounding.
+    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
+    the values of the `file` (10,). A small multiple of the identity is added against rounding.
     """
     D = _balancing_scale(file)
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
@@ -199,7 +202,7 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     """Return the robot's description with other parameters (u,) of links and motors."""
     description = robot.description
     urdf = fromstring(description.urdf_text)
-    elements = {link.get("name", ""): link for link in urdf.findall("link")}
+    elements = elements_by_name(urdf, "link")
     for name, part in zip(links.links, links.link_slices, strict=True):
         if (values[part] != links.values[part]).any():
             _write_inertial(elements[name], values[part])
@@ -221,14 +224,14 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
 def _write_inertial(link: Element, parameters: Array) -> None:
     """Write ten parameters (10,) about a link's origin as its <inertial>.
 
-    <inertial> is about the centre of mass c. There the second moments are S - m c c', and the inertia is
-    their trace times the identity, minus the second moments.
+    <inertial> is about the centre of mass c. With S about the origin, the second moments about c are
+    S - m c c'. The inertia is their trace times the identity, minus the second moments.
     """
     mass = float(parameters[0])
     centre = parameters[1:4] / parameters[0]
     second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
-    moments, axes = np.linalg.eigh(second_moments)  # negative only by rounding of the solver
-    second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T
+    moments, axes = np.linalg.eigh(second_moments)
+    second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T  # moments are negative only by rounding
     inertia = np.trace(second_moments) * np.eye(3) - second_moments
     remove_children(link, "inertial")
     link.insert(0, inertial_element(mass, centre, inertia))

@@ -100,9 +100,9 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
             f"{file}: the first line has no column of {robot.name}: "
             f"{choose_from('column', ', '.join(header[:4]) or 'an empty line', valid)}"
         )
-    twice = sorted({name for name in header if header.count(name) > 1})
-    if twice:
-        raise InvalidInput(f"{file}: column {twice[0]} is there {header.count(twice[0])} times")
+    repeated = sorted({name for name in header if header.count(name) > 1})
+    if repeated:
+        raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
     used = [k for k, name in enumerate(header) if name in valid]
     rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
     if len(rows) < MIN_ROWS:
@@ -131,7 +131,8 @@ def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Seq
 def load_recording(robot: ParallelRobot, data: Recording | str | Path) -> Recording:
     """Check a recording, or read and check one if `data` is a file name.
 
-    Raises as `read_recording`.
+    Raises:
+        InvalidInput: see `read_recording`.
     """
     if not isinstance(data, Recording):
         return read_recording(robot, data)
@@ -152,7 +153,7 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
     angles = recording.columns("motor_angle", joints) / robot.gear_ratio[turning]
     if len(turning) and _is_in_degrees(angles, start[turning]):
         raise InvalidInput(
-            f"{recording.source}: motor_angle_{joints[0]} is in degrees, to judge by the robot's reference; "
+            f"{recording.source}: motor_angle_{joints[0]} is in degrees, judging by the robot's reference; "
             f"radians are needed, on the motor side of the gear"
         )
 
@@ -160,16 +161,17 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
 def _is_in_degrees(angles: Array, start: Array) -> bool:
     """Return whether angles (T, k) fit the reference `start` (k,) only as degrees.
 
-    They do if the first angles are more than half a turn off, if conversion brings them nearer than
-    subtraction of whole turns does, and if all converted angles are within half a turn of the reference.
+    This is so under three conditions: a first angle is more than half a turn away from the reference;
+    conversion to radians brings the first angles nearer than subtraction of whole turns does; and all
+    converted angles are within half a turn of the reference.
     """
     offset = angles[0] - start
     offset_without_turns = offset - whole_turns(offset)
-    converted_distances = np.abs(np.radians(angles) - start)  # (T, k)
+    distances_in_radians = np.abs(np.radians(angles) - start)  # (T, k)
     return bool(
         np.abs(offset).max() > np.pi
-        and converted_distances[0].max() < np.abs(offset_without_turns).max()
-        and converted_distances.max() <= np.pi
+        and distances_in_radians[0].max() < np.abs(offset_without_turns).max()
+        and distances_in_radians.max() <= np.pi
     )
 
 

@@ -19,10 +19,10 @@ MAX_SAMPLES = 10_000_000
 
 @dataclass(frozen=True)
 class Sensors:
-    """Noise (standard deviations) and steps of sensors, on the motor side; 0 for none.
+    """Noise (standard deviations) and resolution (steps) of sensors, on the motor side; 0 for none.
 
-    By default encoders have 16 bits per motor turn, or steps of a micrometre; torques are known from motor
-    currents to 1 % of each motor's largest torque; and a tracker measures the platform to 20 micrometres.
+    By default encoders have 16 bits per motor turn, or steps of a micrometre. Torques are known from motor
+    currents to 1 % of each motor's largest torque. A tracker measures the platform to 20 micrometres.
     """
 
     rate: float = 1000.0  # [Hz]
@@ -31,7 +31,7 @@ class Sensors:
     slide_step: float = 1e-6  # [m] of slides without a gear
     torque_noise: float = 0.01  # share of the motor's largest torque
     torque_step: float = 0.0  # share of the motor's largest torque
-    platform_noise: float = 2e-5  # [m]; of turns over the robot's length [rad]
+    platform_noise: float = 2e-5  # [m]; for turns this is divided by the robot's length [rad]
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -49,8 +49,9 @@ def record_sensors(
     The columns are time, motor angles, motor torques and platform.
 
     Args:
-        torque: function of instants t (T,) [s] for the motor torques (T, n_a), motor side; such as
+        torque: returns motor torques (T, n_a) [N m], motor side, at instants t (T,) [s]; for example
             `plan.torque`.
+        sensors: errors of the sensors; by default those of `Sensors()`.
 
     Raises:
         InvalidInput: more than ten million samples.
@@ -83,10 +84,13 @@ def record_sensors(
 def _add_sensor_errors(
     random: np.random.Generator, values: Array, noise: Array | float, step: Array | float
 ) -> Array:
-    """Add noise of this standard deviation to values (T, k); round to multiples of a step > 0."""
+    """Add noise of this standard deviation to values (T, k); round to multiples of `step`.
+
+    Columns with a step of 0 are not rounded.
+    """
     noisy = values + noise * random.standard_normal(values.shape)
     has_step = np.asarray(step) > 0
-    divisor = np.where(has_step, step, 1.0)
+    divisor = np.where(has_step, step, 1.0)  # against 0 / 0
     return np.where(has_step, np.round(noisy / divisor) * step, noisy)
 
 

@@ -47,13 +47,14 @@ class OnParameter:
     def motion(self, p: Array) -> tuple[list[Array], Array, Array]:
         """Compute s, ds/dt, d2s/dt2, and dp/dt, d2p/dt2, at p (T,).
 
-        With p = xi(sigma), z = (d sigma/dt)^2 and u = z'/2: dp/dt = xi' sqrt(z), d2p/dt2 = xi" z + xi' u.
+        With p = xi(sigma), z = (d sigma/dt)^2, u = z'/2 and primes for d/d sigma, dp/dt = xi' sqrt(z) and
+        d2p/dt2 = xi" z + xi' u.
         """
         sigma = self.law.stretch.inverse(p)
         return self.motion_at(p, self.law.squared_speed(sigma), 0.5 * self.law.squared_speed(sigma, 1))
 
     def motion_at(self, p: Array, z: Array | float, u: Array | float) -> tuple[list[Array], Array, Array]:
-        """Compute `motion` at p (T,) with z and u replaced by other values."""
+        """Compute `motion` at p (T,) from given z and u instead of the law's own."""
         sigma = self.law.stretch.inverse(p)
         speed = np.sqrt(z)  # d sigma/dt
         phi, dphi, ddphi = (self.law.phi(sigma, order) for order in range(3))  # derivatives in sigma

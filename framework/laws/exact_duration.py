@@ -39,8 +39,8 @@ class SpeedSpace(NamedTuple):
     def blend(self, quick: Array, slow: Array, duration: float) -> Array:
         """Blend coefficients `quick` and `slow` (size,) to a duration [s] between theirs.
 
-        The result is slow + share (quick - slow). The duration is a convex function of the share, so Newton's
-        method from share = 0 approaches the solution from the slow side and stays in [0, 1].
+        The blend is slow + share (quick - slow). Its duration is a convex function of the share. So Newton's
+        method from share = 0 approaches the solution from the slow side, and the share stays in [0, 1].
         """
         y = slow
         direction = quick - slow
@@ -51,23 +51,24 @@ class SpeedSpace(NamedTuple):
             excess = weights @ z**-0.5 - duration
             if excess <= BLEND_DURATION_ERROR * duration:
                 break
-            slope = 0.5 * weights @ (z**-1.5 * (values @ direction))  # - d(duration)/d(share)
-            share += excess / slope
+            decrease = 0.5 * weights @ (z**-1.5 * (values @ direction))  # of the duration per unit of share
+            share += excess / decrease
             y = slow + share * direction
         return y
 
     def adjust(
         self, y: Array, equalities: Affine, duration: float | None = None, *, relative: bool = False
     ) -> Array:
-        """Compute the coefficients (size,) nearest to y with the equalities and duration [s] met.
+        """Compute the coefficients (size,) near y that meet the equalities and duration [s].
 
-        Newton's method with steps of least cost step' W step, see `_inverse_weights`: for the linearised
-        equations A step = -values this step is -W^-1 A' (A W^-1 A')^-1 values.
+        Newton's method solves the equations. Of all steps with A step = -values, the linearised equations, it
+        takes the one of least cost step' W step, see `_inverse_weights`. This is the step
+        -W^-1 A' (A W^-1 A')^-1 values.
 
         Args:
-            duration: None leaves the duration free.
-            relative: measure changes of z relative to the z of `y`, so that z changes little where it is
-                nearly zero. Splines are always measured so.
+            duration: required duration [s]; None leaves the duration free.
+            relative: whether changes of z are measured relative to the z of `y`, so that z changes little
+                where it is nearly zero. Changes of splines are always relative.
 
         Raises:
             InvalidInput: a Newton step on the duration leads to a z that is not positive.
@@ -76,7 +77,7 @@ class SpeedSpace(NamedTuple):
         for _ in range(MAX_ADJUSTMENT_STEPS):
             slopes, values = self._linearise(y, equalities, duration)
             norms = np.linalg.norm(slopes, axis=1)
-            norms[norms == 0] = 1.0  # an equality that no coefficient changes
+            norms[norms == 0] = 1.0  # of an equality that depends on no coefficient
             A = slopes / norms[:, None]  # (c, size) rows of unit length
             directions = inverse_weights @ A.T  # (size, c)
             step = directions @ np.linalg.lstsq(A @ directions, values / norms, rcond=None)[0]
@@ -104,25 +105,26 @@ class SpeedSpace(NamedTuple):
     def _inverse_weights(self, y: Array, relative: bool) -> Array:
         """Return W^-1 (size, size) of the cost step' W step of changing y by a step.
 
-        Splines have W = diag(1 / y^2): coefficients change in proportion to their size. For one polynomial W
-        is diagonal and grows with the degree. If changes count relative to z, step' W step is the mean of
-        (change of z / z)^2, times the squared mean of z, plus a term that grows with the degree.
+        Splines have W = diag(1 / y^2), so that coefficients change in proportion to their size. For a single
+        polynomial W is diagonal and grows with the degree. If changes are relative to z, step' W step is the
+        mean of (change of z / z)^2, times the squared mean of z, plus a term that grows with the degree.
         """
         size = len(y)
         if self.basis.is_spline:
             return np.diag(np.maximum(np.abs(y), MIN_RELATIVE_SIZE * np.abs(y).mean()) ** 2)
         if not relative:
             return np.diag((1.0 + np.arange(size)) ** -DEGREE_WEIGHT_POWER)
-        values = chebyshev.chebvander(nodes(4 * size), size - 1)  # (4 size, size)
+        values = chebyshev.chebvander(nodes(4 * size), size - 1)  # (4 size, size) T_k at the samples
         z = values @ y
-        mean_square = values.T * (z.mean() / z) ** 2 @ values / len(z)
+        change_cost = values.T * (z.mean() / z) ** 2 @ values / len(z)
         degree_cost = np.diag((np.arange(size) / FREE_DEGREE) ** DEGREE_WEIGHT_POWER)
-        return np.linalg.inv(mean_square + degree_cost)
+        return np.linalg.inv(change_cost + degree_cost)
 
     def _quadrature(self, y: Array) -> tuple[Any, Array]:
-        """Return basis values (P, size) and weights (P,) in sigma of a rule for z^(-1/2).
+        """Return basis values (P, size) and weights (P,) of a quadrature over sigma.
 
-        The rule is Gauss-Legendre quadrature on the panels that resolve z^(-1/2).
+        Gauss-Legendre points on the panels that resolve z^(-1/2), for the z of coefficients y, make the
+        integral of z^(-1/2) accurate.
         """
         edges = slowness_on_panels(self.basis.cells, self.basis.series(y), self.stretch).edges
         points, weights = legendre.leggauss(PANEL_NODES)

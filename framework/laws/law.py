@@ -99,9 +99,10 @@ class PlannedLaw(ExactLaw):
 
     @abstractmethod
     def advance(self, smoothness: int) -> float:
-        """Return the least s' over its mean, zeros of s' at both ends divided out.
+        """Return the least s' divided by the mean |s'|, without the zeros at the ends.
 
-        It is positive for a monotone law.
+        The factors of s' that vanish at both ends are divided out first. The result is positive for a
+        monotone law.
         """
 
     @abstractmethod
@@ -223,11 +224,11 @@ class Law(ReadOnlyArrays, PlannedLaw):
         }
 
     def advance(self, smoothness: int) -> float:
-        """Return the least p over the mean of |p|, where s' = (1 - x^2)^smoothness p(x).
+        """Return the least p divided by the mean |p|, where s' = (1 - x^2)^smoothness p(x).
 
-        It is positive for a monotone law. x in [-1, 1] is the normalised time. A law at rest at both ends has
-        the zeros of (1 - x^2)^smoothness in s'. They are divided out because rounding would decide the sign
-        of s' near the ends.
+        The result is positive for a monotone law. In normalised time x in [-1, 1], s' of a law at rest at
+        both ends has the factor (1 - x^2)^smoothness. This factor is divided out because rounding would
+        decide the sign of s' near the ends.
         """
         p = _divide_out_ends(self.degree, smoothness) @ self.coefficients
         mean = np.mean(np.abs(_interior_values(len(p)) @ p))
@@ -237,25 +238,27 @@ class Law(ReadOnlyArrays, PlannedLaw):
 def advances_and_peaks(duration: float, smoothness: int, times: Array, values: Array) -> tuple[Array, Array]:
     """Estimate `Law.advance` (m,) and the peak of |s"| (m,) [1/s^2] of m laws of `rest_to_rest`.
 
-    The estimates are taken on samples, for a search among many laws. With s' = (1 - x^2)^smoothness p(x) and
-    x in [-1, 1] a law is at rest at both ends for any p. So p has to meet only s(1) = 1 and the inner
-    conditions, and its c = 3 k + 1 Chebyshev coefficients solve one linear equation per condition.
+    The estimates are taken at samples, which is fast enough for a search among many laws. In normalised time
+    x in [-1, 1] let s' = (1 - x^2)^smoothness p(x). Then a law is at rest at both ends for any p. So p has to
+    meet only s(1) = 1 and, at k inner instants, the conditions on s, s' and s". The c = 3 k + 1 Chebyshev
+    coefficients of p solve one linear equation per condition.
 
     Args:
-        times: (m, k) [s], of the inner conditions.
-        values: (m, k, 3) of s, s' and s" at these times.
+        times: inner instants (m, k) [s].
+        values: s, s' and s" (m, k, 3) that are required at these instants [1/s^order].
 
     Returns:
         Advances and peaks; minus and plus infinity where conditions repeat or contradict each other.
     """
     count = len(times)
     scale = 2.0 / duration  # dx/dt
-    end = np.ones((count, 1))  # the last condition: s = 1 at x = 1
-    x = np.append(np.repeat(times * scale - 1.0, 3, axis=1), end, axis=1)  # (m, c)
-    orders = np.array([*range(3)] * times.shape[1] + [0])  # (c,)
-    targets = np.append(values.reshape(count, len(orders) - 1), end, axis=1) / scale**orders  # (m, c)
+    end = np.ones((count, 1))  # the last condition is s = 1 at x = 1: both are 1
+    inner_x = np.repeat(times * scale - 1.0, 3, axis=1)  # (m, 3 k), the same for s, s' and s"
+    x = np.append(inner_x, end, axis=1)  # (m, c)
+    orders = np.array([0, 1, 2] * times.shape[1] + [0])  # (c,) of the derivative in each condition
+    targets = np.append(values.reshape(inner_x.shape), end, axis=1) / scale**orders  # (m, c) in x
     rows = _rows_of_laws_at_rest(smoothness, x, orders)
-    is_regular = np.linalg.det(rows) != 0.0
+    is_regular = np.linalg.det(rows) != 0.0  # (m,)
     series = np.linalg.solve(rows[is_regular], targets[is_regular][..., None])[..., 0]  # of p
 
     p, accelerations = np.split(series @ _search_samples(smoothness, len(orders)), 2, axis=1)
@@ -270,8 +273,8 @@ def advances_and_peaks(duration: float, smoothness: int, times: Array, values: A
 def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
     """Return the matrices (m, c, c) from c coefficients of p to derivatives of s.
 
-    Row i gives the derivative of order `orders[i]` at x[:, i], with x (m, c). The derivative is a Chebyshev
-    series of n terms, with T_k(x) = cos(k arccos x).
+    Row i of a matrix gives the derivative of order `orders[i]` at x[:, i], with x (m, c). The derivative is a
+    Chebyshev series of n terms, and T_k(x) = cos(k arccos x).
     """
     series = _rest_integrals(smoothness, len(orders))[orders]  # (c, n, c): rows, terms, coefficients of p
     angles = np.arccos(np.clip(x, -1.0, 1.0)).T[..., None]  # (c, m, 1)
@@ -282,32 +285,35 @@ def _rows_of_laws_at_rest(smoothness: int, x: Array, orders: IntArray) -> Array:
 def least_value(series: Array) -> float:
     """Compute the least value on [-1, 1] of all Chebyshev series (k, size).
 
-    It is at an end, where T_j is 1 or (-1)^j, or at an extremum. No value is below c_0 minus the sum of the
-    other |c_j|, so extrema are computed only for series with this bound below the least value at the ends.
+    The least value is at an end, where T_j is 1 or (-1)^j, or at an extremum. As |T_j| <= 1, no value is
+    below c_0 minus the sum of the other |c_j|. Extrema are computed only for series whose bound is below the
+    least value at the ends.
     """
-    ends = np.minimum(series.sum(axis=1), series @ (-1.0) ** np.arange(series.shape[1]))
+    signs = (-1.0) ** np.arange(series.shape[1])  # T_j(-1)
+    least_at_ends = min(series.sum(axis=1).min(), (series @ signs).min())
     lower_bounds = 2.0 * series[:, 0] - np.abs(series).sum(axis=1)
-    candidates = np.flatnonzero(lower_bounds < ends.min())
-    inner = [evaluate(extrema(series[k]), series[k]).min(initial=np.inf) for k in candidates]
-    return float(min([ends.min(), *inner]))
+    candidates = series[lower_bounds < least_at_ends]
+    inner = [evaluate(extrema(c), c).min(initial=np.inf) for c in candidates]
+    return float(min([least_at_ends, *inner]))
 
 
 @lru_cache(maxsize=64)
 def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, Array, Array]:
-    """Return the equations of k conditions: rows (k, k), their inverse, row sizes (k,).
+    """Return the linear equations of k conditions: rows (k, k), their inverse, row sizes (k,).
 
-    The row of a condition (x, order) has the derivatives of all T_j at x, divided by the row's size, which is
-    its largest absolute entry.
+    A condition (x, order) sets a derivative of s at the normalised time x. Its row holds the derivatives of
+    all T_j at x, divided by the row's size, the largest absolute one of them.
 
     Raises:
         InvalidInput: the rows are linearly dependent.
     """
     count = len(conditions)
     x = np.array([x for x, _ in conditions])
+    polynomials = chebyshev.chebvander(x, count - 1)  # (k, k) T_j(x_i)
     derivatives = np.array([derivative_matrix(count, order) for _, order in conditions])  # (k, k, k)
-    rows = np.einsum("ij,ijk->ik", chebyshev.chebvander(x, count - 1), derivatives)  # T_j(x_i) times D_i
+    rows = np.einsum("ij,ijk->ik", polynomials, derivatives)
     sizes = np.abs(rows).max(axis=1)
-    rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
+    rows /= np.where(sizes > 0, sizes, 1.0)[:, None]  # a zero row stays, and makes the rows dependent
     U, S, V_rows = np.linalg.svd(rows)
     if not S[-1] > INDEPENDENT_CONDITIONS:
         raise InvalidInput(
@@ -319,7 +325,7 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
 @lru_cache(maxsize=64)
 def _interior_values(size: int) -> Array:
     """Return the matrix (2 size + 2, size) from Chebyshev coefficients to values inside (-1, 1)."""
-    return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1), dtype=float)
+    return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1))
 
 
 @lru_cache(maxsize=64)

@@ -3,9 +3,9 @@
     s = phi(sigma),    z(sigma) = (d sigma/dt)^2,    u = z'/2          (prime: d/d sigma)
 
 The first R derivatives of the smoothstep phi vanish at sigma = 0 and 1, so for any z > 0 the first R time
-derivatives of s vanish at both ends. z is a spline or one polynomial (`speed_basis`) in xi(sigma). xi is
-steep where the law changes fast, as beside crossings, which the robot approaches slowly and leaves in a
-sprint. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are linear
+derivatives of s vanish at both ends. z is a spline or one polynomial (`speed_basis`) in xi(sigma). The map xi
+is steep where the law changes fast, for example near a crossing, which the robot approaches slowly and leaves
+fast. Torques depend on the law through (ds/dt)^2 = phi'^2 z and d2s/dt2 = phi' u + phi" z, which are linear
 in z.
 
 The squared speed as the unknown is from Verscheure, Demeulenaere, Swevers, De Schutter and Diehl,
@@ -138,7 +138,7 @@ def _slope_powers(smoothness: int, order: int) -> Array:
     bump = polynomial.polypow([0.0, 1.0, -1.0], smoothness)
     integral = polynomial.polyint(bump)
     slope = bump / polynomial.polyval(1.0, integral)
-    return np.asarray(polynomial.polyder(slope, order - 1), dtype=float)
+    return np.asarray(polynomial.polyder(slope, order - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +166,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     def __post_init__(self) -> None:
         """Check that cells fit, z is positive, and the duration is that of z."""
         super().__post_init__()
-        object.__setattr__(self, "dense_at", tuple(map(float, self.dense_at)))
-        object.__setattr__(self, "cells", tuple(map(float, self.cells)))
+        for name in ("dense_at", "cells"):
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         _check_cells(self)
         if not np.all(np.isfinite(self.coefficients)) or least_value(self.series) <= 0:
             raise InvalidInput("law: the squared speed of an optimal law must be positive on all of [0, 1]")
@@ -203,8 +203,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
     def _time(self) -> tuple[TimeFunction, Array]:
         """Time [s] since the start of each panel of sigma, and instants (panels + 1,) [s] of the edges.
 
-        t(sigma) is the instant at which its panel starts plus the time since then: the integral of dt/d
-        sigma. Both are scaled to end at `duration` to the last bit.
+        The instant t(sigma) is the integral of dt/d sigma: the instant at which the panel of sigma starts
+        plus the time since then. Both parts are scaled so that the last instant is exactly `duration`.
         """
         slowness = slowness_on_panels(self.basis.cells, self.series, self.stretch)
         half_widths = 0.5 * np.diff(slowness.edges)[:, None, None]
@@ -300,9 +300,9 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
         return np.concatenate(([0.0], inner, [self.duration]))
 
     def advance(self, smoothness: int) -> float:
-        """Return the least z over its mean in xi.
+        """Return the least z divided by its mean over xi.
 
-        It is positive, so s' > 0 between the ends.
+        The result is positive, so s' > 0 between the ends.
         """
         # integrals over the local coordinate of each cell, from -1 to 1, where all T_k are 1
         local_integrals = chebyshev.chebint(self.series, lbnd=-1, axis=1).sum(axis=1)
@@ -333,8 +333,8 @@ class OptimalLaw(ReadOnlyArrays, PlannedLaw):
 def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     """Solve t(sigma) = t for sigma (T,) at instants t (T,) [s].
 
-    The instants are given as bytes, which the cache can hash. Newton's method solves for the local coordinate
-    x in [-1, 1] of the panel, with sigma = start + half_width (x + 1).
+    The instants are passed as bytes, because the cache needs hashable arguments. On each panel Newton's
+    method solves for the local coordinate x in [-1, 1], with sigma = start + half_width (x + 1).
     """
     t = np.frombuffer(instants)
     time_in_panel, edge_instants = law._time
@@ -342,8 +342,9 @@ def _invert_time(law: OptimalLaw, instants: bytes) -> Array:
     start = time_in_panel.edges[panel]
     half_width = 0.5 * np.diff(time_in_panel.edges)[panel]
     time = t - edge_instants[panel]  # since the start of the panel
-    series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1) of this time in x
-    x = np.clip(2.0 * time / np.diff(edge_instants)[panel] - 1.0, -1.0, 1.0)  # as at constant speed
+    series = time_in_panel.coefficients[panel, :, 0]  # (T, PANEL_NODES + 1) Chebyshev series of time in x
+    panel_duration = np.diff(edge_instants)[panel]
+    x = np.clip(2.0 * time / panel_duration - 1.0, -1.0, 1.0)  # first guess: constant speed on the panel
     for _ in range(12):
         residual = time - _evaluate_each(x, series)
         slowness = law.squared_speed(start + half_width * (x + 1.0)) ** -0.5  # dt/d sigma
@@ -366,17 +367,18 @@ def _check_cells(law: OptimalLaw) -> None:
 
 
 def evaluate_on_cells(cells: Array, series: Array, xi: ArrayLike, order: int = 0) -> Array:
-    """Evaluate Chebyshev series (k, size) on cells (k + 1,), or a derivative, at points xi (...).
+    """Evaluate Chebyshev series (k, size) on cells (k + 1,) at xi (...), or a derivative.
 
     A point on an inner edge belongs to the cell on its right.
     """
     xi = np.asarray(xi, dtype=float)
     flat = xi.ravel()  # (T,)
-    cell = np.searchsorted(cells[1:-1], flat, side="right")  # of each point
+    cell = np.searchsorted(cells[1:-1], flat, side="right")  # (T,) index of the cell of each point
     half_widths = 0.5 * np.diff(cells)
-    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # coordinate on the cell
-    derivative = series @ derivative_matrix(series.shape[1], order).T / half_widths[:, None] ** order
-    if len(cells) == 2:
+    local = np.clip((flat - cells[cell]) / half_widths[cell] - 1.0, -1.0, 1.0)  # in [-1, 1] on the cell
+    local_derivative = series @ derivative_matrix(series.shape[1], order).T
+    derivative = local_derivative / half_widths[:, None] ** order  # (k, size) in xi
+    if len(cells) == 2:  # a single series is evaluated faster at all points together
         return evaluate(local, derivative[0]).reshape(xi.shape)
     return _evaluate_each(local, derivative[cell]).reshape(xi.shape)
 
@@ -388,11 +390,11 @@ def _evaluate_each(x: Array, series: Array) -> Array:
 
 
 def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeFunction:
-    """Resolve dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
+    """Fit dt/d sigma = z(xi(sigma))^(-1/2) [s] on panels of sigma, halved until accurate.
 
-    z is given by Chebyshev series (k, size) on cells of xi. A panel is accurate if the truncation error of
-    its time is below a share of the duration, or below the rounding error. An error eps of z changes
-    z^(-1/2) by eps z^(-3/2) / 2, so rounding grows where z is nearly zero.
+    z is given by Chebyshev series `z_series` (k, size) on `cells` (k + 1,) of xi. A panel is accurate if the
+    truncation error of its time is below a share of the duration, or below the rounding error. An error eps
+    of z changes z^(-1/2) by eps z^(-3/2) / 2, so rounding errors grow where z is nearly zero.
 
     Raises:
         InvalidInput: z is not positive, or so near zero that rounding hides the duration.
@@ -408,9 +410,11 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
             break
         slowness = grid.fit(z[:, None] ** -0.5)
         series = slowness.coefficients[:, :, 0]  # (panels, PANEL_NODES)
-        duration = series[:, 0] @ widths  # estimated by the first coefficient of each panel
-        truncation = np.abs(series[:, -2:]).max(axis=1) * widths  # (panels,) errors of time
-        rounding = 0.5 * z_rounding * z.reshape(-1, PANEL_NODES).min(axis=1) ** -1.5 * widths
+        duration = series[:, 0] @ widths  # the first coefficient estimates the mean on each panel
+        last_coefficients = np.abs(series[:, -2:]).max(axis=1)  # estimate the truncated part
+        truncation = last_coefficients * widths  # (panels,) errors of time [s]
+        least_z = z.reshape(-1, PANEL_NODES).min(axis=1)
+        rounding = 0.5 * z_rounding * least_z**-1.5 * widths  # (panels,) [s]
         is_coarse = truncation > np.maximum(SLOWNESS_TAIL * duration, rounding)
         if not is_coarse.any():
             if rounding.sum() > SLOWNESS_ROUNDING * duration:
@@ -422,13 +426,14 @@ def slowness_on_panels(cells: Array, z_series: Array, stretch: Stretch) -> TimeF
 
 
 def count_reversals(speed: Array) -> int:
-    """Count the changes of samples (T,) between rising and falling.
+    """Count how often samples of a speed (T,) change between rising and falling.
 
-    Swings below MIN_SWING times the largest sample do not count.
+    A change counts once the samples have moved back from the last extreme value by MIN_SWING times the
+    largest sample.
     """
     reversals = 0
-    sign = 1.0  # of the current swing: 1 if rising
-    extreme = speed[0]  # largest value of a rising swing, least of a falling one
+    sign = 1.0  # 1 while the samples rise, -1 while they fall
+    extreme = speed[0]  # largest value since the samples began to rise, or least since they began to fall
     for value in speed:
         if (value - extreme) * sign > 0:
             extreme = value

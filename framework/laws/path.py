@@ -231,8 +231,8 @@ class Spline(PointPath):
     def __post_init__(self) -> None:
         """Check the distances between points; compute s at the points, and the inner knots.
 
-        By the not-a-knot condition the two points next to each end are no knots. The knots are computed here
-        because scipy 1.13 does so for odd degrees only.
+        By the not-a-knot condition neither the ends nor the two points next to each end are inner knots. The
+        knots are computed here because scipy 1.13 does so for odd degrees only.
         """
         points = _check_points(self.points, 2, "spline")
         chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -244,7 +244,9 @@ class Spline(PointPath):
             )
         shares = np.concatenate(([0.0], np.cumsum(chords) / chords.sum()))
         shares[-1] = 1.0
-        _set_fields(self, points=points, knots=read_only(shares[3:-3]), _shares=read_only(shares))
+        left_out = 3  # values of s at each end that are no inner knots
+        knots = read_only(shares[left_out:-left_out])
+        _set_fields(self, points=points, knots=knots, _shares=read_only(shares))
 
     @cached_property
     def _spline(self) -> Any:
@@ -257,7 +259,7 @@ class Spline(PointPath):
 
     def _evaluate(self, s: Array, order: int) -> Array:
         """Evaluate the spline or a derivative (T, n)."""
-        if order > self._spline.k:  # beyond the degree, which scipy refuses
+        if order > self._spline.k:  # scipy refuses orders above the degree; these derivatives are zero
             return np.zeros((len(s), self.n))
         return self._spline(s, nu=order)
 
@@ -327,19 +329,20 @@ class Polyline(PointPath):
     def _evaluate(self, s: Array, order: int) -> Array:
         """Compute x(s) or a derivative in s, (T, n).
 
-        Near a corner c, x = c + b (-f(-w) d_1 + f(w) d_2). d_1 and d_2 are the directions of the segments
-        before and after c, b is `blend`, w the distance from c along the segments over b, and f the blend of
-        `_blend_value`. Each derivative in s has a factor dw/ds = total length / b.
+        Near a corner c, x = c + b (-f(-w) d_1 + f(w) d_2). The segments before and after c have the
+        directions d_1 and d_2, b is `blend`, and f is the blend of `_blend_value`. The distance from c along
+        the segments is w b. By the chain rule each derivative in s has a factor dw/ds = total length / b.
         """
-        total = self._arc_lengths[-1]
+        length = self._arc_lengths[-1]
         corners = self._arc_lengths[1:-1]
-        corner = np.abs(s[:, None] * total - corners).argmin(axis=1)  # (T,) index of the nearest
-        w = (s * total - corners[corner]) / self.blend
-        f_before = (-1.0) ** (order + 1) * _blend_value(-w, order)  # derivative of -f(-w)
+        corner = np.abs(s[:, None] * length - corners).argmin(axis=1)  # (T,) index of the nearest corner
+        w = (s * length - corners[corner]) / self.blend
+        dw_ds = length / self.blend
+        f_before = (-1.0) ** (order + 1) * _blend_value(-w, order)  # derivative of -f(-w) in w
         f_after = _blend_value(w, order)
         along_before = f_before[:, None] * self._directions[corner]
         along_after = f_after[:, None] * self._directions[corner + 1]
-        value = (along_before + along_after) * self.blend * (total / self.blend) ** order
+        value = (along_before + along_after) * self.blend * dw_ds**order
         return value + self.points[corner + 1] if order == 0 else value
 
 
@@ -369,7 +372,10 @@ def time_derivatives(path: Path, law_values: list[Array]) -> list[Array]:
 
 
 def _bell_polynomials(ds: list[Array]) -> dict[tuple[int, int], Array]:
-    """Compute the Bell polynomials B_mk, see `time_derivatives`, by (m, k), from s and its derivatives."""
+    """Compute the Bell polynomials B_mk of `time_derivatives`, by (m, k).
+
+    `ds[i]` is the time derivative of s of order i, of shape (T, 1).
+    """
     bell = {(m, 0): np.array(float(m == 0)) for m in range(len(ds))}
     for m in range(1, len(ds)):
         for k in range(1, m + 1):
@@ -385,11 +391,12 @@ def check_path(path: Path) -> None:
     """Test x' and x'' of a user's own path against x on a few short intervals.
 
     Torques are computed from x(s), x'(s) and x''(s) as the path returns them. If x' is not the derivative of
-    x, they belong to no motion, however well they converge. The test compares the integrals
+    x, these torques belong to no motion, however well they converge. The test compares both sides of
 
         x(b) - x(a) = int_a^b x'(s) ds,    x'(b) - x'(a) = int_a^b x''(s) ds
 
-    between knots. Gauss's rule evaluates them without the step size that difference quotients would need.
+    on intervals without knots. Gauss's rule evaluates the integrals, so no step size has to be chosen, as it
+    would for difference quotients.
 
     Raises:
         InvalidInput: not a path; knots that do not ascend inside (0, 1); a value that is missing or not
@@ -418,10 +425,10 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
     derivatives = _evaluate_path(path, s.ravel(), order).reshape(*s.shape, path.n)
     means = 0.5 * np.einsum("k,ikn->in", weights, derivatives)  # (intervals, n), by Gauss's rule
 
-    # a share of the largest derivative, plus the rounding of values divided by the length
-    size = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)
-    rounding = DIFFERENCE_ROUNDING * np.abs(values).max(axis=0) / lengths[:, None]
-    allowed = WRONG_DERIVATIVE * size + rounding
+    # the difference may be a share of the largest derivative, plus the rounding error of a quotient
+    largest = np.maximum(np.abs(means), np.abs(quotients)).max(axis=0)  # (n,)
+    rounding = DIFFERENCE_ROUNDING * np.abs(values).max(axis=0) / lengths[:, None]  # (intervals, n)
+    allowed = WRONG_DERIVATIVE * largest + rounding
     excess = np.abs(means - quotients) - allowed
     if np.any(excess > 0):
         i, component = np.unravel_index(np.argmax(excess), excess.shape)
@@ -433,26 +440,32 @@ def _check_derivative(path: Path, order: int, starts: Array, lengths: Array) -> 
 
 
 def _check_continuous(path: Path, order: int) -> None:
-    """Refuse a derivative that jumps: refining the grid does not halve its largest change."""
+    """Refuse a path whose derivative of this order jumps.
+
+    The largest change between neighbouring points of a grid is compared with the largest change on a finer
+    grid in that interval. A derivative jumps if the finer grid does not at least halve the change.
+    """
     s = np.linspace(0.0, 1.0, JUMP_INTERVALS + 1)[1:-1]
-    changes = []
+    largest_changes = []  # on each grid
     for _ in range(JUMP_GRIDS):
         values = _evaluate_path(path, s, order)
-        change = np.abs(np.diff(values, axis=0)).max(axis=1)
-        k = change.argmax()
-        changes.append(change[k])
+        changes = np.abs(np.diff(values, axis=0)).max(axis=1)  # (intervals,)
+        k = changes.argmax()
+        largest_changes.append(changes[k])
         s = np.linspace(s[k], s[k + 1], JUMP_INTERVALS)
-    if changes[-1] > max(0.5 * changes[0], PATH_JUMP * np.abs(values).max()):
+    coarse_change, *_, fine_change = largest_changes
+    if fine_change > max(0.5 * coarse_change, PATH_JUMP * np.abs(values).max()):
         raise InvalidInput(
-            f"path: path(s, {order}) jumps at s = {s[0]:.6g} by {changes[-1]:.3g}, where the torque would "
+            f"path: path(s, {order}) jumps at s = {s[0]:.6g} by {fine_change:.3g}, where the torque would "
             f"{'have no bound' if order == 1 else 'have to jump'}: round it, as a Polyline does its corners"
         )
 
 
 def _test_intervals(path: Path) -> tuple[Array, Array]:
-    """Return starts and lengths of test intervals in [0, 1] without knots inside, (intervals,) each.
+    """Choose starts and lengths of test intervals between knots, (intervals,) each.
 
-    Starts are multiples of the golden ratio modulo 1, moved down if the interval would contain a knot.
+    The starts are multiples of the golden ratio modulo 1. A start is moved down if its interval would contain
+    a knot.
     """
     knots = np.asarray(path.knots, dtype=float)
     edges = np.concatenate(([0.0], knots, [1.0]))

@@ -1,8 +1,8 @@
 """The basis of the squared speed z of an optimal law: quintic B-splines on cells of xi.
 
-On a single cell the basis consists of Chebyshev polynomials instead, for a law that is smooth everywhere, as
-deflections need it. B-splines are never negative, and each overlaps only with five neighbours on either side.
-So z is positive if its coefficients are, and rows linear in z are sparse.
+On a single cell the basis consists of Chebyshev polynomials instead. They give a law that is smooth
+everywhere, which deflections require. B-splines are never negative, and each overlaps only with five
+neighbours on either side. So z is positive if its coefficients are, and rows linear in z are sparse.
 
 Source: de Boor, A Practical Guide to Splines, Springer 2001, chapters IX and X.
 """
@@ -60,8 +60,8 @@ class SpeedBasis(ReadOnlyArrays):
     def matrix(self, xi: Array, order: int = 0) -> Any:
         """Return the sparse matrix (T, size) of all functions, or derivatives, at xi (T,).
 
-        The derivative of a spline of degree p on knots t with coefficients y is a spline of degree p - 1. Its
-        knots are t without the first and the last, its coefficients
+        The derivative of a spline of degree p with knots t and coefficients y is a spline of degree p - 1.
+        Its knots are t without the first and the last one, and its coefficients are
         p (y_(i+1) - y_i) / (t_(i+p+1) - t_(i+1)).
         """
         from scipy import sparse

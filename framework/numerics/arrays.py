@@ -20,7 +20,10 @@ Stack = TypeVar("Stack", bound=tuple[Any, ...])  # a named tuple of arrays, one 
 
 
 def select(stack: Stack, which: Any) -> Stack:
-    """Select items `which` (index, slice or mask) of all arrays of a named tuple, also of nested ones."""
+    """Select items from all arrays of a named tuple, nested named tuples included.
+
+    `which` is an index, a slice or a mask of the first axis.
+    """
     make: Any = type(stack)
     return make(*(part[which] if isinstance(part, np.ndarray) else select(part, which) for part in stack))
 

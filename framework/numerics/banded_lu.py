@@ -2,12 +2,12 @@
 
 The matrices of all instants, placed along a diagonal, form one banded matrix, which LAPACK factorises with
 partial pivoting in one call. A pivot never leaves its instant, since all entries outside of it are zero. Rows
-and columns are ordered for a small bandwidth (reverse Cuthill-McKee). If legs touch only their neighbours,
-the bandwidth is that of a leg, and the cost of an instant is proportional to the number of legs. If all legs
-meet in one platform, the band is nearly full, but still no slower than dense solutions one by one.
+and columns are ordered for a small bandwidth (reverse Cuthill-McKee). If legs are coupled only to their
+neighbours, the bandwidth is that of a leg, and the cost of an instant is proportional to the number of legs.
+If all legs meet in one platform, the band is nearly full, but still no slower than separate dense solutions.
 
-Systems of at most MAX_DENSE unknowns need no band: numpy solves them as fast. This avoids the import of
-scipy, which takes longer than the plan of a small robot.
+Systems of at most MAX_DENSE unknowns need no band, because numpy solves them equally fast. This avoids the
+import of scipy, which takes longer than planning for a small robot.
 """
 
 from __future__ import annotations
@@ -82,7 +82,16 @@ class Band(ReadOnlyArrays):
         # rows are space for pivoting
         index = j * (2 * lower + upper + 1) + lower + upper + i - j
         return Band(
-            size, row, column, lower, upper, row_order, column_order, row_position, column_position, index
+            size=size,
+            row=row,
+            column=column,
+            lower=lower,
+            upper=upper,
+            row_order=row_order,
+            column_order=column_order,
+            row_position=row_position,
+            column_position=column_position,
+            index=index,
         )
 
     @property
@@ -153,17 +162,17 @@ class BandFactors:
 
         The pivots of these factors decide which matrices are singular: rounding may differ in dense factors.
         """
-        sign, size = DenseFactors(self.band.fill(self.values)).slogdet
-        main_diagonal = self.lu[self.band.lower + self.band.upper]  # (T k,)
-        is_singular = (main_diagonal.reshape(-1, self.band.size) == 0.0).any(axis=1)
-        return np.where(is_singular, 0.0, sign), np.where(is_singular, -np.inf, size)
+        sign, logarithm = DenseFactors(self.band.fill(self.values)).slogdet
+        diagonal_of_U = self.lu[self.band.lower + self.band.upper]  # (T k,)
+        is_singular = (diagonal_of_U.reshape(-1, self.band.size) == 0.0).any(axis=1)
+        return np.where(is_singular, 0.0, sign), np.where(is_singular, -np.inf, logarithm)
 
 
 def _order_by_bandwidth(row: IntArray, column: IntArray, size: int) -> IntArray:
-    """Order rows and columns (2 k,) of entries at (row, column) for a small bandwidth.
+    """Order rows and columns (2 k,) of matrices (k, k) for a small bandwidth.
 
-    Rows 0 .. k - 1 and columns k .. 2 k - 1 are the nodes of a graph in which an entry connects its row and
-    its column.
+    The matrices have entries at (row, column), (E,) each; `size` is k. Rows 0 .. k - 1 and columns
+    k .. 2 k - 1 are the nodes of a graph in which an entry connects its row and its column.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee

@@ -19,9 +19,9 @@ from numpy.polynomial import chebyshev
 
 from framework.numerics.arrays import Array, BoolArray, read_only
 
-# degree of the polynomials; number of nodes of a cell, even so that no node is in the middle
+# degree of the polynomials; number of nodes of a cell, which is even so that no node is in the middle
 DEGREE, NODES = 3, 6
-# of the largest coefficient: a function is resolved if its last two Chebyshev coefficients sum up to less
+# a function is resolved if its last two Chebyshev coefficients sum up to less than this share of the largest
 MAX_TAIL = 2.0 ** (1 - DEGREE - 2)
 VALUE_ROUNDING = 1e-11  # error of values at nodes, relative to the largest coefficient
 
@@ -45,19 +45,19 @@ def cell_nodes() -> Array:
 
 
 def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
-    """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return also a mask (k,) of resolved cells.
+    """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return a mask (k,) of resolved cells.
 
-    The Chebyshev series through all nodes is truncated after `DEGREE`. The error bound is the sum of the
-    truncated coefficients, the last two coefficients (for those that are not computed, see `Bernstein`) and
-    rounding.
+    The Chebyshev series through all nodes is truncated after `DEGREE`. The error bound is the sum of three
+    parts: the truncated coefficients; the last two coefficients, which bound those that are not computed, see
+    `Bernstein`; and rounding.
     """
     count, _, *shape = values.shape
     polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # T_j at the nodes
     series = np.linalg.inv(polynomials) @ values.reshape(count, NODES, -1)  # (k, NODES, all components)
     largest = np.abs(series).max(axis=1)
-    cut_off = np.abs(series[:, DEGREE + 1 :]).sum(axis=1)
+    truncated = np.abs(series[:, DEGREE + 1 :]).sum(axis=1)
     last_two = np.abs(series[:, -2:]).sum(axis=1)
-    error = cut_off + last_two + VALUE_ROUNDING * largest
+    error = truncated + last_two + VALUE_ROUNDING * largest
     coefficients = _from_chebyshev() @ series[:, : DEGREE + 1]
     is_resolved = (last_two <= MAX_TAIL * largest).all(axis=1)
     function = Bernstein(coefficients.reshape(count, DEGREE + 1, *shape), error.reshape(count, *shape))
@@ -93,9 +93,10 @@ def product_weights(m: int, n: int) -> Array:
 
 
 def multiply(first: Array, second: Array) -> Array:
-    """Return coefficients (k, m + n + 1, ...) of the products of polynomials of degrees m and n.
+    """Return coefficients (k, m + n + 1, ...) of the products of polynomials on k cells.
 
-    The coefficients are c_j = sum over a, b of w_jab first_a second_b, see `product_weights`.
+    The factors have degrees m and n and coefficients `first` (k, m + 1, ...) and `second` (k, n + 1, ...).
+    The product has the coefficients c_j = sum over a, b of w_jab first_a second_b, see `product_weights`.
     """
     weights = product_weights(first.shape[1] - 1, second.shape[1] - 1)
     return np.einsum("jab,ka...,kb...->kj...", weights, first, second)
@@ -104,7 +105,8 @@ def multiply(first: Array, second: Array) -> Array:
 def elevation_matrix(degree: int, to: int) -> Array:
     """Return the matrix (to + 1, degree + 1) that raises the degree of coefficients.
 
-    It multiplies a polynomial by the constant 1 of degree to - degree, whose coefficients are all 1.
+    The matrix multiplies a polynomial by the constant 1, written as a polynomial of degree to - degree, whose
+    coefficients are all 1.
     """
     return product_weights(to - degree, degree).sum(axis=1)
 
@@ -112,7 +114,7 @@ def elevation_matrix(degree: int, to: int) -> Array:
 def bound_mean_size(coefficients: Array, halvings: int) -> Array:
     """Bound the mean absolute values (k, ...) of polynomials (k, degree + 1, ...) from above.
 
-    The bound is the mean of the absolute coefficients. Each halving of the cells makes it tighter.
+    The bound is the mean of the absolute coefficients. Halving the cells, `halvings` times, tightens it.
     """
     count, _, *shape = coefficients.shape
     for _ in range(halvings):

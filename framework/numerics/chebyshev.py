@@ -1,7 +1,7 @@
 """Functions of time as Chebyshev series, panel by panel.
 
 All functions of time of a plan are sampled at Chebyshev points and represented by their coefficients. A
-removable quotient 0/0 between two nodes does no harm, since it is never evaluated. The decay of the
+removable singularity 0/0 between two nodes does no harm, since it is never evaluated. The decay of the
 coefficients shows whether the function is resolved; `TimeFunction.tail` is this certificate. Where a function
 has a kink, as at the knots of a spline, one panel ends and the next begins.
 
@@ -25,13 +25,13 @@ from framework.tolerances import SAME_PLACE
 
 MIN_CLENSHAW_POINTS = 400  # number of points from which Clenshaw's recurrence is faster than cosines
 MIN_PRODUCT_SERIES = 16  # number of series from which a product of matrices is faster for any points
-COEFFICIENT_ROUNDING = 1e-15  # of the largest coefficient of a series
-NOISE_FACTOR = 3.0  # times the largest coefficient of the last eighth: below this a coefficient is rounding
+COEFFICIENT_ROUNDING = 1e-15  # share of the largest coefficient of a series
+NOISE_FACTOR = 3.0  # a coefficient below this factor times the largest of the last eighth is rounding
 
 
 @lru_cache(maxsize=64)
 def nodes(size: int) -> Array:
-    """Return the Chebyshev points of the second kind on [-1, 1], ascending, ends included, shape (size,)."""
+    """Return the Chebyshev points (size,) of the second kind on [-1, 1], ascending, ends included."""
     return read_only(-np.cos(np.pi * np.arange(size) / (size - 1)))
 
 
@@ -39,8 +39,9 @@ def nodes(size: int) -> Array:
 def _transform_matrix(size: int) -> Array:
     """Return the matrix (size, size) from values at `nodes(size)` to Chebyshev coefficients.
 
-    It is the discrete cosine transform of type I: a_k = 2 w_k / (size - 1) sum_j w_j cos(pi k j / (size - 1))
-    f(x_j), with the nodes x_j in descending order and w = 1/2 for the first and the last index.
+    This is the discrete cosine transform of type I: the coefficient a_k is 2 w_k / (size - 1) times the sum
+    over j of w_j cos(pi k j / (size - 1)) f(x_j). The nodes x_j are in descending order, and w is 1/2 for the
+    first and the last index, else 1.
     """
     k = np.arange(size)
     angles = np.pi * np.outer(k, size - 1 - k) / (size - 1)  # coefficients by nodes
@@ -56,9 +57,10 @@ def coefficients(values: Array) -> Array:
 
 
 def tail(series: Array) -> float:
-    """Return the largest of the last eighth of |coefficients| (..., size, k) over the largest of all.
+    """Return the tail of coefficients (..., size, k): their relative size at the end.
 
-    The tail is 0 for a series of zeros, and infinite for a series that is not finite.
+    The tail is the largest absolute value among the last eighth, divided by the largest of all. It is 0 for a
+    series of zeros, and infinite for a series that is not finite.
     """
     sizes = np.abs(series)
     largest = float(sizes.max(initial=0.0))
@@ -103,9 +105,9 @@ def real_roots(series: Array) -> Array:
 
 
 def _constant_dominates(sizes: Array) -> bool:
-    """Whether |c_0| exceeds the sum of all other terms, so that no root exists.
+    """Return whether |c_0| exceeds the sum of all other terms, so that no root exists.
 
-    `sizes` (degree + 1,) are the |c_k|. Where roots are accepted, |T_k| is at most base^k.
+    `sizes` (degree + 1,) are the |c_k|. In the region in which roots are accepted, |T_k| is at most base^k.
     """
     base = 1.0 + 2.0 * SAME_PLACE**0.25
     return bool(sizes[0] > sizes[1:] @ base ** np.arange(1, len(sizes)))
@@ -126,15 +128,16 @@ def _quadratic_roots(series: Array) -> NDArray[Any]:
 def _all_roots(series: Array) -> NDArray[Any]:
     """Return all roots (degree,), complex or real, of one Chebyshev series (degree + 1,).
 
-    The roots are the eigenvalues of the colleague matrix. It is that of T_degree, less the lower coefficients
-    over the last one, times weights, in one column. Rows and columns are in reverse order, which reduces
-    rounding errors, as in numpy's `chebroots`.
+    The roots are the eigenvalues of the series' colleague matrix. This is the colleague matrix of T_degree
+    with one column changed: weighted ratios of the lower coefficients to the last one are subtracted. Rows
+    and columns are in reverse order, which reduces rounding errors, as in numpy's `chebroots`.
     """
     degree = len(series) - 1
     weights = np.full(degree, 0.5)
     weights[0] = np.sqrt(0.5) if degree > 1 else 1.0
+    ratios = series[:degree] / series[degree]
     matrix = _colleague_matrix(degree).copy()
-    matrix[:, 0] -= (series[:degree] / series[degree] * weights)[::-1]
+    matrix[:, 0] -= (ratios * weights)[::-1]
     return np.linalg.eigvals(matrix)
 
 
@@ -226,11 +229,11 @@ class TimeGrid(ReadOnlyArrays):
         return self.size - max(2, self.size // 8)
 
     def fit_truncated(self, values: Array) -> TimeFunction:
-        """Fit the function through values (panels * size, k), with zeros for coefficients of rounding.
+        """Fit the function through values (panels * size, k); set coefficients of rounding size to zero.
 
-        The last eighth of a resolved series consists of rounding errors and shows their size. Two
-        differentiations amplify a coefficient by up to size^4, so rounding would grow in an iteration on
-        second derivatives.
+        The last eighth of the coefficients of a resolved function are rounding errors, and indicate their
+        size. Two differentiations amplify a coefficient by up to size^4. Without truncation rounding errors
+        would grow in an iteration on second derivatives.
         """
         series = coefficients(self._stack_panels(values))
         rounding = NOISE_FACTOR * np.abs(series[:, self.resolvable :]).max(axis=1, keepdims=True)
@@ -239,11 +242,11 @@ class TimeGrid(ReadOnlyArrays):
         return TimeFunction(self.edges, series)
 
     def values(self, function: TimeFunction) -> tuple[Array, Array, Array]:
-        """Compute a function, its first and its second time derivative at the nodes, (panels * size, k) each.
+        """Evaluate a function and its first two time derivatives at the nodes, (panels * size, k) each.
 
-        The function must have the panels and the size of this grid. Its derivatives amplify the rounding
-        error of each coefficient, which is small for a small coefficient. `differentiate` amplifies the
-        rounding error of the largest value.
+        The function must have the panels and the size of this grid. Differentiation amplifies the rounding
+        error of each coefficient, which is small if the coefficient is small. `differentiate`, by contrast,
+        amplifies the rounding error of the largest value.
         """
         basis, first, second = basis_values(self.size)
         series = function.coefficients
@@ -262,16 +265,16 @@ class TimeGrid(ReadOnlyArrays):
 
     @staticmethod
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
-        """Return the grid with the nodes farthest from `instants` [s], relative to the mean node distance.
+        """Return the grid whose nodes are farthest from `instants` (k,) [s].
 
-        Candidates have `size` to `size` + 5 nodes on each panel. A node at the instant of a crossing would
-        divide 0 by 0.
+        Candidates have `size` to `size` + 5 nodes on each panel. Distances are compared relative to the mean
+        distance between nodes. A node at the instant of a crossing would divide 0 by 0.
         """
         best_size = size
         best_distance = -1.0
         for candidate in range(size, size + 6) if len(instants) else ():
             times = _nodes_between(edges, candidate)
-            distance = float(np.abs(times - instants[:, None]).min()) * candidate
+            distance = float(np.abs(times - instants[:, None]).min()) * candidate  # relative to 1 / candidate
             if distance > best_distance * 1.001:  # by more than rounding
                 best_size = candidate
                 best_distance = distance

@@ -17,7 +17,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.time_limit import check_time
 
 # regularization of the solver's linear systems and number of refinements of their solutions, tried in turn;
-# the first solves most programs, in half the time of the others
+# the first pair solves most programs and takes half the time of the others
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
 TOLERANCE = 1e-8  # of a solution, in the units of the optimum
@@ -52,8 +52,8 @@ def linear_rows(**parts: Any) -> AffineRows:
 class ConeProgram:
     """Minimise a linear cost plus a sum of squares over unknowns that satisfy rows and cones.
 
-    A member of `cones` is a list of functions (k,): in each of their k rows, the value of the first function
-    must be at least the norm of the values of the others.
+    Each item of `cones` is a list of functions (k,) and stands for k second-order cones: in every row the
+    value of the first function must be at least the norm of the values of the others.
     """
 
     sizes: Mapping[str, int]  # number of unknowns by name
@@ -66,23 +66,25 @@ class ConeProgram:
     @cached_property
     def columns(self) -> dict[str, slice]:
         """Positions of the unknowns of each name in the vector x (n,) of all unknowns."""
-        ends = accumulate(self.sizes.values())
-        return {
-            name: slice(end - size, end) for (name, size), end in zip(self.sizes.items(), ends, strict=True)
-        }
+        ends = dict(zip(self.sizes, accumulate(self.sizes.values()), strict=True))
+        return {name: slice(end - self.sizes[name], end) for name, end in ends.items()}
 
 
 def product_cone(
     first: Mapping[str, Any], second: Mapping[str, Any], others: Sequence[AffineRows]
 ) -> list[AffineRows]:
-    """Return the cone 4 first * second >= |others|^2, row by row, as a member of `ConeProgram.cones`.
+    """Return the cones 4 first * second >= |others|^2, row by row, for `ConeProgram.cones`.
 
-    It is equivalent to first + second >= |(first - second, others)|. The linear functions `first` and
-    `second` are sparse matrices by name of their unknowns.
+    They are equivalent to first + second >= |(first - second, others)|.
+
+    Args:
+        first, second: linear functions (k,) as sparse matrices (k, size) by name of unknowns, without a
+            common name.
+        others: affine functions (k,).
     """
     zero = np.zeros(len(others[0].offset))
-    negative = {name: -matrix for name, matrix in second.items()}
-    return [AffineRows({**first, **second}, zero), AffineRows({**first, **negative}, zero), *others]
+    minus_second = {name: -matrix for name, matrix in second.items()}
+    return [AffineRows({**first, **second}, zero), AffineRows({**first, **minus_second}, zero), *others]
 
 
 class Unsolved(NamedTuple):
@@ -104,7 +106,7 @@ def solve_cone_program(
     Clarabel minimises x' P x / 2 + q' x subject to A x + slack = b, with the slack in a product of cones.
 
     Args:
-        tolerance: of the relative gap of the cost, and of the rows.
+        tolerance: largest duality gap of the cost, absolute and relative, and largest residual of the rows.
     """
     import clarabel
 
@@ -143,8 +145,8 @@ def _objective(program: ConeProgram) -> tuple[Any, Array]:
 def _constraints(program: ConeProgram) -> tuple[Any, Array, list[Any]]:
     """Return A (m, n), b (m,) and the cones of the slack b - A x.
 
-    The slack holds the values of the rows: first those that must vanish, then those that must not be
-    negative, then second-order cones.
+    The slack consists of the values of the rows: first the rows that must vanish, then those that must not be
+    negative, then those of second-order cones.
     """
     import clarabel
 
@@ -167,8 +169,9 @@ def _count_rows(functions: Sequence[AffineRows]) -> int:
 def _interleave(program: ConeProgram, groups: Sequence[Sequence[AffineRows]]) -> Affine:
     """Return groups of rows as one affine function (m,) of all unknowns.
 
-    A group lists the first row of every member, then the second row of every member, and so on. So the rows
-    of one second-order cone are neighbours: row i of member k is row (number of members) i + k of its group.
+    Each group is a list of members with equally many rows. The result lists the first row of every member of
+    the group, then the second row of every member, and so on, so that the rows of one second-order cone are
+    neighbours. Row i of member k is row (number of members) * i + k of its group.
     """
     from scipy import sparse
 
@@ -208,8 +211,8 @@ def semidefinite_least_squares(matrices: Sequence[LinearMatrix], positive: Affin
         *(clarabel.PSDTriangleConeT(len(matrix.offset)) for matrix in matrices),
     ]
     slack = [positive, *map(_upper_triangle, matrices)]
-    # solve for y / scale, so that the largest slope of every matrix is at least 1: with small slopes the
-    # solver stops too early
+    # solve for y / scale, so that the largest slope of every matrix is at least 1: the solver would stop too
+    # early with small slopes
     largest_slopes = [float(np.abs(matrix.slopes).max(initial=0.0)) or 1.0 for matrix in matrices]
     scale = 1.0 / min(largest_slopes, default=1.0)
     A = sparse.csc_array(-scale * np.concatenate([part.matrix for part in slack]))

@@ -51,10 +51,10 @@ def mapping(where: str, raw: Any) -> dict[Any, Any]:
 
 
 def read_table(where: str, raw: Any, table: Table, *, others: Collection[str] | None = ()) -> dict[str, Any]:
-    """Read the value of each key of a table.
+    """Read the value of each key of a table from the mapping `raw`.
 
     Args:
-        others: further keys that may be given, and are not read; None for any.
+        others: keys that may be given in addition and are not read; None allows any key.
 
     Raises:
         InvalidInput: a key is missing or unknown, or its reader refuses the value.

@@ -18,7 +18,7 @@ from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-REPEAT_INTERVAL = 0.01  # [s] until a lost signal is repeated: a callback has ended, and nobody waits long
+REPEAT_INTERVAL = 0.01  # [s] until a lost signal is repeated: long enough for a callback to end
 
 
 class Terminated(KeyboardInterrupt):
@@ -37,7 +37,7 @@ def _signal_of(stop: KeyboardInterrupt) -> signal.Signals:
 
 @dataclass
 class Heard:
-    """The interruption that has arrived, if any, even if its exception was turned into another."""
+    """The interruption that has arrived, if any, even if other code has replaced its exception."""
 
     stop: KeyboardInterrupt | None = None
 
@@ -51,15 +51,15 @@ class Heard:
 def interruptible() -> Iterator[Heard]:
     """Let the first SIGINT or SIGTERM in the block raise KeyboardInterrupt.
 
-    Further signals are ignored, and so are signals that the caller ignores. In other threads than the main
-    thread the block runs without change.
+    Further signals are ignored, and so are signals that were ignored before the block. Outside the main
+    thread the block has no effect on signals.
     """
     heard = Heard()
     if threading.current_thread() is not threading.main_thread():
         yield heard
         return
-    handlers = {number: signal.getsignal(number) for number in SIGNALS}
-    handlers = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
+    heeded = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    handlers = {number: signal.getsignal(number) for number in heeded}
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         """Ignore further signals; raise `Terminated` or KeyboardInterrupt for this one."""
@@ -70,7 +70,7 @@ def interruptible() -> Iterator[Heard]:
         raise heard.stop
 
     def raise_lost(unraisable: sys.UnraisableHookArgs) -> None:
-        """Repeat an interruption that a callback of weakref or __del__ raised, and Python dropped."""
+        """Repeat an interruption that a weakref callback or __del__ raised, and Python dropped."""
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return

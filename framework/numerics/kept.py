@@ -1,7 +1,7 @@
-"""Finished chunks on disk, from which a stopped computation goes on.
+"""Finished chunks on disk, from which a stopped computation continues.
 
-The chunks are in a folder beside the results. Its name is a hash of everything that the results depend on.
-Each chunk is one file, which is complete or absent.
+The chunks are in a folder beside the results. The folder's name is a hash of everything on which the results
+depend. Each chunk is one file, which is complete or absent.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class ArrayField(NamedTuple):
 
 
 def fits(arrays: Arrays | None, table: Mapping[str, ArrayField]) -> bool:
-    """Whether arrays have the names, kinds and shapes of a table; never for None."""
-    return arrays is not None and table == {
-        name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()
-    }
+    """Return whether arrays have the names, kinds and shapes of a table; false for None."""
+    if arrays is None:
+        return False
+    return table == {name: ArrayField(array.dtype.kind, array.shape) for name, array in arrays.items()}
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,13 @@ def complete_chunks(
     keeper: KeptChunks | None,
     progress: Callable[[Collection[str]], None],
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of all tasks, joined in order of the tasks; compute chunks that are not stored.
+    """Return the arrays of all tasks, joined in order; compute chunks that are not stored.
 
     Args:
         compute: computes the arrays of a task.
         tasks: the task of each chunk, by the name of the chunk.
         fields: returns the kinds and shapes of the arrays of a task.
-        executor: where chunks are computed; None for this process.
+        executor: computes the chunks; None computes them in this process.
         keeper: stores finished chunks; stored chunks are not computed again.
         progress: called with the names of all finished chunks.
     """

@@ -1,7 +1,7 @@
 """GMRES: linear equations A x = right solved in a Krylov space, from products with A alone.
 
 The small least-squares problem is solved by a truncated singular value decomposition, as in hybrid methods.
-So the solution has no part in directions that A maps to almost zero.
+So the solution has no component along directions that A maps to almost zero.
 
 Source: Saad, Iterative Methods for Sparse Linear Systems, SIAM 2003, chapter 6; Hansen, Discrete Inverse
 Problems, SIAM 2010, chapter 6.
@@ -69,7 +69,7 @@ def _orthogonalise(vector: Array, basis: Array) -> tuple[Array, Array]:
 
 
 def _stagnates(residuals: list[float]) -> bool:
-    """Whether the last STAGNATION_PRODUCTS products have hardly reduced the residual."""
+    """Return whether the last STAGNATION_PRODUCTS products have hardly reduced the residual."""
     if len(residuals) <= STAGNATION_PRODUCTS:
         return False
     return residuals[-1] > STAGNATION_RATIO * residuals[-1 - STAGNATION_PRODUCTS]

@@ -1,10 +1,10 @@
 """Products of stacks in which each item is the same, to the last bit, as when computed alone.
 
-BLAS chooses its kernels by shapes and addresses, and numpy the order of a sum by the layout of an array. So
-the same numbers may be rounded differently in another stack. Here each sum runs in the order of its index,
-and all other operations are element by element: the result of an item depends neither on the stack nor on the
-BLAS. A study needs this to reproduce a single run by its seed. `np.linalg.solve`, `inv` and `svd` have the
-same property, as they pass each matrix of a stack to LAPACK by itself.
+BLAS chooses its kernels by shapes and addresses, and numpy chooses the order of a sum by the layout of an
+array. So the same numbers may be rounded differently in another stack. Here each sum runs in the order of its
+index, and all other operations are element by element. So the result of an item depends neither on the stack
+nor on the BLAS. A study needs this to reproduce a single run from its seed. `np.linalg.solve`, `inv` and
+`svd` have the same property, as they pass each matrix of a stack to LAPACK by itself.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from framework.numerics.arrays import Array
 
 # a x b is the difference of the first three and the last three products a[_FIRST] b[_SECOND]
 _FIRST, _SECOND = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
-SMALL_STACK = 300  # numbers in both arguments; below, time goes by numpy's calls, above by the numbers
+SMALL_STACK = 300  # numbers in both arguments, below which the calls of numpy take most of the time
 
 
 def dot(a: Array, b: Array) -> Array:
     """Compute the sums (...) of products a b (..., n) over the last axis."""
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
-    if a.size + b.size < SMALL_STACK:  # few calls of numpy
+    if a.size + b.size < SMALL_STACK:  # as few calls of numpy as possible
         terms = a * b
         total = terms[..., 0]
         for k in range(1, terms.shape[-1]):
             total = total + terms[..., k]
         return total
-    # little memory
+    # as little memory as possible: one term at a time
     total = np.asarray(a[..., 0] * b[..., 0])
     term = np.empty_like(total)
     for k in range(1, a.shape[-1]):

@@ -36,16 +36,16 @@ def written_together(
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into `folder` if the block ends without an error.
 
-    Before the block runs, it is checked that `folder` can be written and holds no foreign `document`.
+    Before the block runs, it is checked that `folder` can be written and contains no foreign `document`.
 
     Args:
         document: name of the JSON file about a robot that is written with the others and marks them as files
-            of this program. If `folder` has no such file, files of the same names there are foreign, and are
-            not overwritten.
-        beside: names of files that belong to an earlier `document`; those that the block does not write are
-            removed.
-        option: option of the command line that complaints name.
-        file: the file that complaints name instead of the folder.
+            of this program. If `folder` has no such file, existing files of the same names are foreign and
+            are not overwritten.
+        beside: names of files that belong to an earlier `document`; files that the block does not write again
+            are removed.
+        option: command-line option that is named in complaints.
+        file: file that is named in complaints instead of the folder.
 
     Raises:
         OutputError: `folder` cannot be made or written, or holds foreign files of the same names.
@@ -71,8 +71,8 @@ def written_together(
         with defer_signals():
             for written in files:
                 os.replace(written, folder / written.name)
-            for name in set(beside) - set(names) if replaces else ():
-                (folder / name).unlink(missing_ok=True)
+            for outdated in set(beside) - set(names) if replaces else ():
+                (folder / outdated).unlink(missing_ok=True)
             _remove_locked_folder(locked)
             locked = None
     except OSError as error:
@@ -177,7 +177,7 @@ def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> N
 
 
 def _is_ours(document: Path) -> bool:
-    """Whether a file is a JSON object about a robot."""
+    """Return whether a file is a JSON object about a robot."""
     try:
         content = json.loads(read_text(document, "", largest=1_000_000_000))
     except (InvalidInput, ValueError, RecursionError):

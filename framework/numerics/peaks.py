@@ -16,10 +16,11 @@ ZOOM_RATIO = 1.0 / 16.0  # length of an interval over that of the one before
 
 
 def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
-    """Compute the largest |value| of each component (k,), to rounding where the function is smooth.
+    """Compute the largest |value| (k,) of each component of a function of time.
 
-    The function is sampled, and its largest local maxima are refined: each moves `ZOOMS` times to the vertex
-    of the parabola through three points about it, every time with a shorter step.
+    The result is exact to rounding if the function is smooth. The function is sampled, and its largest local
+    maxima are refined: each maximum moves `ZOOMS` times to the vertex of the parabola through three points
+    about it, which are closer together each time.
 
     Args:
         function: returns values (T, k) at t (T,) [s].
@@ -34,9 +35,10 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
     peaks = values.max(axis=0)
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
-    # sample and component (m,) of m local maxima; each begins with the longer step to its neighbours
+    # sample and component (m,) of the m local maxima to refine
     sample, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * peaks))
     middle = t[sample]
+    # the first step is the longer one of those to both neighbours
     step = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))[sample]
 
     def sizes_at(instants: Array) -> Array:
@@ -55,7 +57,10 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
 
 
 def _parabola_vertex(left: Array, centre: Array, right: Array) -> Array:
-    """Return the maxima in [-1, 1] of parabolas through values (m,) at -1, 0, 1; 0 without a maximum."""
+    """Return the abscissae (m,) of the maxima of parabolas through values (m,) at -1, 0 and 1.
+
+    They are clipped to [-1, 1]; a parabola without a maximum gives 0.
+    """
     curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
     vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(curvature), where=curvature > 0.0)
     return np.clip(vertex, -1.0, 1.0)

@@ -76,13 +76,13 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
     The half-space along a unit normal N has the offset N . centre + sum of |N . generator|. If the generators
     do not span all n dimensions, normals orthogonal to them make the zonotope flat.
     """
-    span, across = split_row_space(generators, RANK_ROUNDING)
+    span, across = split_row_space(generators, RANK_ROUNDING)  # (r, n), (n - r, n)
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
     normals = np.concatenate([across, *facet_normals])
     normals = _remove_repeated(np.concatenate([normals, -normals]))
     widths = np.abs(normals @ generators.T).sum(axis=1)
     is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
-    widths[is_across] = 0.0  # without rounding
+    widths[is_across] = 0.0  # exactly, without rounding
     offsets = normals @ centre + widths
     points = _remove_repeated(centre + _sign_combinations(len(generators)) @ generators)
     vertices = _select_vertices(points, normals, offsets)
@@ -90,30 +90,35 @@ def zonotope(centre: Array, generators: Array) -> Polytope:
 
 
 def slabs(rows: Array, limits: Array) -> Polytope:
-    """Return the polytope of points y (n,) with |rows y| <= limits, rows (m, n), positive limits (m,).
+    """Return the polytope of points y (n,) with |rows y| <= limits.
 
     If the rows have rank r, any r independent rows at their limits, of either sign, meet in 2^r corners. The
     vertices are the corners that satisfy the other limits.
+
+    Args:
+        rows: (m, n).
+        limits: (m,), positive.
     """
     span, free = split_row_space(rows, RANK_ROUNDING)
-    rank, rounding = len(span), RANK_ROUNDING * singular_values(rows).max(initial=0.0)
+    rank = len(span)
+    rounding = RANK_ROUNDING * singular_values(rows).max(initial=0.0)
     in_span = rows @ span.T  # (m, r) rows in coordinates of the row space
     signs = _sign_combinations(rank)  # (2^r, r)
     corners = [np.zeros((0, rows.shape[1]))]
     for subset in combinations(range(len(rows)), rank) if rank else ():
         chosen = list(subset)
-        if singular_values(in_span[chosen])[-1] > rounding:
+        if singular_values(in_span[chosen])[-1] > rounding:  # the least: the rows are independent
             coordinates = np.linalg.solve(in_span[chosen], (signs * limits[chosen]).T)  # (r, 2^r)
             corners.append(coordinates.T @ span)
     points = np.concatenate(corners)
     is_vertex = np.all(np.abs(points @ rows.T) <= limits * (1 + SAME_PLACE), axis=1)
 
-    sizes = np.linalg.norm(rows, axis=1)
-    acts = sizes > 0  # a row of zeros bounds nothing
-    units = rows[acts] / sizes[acts][:, None]
+    lengths = np.linalg.norm(rows, axis=1)
+    is_bound = lengths > 0  # a row of zeros bounds nothing
+    units = rows[is_bound] / lengths[is_bound][:, None]
     return Polytope(
         normals=np.concatenate([units, -units]),
-        offsets=np.tile(limits[acts] / sizes[acts], 2),
+        offsets=np.tile(limits[is_bound] / lengths[is_bound], 2),
         vertices=_remove_repeated(points[is_vertex]),
         free=free,
     )
@@ -125,15 +130,18 @@ def _sign_combinations(count: int) -> Array:
 
 
 def _facet_normals(generators: Array) -> list[Array]:
-    """Return the unit normals (n,) of each set of n - 1 independent generators (m, n)."""
+    """Return the unit normal (n,) of each set of n - 1 independent generators (m, n).
+
+    Each set has two opposite normals, of which one is returned.
+    """
     n = generators.shape[1]
     if n == 1:
         return [np.ones(1)]
     normals = []
     for subset in combinations(range(len(generators)), n - 1) if n else ():
-        _, values, right = np.linalg.svd(generators[list(subset)])
-        if values[-1] > RANK_ROUNDING * values[0]:
-            normals.append(right[n - 1])
+        _, values, V_rows = np.linalg.svd(generators[list(subset)])
+        if values.min() > RANK_ROUNDING * values.max():
+            normals.append(V_rows[-1])  # the null space of the set
     return normals
 
 
@@ -142,9 +150,9 @@ def _remove_repeated(points: Array) -> Array:
     size = np.abs(points).max(initial=0.0)
     if not size:
         return points[:1]
-    rounded = np.round(points / size, 9) + 0.0  # -0.0 becomes 0.0
-    _, first = np.unique(rounded, axis=0, return_index=True)
-    return points[np.sort(first)]
+    rounded = np.round(points / size, 9) + 0.0  # + 0.0 turns -0.0 into 0.0
+    _, first_occurrences = np.unique(rounded, axis=0, return_index=True)
+    return points[np.sort(first_occurrences)]
 
 
 def _select_vertices(points: Array, normals: Array, offsets: Array) -> Array:

@@ -12,12 +12,16 @@ from framework.numerics.ordered_sums import dot
 
 
 def _series(offset: int, order: int) -> list[float]:
-    """Return 12 coefficients of sum_j (-1)^j square^j / (2 j + offset)!, or of its derivative by square."""
+    """Return 12 coefficients of the power series sum_j (-y)^j / (2 j + offset)!, or of its derivative.
+
+    The coefficients of the derivative of this order in y begin with the term j = order, the first that does
+    not vanish.
+    """
     return [(-1.0) ** j * perm(j, order) / factorial(2 * j + offset) for j in range(order, order + 12)]
 
 
-# (12, 2, 2) by power of t^2, by a or b of the left Jacobian, and by order of the derivative; the last
-# coefficients are below 1e-17
+# power series in y = t^2 of the coefficients a and b of the left Jacobian and of their derivatives. The axes
+# (12, 2, 2) are power, a or b, order of the derivative; the last coefficients are below 1e-17
 _SERIES = np.array([[_series(2, 0), _series(2, 1)], [_series(3, 0), _series(3, 1)]]).transpose(2, 0, 1)
 
 
@@ -57,11 +61,12 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def left_jacobian_coefficients(square: Array) -> Array:
-    """Compute the left Jacobian's coefficients a, b with their derivatives by t^2, (2, 2, T).
+    """Compute coefficients a, b of the left Jacobian and their derivatives in t^2, (2, 2, T).
 
-    a = (1 - cos t) / t^2 and b = (t - sin t) / t^3 with `square` (T,) = t^2. The first axis is that of a and
-    b, the second the order of the derivative. Below one radian cancellation spoils the closed forms, and
-    power series are used.
+    The left Jacobian of SO(3) for a rotation by the angle t is a combination of the identity and powers of
+    the cross-product matrix with a = (1 - cos t) / t^2 and b = (t - sin t) / t^3; `square` (T,) is t^2. The
+    first axis of the result selects a or b, the second the order of the derivative. Below one radian
+    cancellation spoils the closed forms, and power series are used.
     """
     is_small = square < 1.0
     # Horner's rule: a matrix product would round differently in stacks of different length

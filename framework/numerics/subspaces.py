@@ -16,7 +16,7 @@ def split_row_space(
 
     Args:
         scale: range to which the largest singular value is clipped first; (1, 1) makes the level absolute.
-        at_least: least dimension of the null space, however large its singular values are.
+        at_least: least dimension of the null space, even if more singular values are above the level.
     """
     _, values, right = np.linalg.svd(matrix)
     lower, upper = scale

@@ -1,4 +1,4 @@
-"""Computation of tasks by any `concurrent.futures.Executor`, with results as they are finished."""
+"""Run tasks on any `concurrent.futures.Executor`, and yield their results as they are finished."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time limits of searches: each step of a search checks the time; a search that ends takes its best result.
+"""Time limits of searches: each step checks the time; a search that is ended keeps its best result.
 
 Ctrl-C also ends a search that has a result (`end_searches_by_ctrl_c`).
 """
@@ -69,7 +69,7 @@ def report_result() -> None:
 
 @contextmanager
 def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
-    """End the searches of a block by the first Ctrl-C after a result.
+    """End the searches of a block at the first Ctrl-C after a result.
 
     Args:
         on_result: called at the first result of a search, after which Ctrl-C ends the search.
@@ -77,7 +77,8 @@ def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
     Raises:
         KeyboardInterrupt: Ctrl-C came before a result, or twice, or the result was not proved.
     """
-    started, raise_interrupt = time.monotonic(), signal.getsignal(signal.SIGINT)
+    started = time.monotonic()
+    raise_interrupt = signal.getsignal(signal.SIGINT)
     if not callable(raise_interrupt) or threading.current_thread() is not threading.main_thread():
         yield  # an ignored signal stays ignored, and only the main thread receives signals
         return

@@ -1,9 +1,9 @@
 """Worker processes that may be killed, and that end with their parent, however it ends.
 
 `concurrent.futures.ProcessPoolExecutor` gives up all tasks when one of its processes is killed, and leaves
-its processes behind when the parent is killed. Here threads send tasks to processes, each through a pipe of
-its own. A broken pipe shows which task was lost; that task starts again. A worker process whose parent is
-gone ends itself.
+its processes running when the parent is killed. Here threads send tasks to processes, each through its own
+pipe. A broken pipe shows which task was lost; that task starts again. A worker process whose parent has ended
+ends itself.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ class Workers(Executor):
                 self._end_process(worker)
                 continue
             self._idle.append(worker)
-            fine, result = pickle.loads(answer)
-            if fine:
+            has_succeeded, result = pickle.loads(answer)
+            if has_succeeded:
                 return result
             raise result
         raise LostWorkers(
@@ -110,8 +110,9 @@ class Workers(Executor):
 
     def _start_process(self) -> _Worker:
         """Start a process; raise LostWorkers after `stop`."""
-        ours, theirs = get_context("spawn").Pipe()
-        process = get_context("spawn").Process(target=_serve_calls, args=(theirs,), daemon=True)
+        context = get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve_calls, args=(theirs,), daemon=True)
         with self._lock:
             if self._stopped:
                 raise LostWorkers("the worker processes were stopped")
@@ -142,7 +143,7 @@ def _serve_calls(pipe: Connection) -> None:
 
 
 def _answer_call(call: bytes) -> bytes:
-    """Return the pickled result, or the pickled error, of a pickled call."""
+    """Return the pickled answer to a pickled call: (True, result) or (False, error)."""
     try:
         fn, args, kwargs = pickle.loads(call)
         return pickle.dumps((True, fn(*args, **kwargs)))

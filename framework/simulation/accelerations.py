@@ -2,7 +2,7 @@
 
     M a + c + g + K (q - rest) + D v = S' n tau + f + J' lambda,        J a + drift = 0
 
-with f the forces of the world. These equations hold all coordinates and are therefore regular at Type 2. The
+with the external forces f. The equations contain all coordinates and are therefore regular at Type 2. The
 motions that the loops allow are split into Z with mass and Z_0 without (`consistent.allowed_motions`, as at
 the start of every simulation):
 
@@ -12,7 +12,7 @@ the start of every simulation):
 Along Z_0 the springs must be in balance; otherwise the robot cannot be in this state. The component of a
 along Z_0 depends on the rates of the torques and stays undetermined. It does not affect M a.
 
-Sums run in the order of their index (`ordered_sums`), so a state has the same result in a stack as alone.
+Sums run in the order of their index (`ordered_sums`), so a state gives the same result alone and in a stack.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from framework.tolerances import RANK_ROUNDING, SPRINGS_BALANCED
 class Accelerations(NamedTuple):
     """Joint accelerations of T states under given torques."""
 
-    a: Array  # (T, nv); the component along motions without mass is the least one
+    a: Array  # (T, nv) of least norm where motions without mass leave a undetermined
     undetermined: BoolArray  # (T, nv) joints that such a motion moves: their a depends on the torques' rates
 
 
@@ -45,13 +45,12 @@ def accelerations(
 
     Args:
         q, v: (T, nq), (T, nv) with closed loops, also in their rates.
-        applied: generalised forces (T, nv) of the world.
+        applied: generalised external forces (T, nv).
 
     Raises:
         InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor
             stiffness nor damping.
     """
-    robot = equations.robot
     tangent = equations.tangent(q, v, np.zeros(v.shape))
     Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
     force = equations.motor_forces(torque) + applied - tangent.force
@@ -59,23 +58,27 @@ def accelerations(
         row = f", row {k}" if len(q) > 1 else ""
         _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
 
-    drift = closure_drift(equations.rows, frame_motions(robot, tangent.frames, v))
+    drift = closure_drift(equations.rows, frame_motions(equations.robot, tangent.frames, v))
     a = -matvec(closing, drift)  # a_0, (T, nv)
 
-    # Z' M Z alpha = Z' (force - M a_0) over all motions of the basis. alpha is 0 along those without mass:
-    # their rows and columns are replaced by those of the unit matrix, their right sides by 0
+    # Solve Z' M Z alpha = Z' (force - M a_0). Motions without mass have alpha = 0: their rows and columns are
+    # replaced by those of the unit matrix, and their right sides by 0
     Z_rows = Z.swapaxes(1, 2)  # Z'
     reduced_mass = matmul(Z_rows, matmul(tangent.mass, Z))  # Z' M Z, (T, d, d)
     inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), reduced_mass)
-    unbalanced = np.where(light, 0.0, matvec(Z_rows, force - matvec(tangent.mass, a)))  # (T, d)
-    a += matvec(Z, np.linalg.solve(inertia, unbalanced[..., None])[..., 0])
+    along_Z = matvec(Z_rows, force - matvec(tangent.mass, a))  # (T, d)
+    alpha = np.linalg.solve(inertia, np.where(light, 0.0, along_Z)[..., None])[..., 0]
+    a += matvec(Z, alpha)
 
     light_rates = np.abs(Z * light[:, None]).max(axis=2, initial=0.0)  # (T, nv)
-    return Accelerations(a, light_rates / robot.column_scale > RANK_ROUNDING)
+    return Accelerations(a, undetermined=light_rates / equations.robot.column_scale > RANK_ROUNDING)
 
 
 def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
-    """Refuse q (nq,) unless the forces (nv,) are in balance along massless motions `light` (nv, k)."""
+    """Refuse q (nq,) unless the forces (nv,) balance along massless motions `light` (nv, k).
+
+    `row` names the row of q in the message; it is empty for a single state.
+    """
     robot = equations.robot
     step = light @ balancing_step(equations, equations.tangent_at_rest(q), light, -force)
     distances = np.abs(step / robot.column_scale)

@@ -9,7 +9,7 @@ The unknowns at every node are all accelerations a (nv,) and multipliers lambda 
 
     M a + c + g + K (q - rest) + D v - S' n tau - f - J' lambda = 0        F(q) = 0
 
-with the forces f of the world, the velocities v = v0 + h A a, and q integrated from q0 by h A v. The loops
+with the external forces f, the velocities v = v0 + h A a, and q integrated from q0 by h A v. The loops
 are closed at all nodes, and the last node is the end of the step, so they do not drift. The mass matrix is
 never inverted, so coordinates without mass follow from the balance of their springs in the same solution.
 Newton's method uses all derivatives except the curvature of joints with several rotations.
@@ -46,24 +46,28 @@ from framework.simulation.equations import EquationsOfMotion, Tangent
 from framework.simulation.schemes import State
 
 MAX_ITERATIONS = 12  # of Newton's method
-REFACTORING_RATE = 0.02  # Newton's matrix is factorised anew if steps shrink by a worse rate
+REFACTORING_RATE = 0.02  # ratio of successive Newton steps above which the matrix is factorised anew
 COORDINATE_ROUNDING = 1e-15  # share of a coordinate below which Newton steps are rounding
-MAX_NEWTON_STEP = 3.0  # [rad, robot lengths] of a joint; a longer Newton step gives the solution up
-# Newton diverges if a step above the second number [rad, robot lengths] grows by more than the first
+MAX_NEWTON_STEP = 3.0  # [rad, robot lengths] of a joint; a longer Newton step ends the iteration
+# Newton's method diverges if its steps grow by more than the first number while they are longer than the
+# second [rad, robot lengths]
 DIVERGENCE_RATE, DIVERGENCE_STEP = 2.0, 1e-8
-MAX_SLOPE_ITERATIONS = 20  # of the rate of a tangent offset, which balls need
+MAX_SLOPE_ITERATIONS = 20  # for the rate of the tangent offset of balls
 
 
 @dataclass(frozen=True, eq=False)
 class Collocation(ReadOnlyArrays):
-    """The table of a collocation method with s stages: nodes and matrices that act on values at the nodes."""
+    """The nodes of a collocation method with s stages, and matrices that act on values at the nodes.
+
+    A matrix takes the polynomial through the values to its integrals or to its Legendre coefficients.
+    """
 
     nodes: Array  # c (s,) in (0, 1]
-    once: Array  # A (s, s): from values to the integrals of their polynomial from 0 to each node
+    once: Array  # A (s, s): from values to integrals from 0 to each node
     rates: Array  # (s, s) inverse of `once`
     series: Array  # (s, s) from values to Legendre coefficients on [0, 1]
-    series_with_start: Array  # (s + 1, s + 1) the same with the value at 0 in front
-    series_of_integral: Array  # (s + 1, s) from values to Legendre coefficients of their integral from 0
+    series_with_start: Array  # (s + 1, s + 1) the same for the value at 0 followed by those at the nodes
+    series_of_integral: Array  # (s + 1, s) from values to Legendre coefficients of the integral from 0
 
     @property
     def stages(self) -> int:
@@ -84,7 +88,9 @@ def radau_table(stages: int) -> Collocation:
     """
     from scipy.special import roots_jacobi
 
-    inner = roots_jacobi(stages - 1, 1.0, 0.0)[0] if stages > 1 else np.empty(0)
+    inner = np.empty(0)  # nodes in [-1, 1] other than the end
+    if stages > 1:
+        inner, _ = roots_jacobi(stages - 1, 1.0, 0.0)
     nodes = np.append((inner + 1) / 2, 1.0)
     x = 2 * nodes - 1
     series = np.linalg.inv(legendre.legvander(x, stages - 1))
@@ -92,8 +98,14 @@ def radau_table(stages: int) -> Collocation:
     series_of_integral = integrals_of_basis @ series
     once = legendre.legvander(x, stages) @ series_of_integral
     series_with_start = np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages))
-    rates = np.asarray(np.linalg.inv(once), dtype=float)
-    return Collocation(nodes, once, rates, series, series_with_start, series_of_integral)
+    return Collocation(
+        nodes=nodes,
+        once=once,
+        rates=np.asarray(np.linalg.inv(once)),
+        series=series,
+        series_with_start=series_with_start,
+        series_of_integral=series_of_integral,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +137,10 @@ class StepFailed(Exception):
 
 
 class _Balance(NamedTuple):
-    """The equations of a step at an iterate."""
+    """The equations of a step, evaluated at an iterate."""
 
     slope: Array  # (s, nv) see `CollocationStep`
-    torque: Array  # (s, n_a)
+    torque: Array  # (s, n_a) [N m], motor side
     tangent: Tangent
     force: Array  # (s, nv) residual of the balance of forces
 
@@ -154,11 +166,13 @@ class StepEquations:
             StepFailed: Newton's method does not converge, or meets a singular matrix.
         """
         accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(self.start.q).max())
-        matrix = None  # to be factorised before the next Newton step
-        last_size, slope = np.inf, np.zeros_like(a)
+        matrix = None  # None: factorise the matrix before the next Newton step
+        last_size = np.inf
+        slope = np.zeros_like(a)
         for iteration in range(1, MAX_ITERATIONS + 1):
             balance = self._balance(a, multipliers, slope)
-            slope, residual = balance.slope, balance.tangent.residual
+            slope = balance.slope
+            residual = balance.tangent.residual
             if not (np.all(np.isfinite(balance.force)) and np.all(np.isfinite(residual))):
                 raise StepFailed("not finite")
             if matrix is None:
@@ -167,11 +181,13 @@ class StepEquations:
             size = float(np.abs(q_change / self.equations.robot.column_scale).max())
             if not size < MAX_NEWTON_STEP:
                 raise StepFailed("Newton steps too far")
-            a, multipliers = a + a_change, multipliers + multiplier_change
+            a = a + a_change
+            multipliers = multipliers + multiplier_change
             rate = size / last_size if last_size > 0 else 0.0
-            # further steps, each `rate` times the one before, sum up to size rate / (1 - rate)
-            is_contracting = iteration > 1 and rate < 0.5
-            if size <= accuracy or (is_contracting and size * rate / (1 - rate) <= accuracy):
+            error = size
+            if iteration > 1 and rate < 0.5:  # later steps shrink by `rate`; their sum is a geometric series
+                error = size * rate / (1 - rate)
+            if error <= accuracy:
                 return self._solution(a, multipliers, balance, iteration)
             if iteration > 2 and rate > DIVERGENCE_RATE and size > DIVERGENCE_STEP:
                 raise StepFailed("Newton diverges")
@@ -191,7 +207,7 @@ class StepEquations:
         return self.drive.torques_without_feedback(self.times)
 
     def _nodes(self, a: Array, slope_guess: Array) -> tuple[Array, Array, Array]:
-        """Compute q (s, nq), v (s, nv) and the slope (s, nv) for accelerations a (s, nv)."""
+        """Integrate accelerations a (s, nv); return q (s, nq), v (s, nv), slope (s, nv) at the nodes."""
         integral = self.length * self.table.once
         v = self.start.v + integral @ a
         slope = self._offset_rate(v, slope_guess)
@@ -200,8 +216,8 @@ class StepEquations:
     def _offset_rate(self, v: Array, guess: Array) -> Array:
         """Compute the rate (s, nv) of the tangent offset from the start for velocities v (s, nv).
 
-        Without balls the rate is v. With balls it depends on the offset, its own integral, and is found by
-        fixed-point iteration from a `guess`, or from v if the guess is zero.
+        Without balls the rate is v. With balls the rate depends on the offset, which is the integral of the
+        rate. So it is computed by fixed-point iteration from a `guess`, or from v if the guess is zero.
         """
         robot, q0 = self.equations.robot, self.start.q
         if not robot.has_balls:
@@ -219,7 +235,8 @@ class StepEquations:
     def _balance(self, a: Array, multipliers: Array, slope_guess: Array) -> _Balance:
         """Evaluate the equations at accelerations (s, nv) and multipliers (s, m)."""
         q, v, slope = self._nodes(a, slope_guess)
-        equations, world = self.equations, self.drive.world
+        equations = self.equations
+        world = self.drive.world
         torque = self.drive(self.times, q, v) if self.torque is None else self.torque
         tangent = equations.tangent(q, v, a)
         applied = equations.motor_forces(torque)
@@ -238,13 +255,14 @@ class StepEquations:
         Raises:
             StepFailed: the matrix is singular.
         """
-        robot, rows = self.equations.robot, self.equations.rows
-        by_q = tangent.by_q - loop_curvature(robot, rows, tangent.frames, multipliers)
+        robot = self.equations.robot
+        by_q = tangent.by_q - loop_curvature(robot, self.equations.rows, tangent.frames, multipliers)
         by_v = tangent.by_v.copy()
         gains = self.drive.gains(self.time, *self.start)
         if gains is not None:
-            by_q[:, robot.actuated] -= robot.gear_ratio[:, None] * gains[0]
-            by_v[:, robot.actuated] -= robot.gear_ratio[:, None] * gains[1]
+            gains_q, gains_v = robot.gear_ratio[:, None] * gains  # (n_a, nv) each, joint side
+            by_q[:, robot.actuated] -= gains_q
+            by_v[:, robot.actuated] -= gains_v
         by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)
         try:
             return NewtonMatrix.of(self.length, self.table.rates, by_motion, tangent.jacobian)
@@ -276,14 +294,17 @@ class StepEquations:
     def _unresolved_part(self, slope: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
-        The largest of the last two coefficients is extrapolated by its ratio to the largest of the two
-        before. Pairs are compared because every other coefficient of an even or odd motion vanishes.
+        The coefficients are those of the tangent offset. The largest of the last two coefficients of its
+        slope is extrapolated by the ratio of this coefficient to the largest of the two before. Pairs are
+        compared because every other coefficient of an even or odd motion vanishes.
         """
-        series = np.abs(self.table.series @ slope) / self.equations.robot.column_scale
-        last = float(series[-2:].max())
-        previous = float(series[-4:-2].max(initial=0.0))
+        sizes = np.abs(self.table.series @ slope) / self.equations.robot.column_scale
+        last = float(sizes[-2:].max())
+        previous = float(sizes[-4:-2].max(initial=0.0))
         decay = min(1.0, last / max(previous, LEAST_DIVISOR))
-        return self.length * last * decay / (2 * self.table.stages)
+        first_omitted = last * decay  # of the slope
+        # integration over the step divides the coefficient of P_s by about 2 s
+        return self.length * first_omitted / (2 * self.table.stages)
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,6 +323,9 @@ class NewtonMatrix:
     def of(length: float, rates: Array, by_motion: Array, jacobian: Array) -> NewtonMatrix:
         """Factorise the matrix for loops with a jacobian (s, m, nv).
 
+        With M, D, K the derivatives of the force by a, v, q and A of the table, block (i, j) of the matrix
+        is Z_i' (M_i (A^-1 A^-1)_ij + h D_i (A^-1)_ij + h^2 K_i 1_ij) Z_j for the nodes i and j.
+
         Raises:
             numpy.linalg.LinAlgError: the equations are singular.
         """
@@ -311,12 +335,12 @@ class NewtonMatrix:
         s, nv, f = Z.shape
         # Z_i' M_i, Z_i' D_i and Z_i' K_i of all nodes i below one another, (s f, nv) each
         reduced = (Z.transpose(0, 2, 1) @ by_motion).reshape(s * f, 3 * nv)
-        by_a, by_v, by_q = np.split(reduced, 3, axis=1)
+        ZM, ZD, ZK = np.split(reduced, 3, axis=1)
         all_Z = Z.transpose(1, 0, 2).reshape(nv, s * f)  # Z_j of all nodes j side by side
-        # block (i, j) of the matrix: Z_i' (M_i (A^-1 A^-1)_ij + h D_i (A^-1)_ij + h^2 K_i 1_ij) Z_j
-        matrix = (rates @ rates)[:, None, :, None] * (by_a @ all_Z).reshape(s, f, s, f)
-        matrix += (length * rates)[:, None, :, None] * (by_v @ all_Z).reshape(s, f, s, f)
-        matrix[range(s), :, range(s)] += length**2 * (by_q.reshape(s, f, nv) @ Z)
+        blocks = (s, f, s, f)
+        matrix = (rates @ rates)[:, None, :, None] * (ZM @ all_Z).reshape(blocks)
+        matrix += (length * rates)[:, None, :, None] * (ZD @ all_Z).reshape(blocks)
+        matrix[range(s), :, range(s)] += length**2 * (ZK.reshape(s, f, nv) @ Z)  # diagonal blocks
         lu, pivots, is_singular = dgetrf(matrix.reshape(s * f, s * f))
         if is_singular:
             raise np.linalg.LinAlgError("singular matrix")
@@ -325,8 +349,8 @@ class NewtonMatrix:
     def solve(self, force: Array, residual: Array) -> tuple[Array, Array, Array]:
         """Compute the Newton step: changes of q (s, nv), accelerations (s, nv) and multipliers (s, m).
 
-        dq = -(right inverse of J) residual + Z z, with z from the balance of forces along Z. The multipliers
-        balance the remaining forces, which are orthogonal to Z.
+        The change of q is dq = -(right inverse of J) residual + Z z. The balance of forces along Z determines
+        z. The multipliers balance the remaining forces, which are orthogonal to Z.
 
         Args:
             force: residual of the balance of forces, (s, nv).
@@ -345,7 +369,7 @@ class NewtonMatrix:
         return dq, motion[:, : dq.shape[1]], multipliers
 
     def _motion_change(self, dq: Array) -> Array:
-        """Compute the changes of a, v and q (s, 3 nv) that belong to dq (s, nv)."""
+        """Return the changes of a, v and q, side by side (s, 3 nv), for a change dq (s, nv)."""
         dv = self.rates @ dq / self.length
         da = self.rates @ dv / self.length
         return np.concatenate([da, dv, dq], axis=1)

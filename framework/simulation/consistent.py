@@ -48,19 +48,29 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
     U, sizes, V_rows = np.linalg.svd(J)
     Z = V_rows[:, rows:].swapaxes(1, 2)  # (T, nv, d)
-    mass = tangent.mass * scale * scale[:, 0]
-    inertias, axes = np.linalg.eigh(matmul(Z.swapaxes(1, 2), matmul(mass, Z)))  # (T, d) ascending, (T, d, d)
+    mass = tangent.mass * scale * scale[:, 0]  # of joint rates over their scale
+    reduced_mass = matmul(Z.swapaxes(1, 2), matmul(mass, Z))  # Z' M Z, (T, d, d)
+    inertias, axes = np.linalg.eigh(reduced_mass)  # (T, d) ascending, (T, d, d)
     joint_inertias = np.diagonal(mass, axis1=1, axis2=2)  # (T, nv)
-    largest = np.concatenate([inertias, joint_inertias], axis=1).max(axis=1, initial=0.0, keepdims=True)
-    light = inertias <= EIGENVALUE_ROUNDING * largest
-    closing = _pseudo_inverse(U, sizes, V_rows) / robot.loop_lengths
-    return AllowedMotions(scale * matmul(Z, axes), light, scale * closing)
+    all_inertias = np.concatenate([inertias, joint_inertias], axis=1)
+    light = inertias <= EIGENVALUE_ROUNDING * all_inertias.max(axis=1, initial=0.0, keepdims=True)
+    return AllowedMotions(
+        basis=scale * matmul(Z, axes),
+        light=light,
+        closing=scale * (_pseudo_inverse(U, sizes, V_rows) / robot.loop_lengths),
+    )
 
 
 def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
-    """Compute pseudo-inverses (T, k, m), m <= k, from singular vectors and singular values `sizes` (T, m)."""
-    m, k = sizes.shape[1], right.shape[1]  # left (T, m, m), right (T, k, k)
-    rounding = np.finfo(float).eps * k
+    """Compute pseudo-inverses (T, k, m), m <= k, from singular value decompositions.
+
+    Args:
+        left: left singular vectors (T, m, m), in columns.
+        sizes: singular values (T, m).
+        right: right singular vectors (T, k, k), in rows.
+    """
+    m = sizes.shape[1]
+    rounding = np.finfo(float).eps * right.shape[1]
     is_nonzero = sizes > rounding * sizes.max(axis=1, initial=0.0, keepdims=True)
     inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=is_nonzero)
     columns = right[:, :m].swapaxes(1, 2)  # (T, k, m)
@@ -83,8 +93,8 @@ def consistent_state(
 ) -> State:
     """Find the consistent state next to q (nq,), v (nv,) by Newton's method.
 
-    Its loops are closed, and massless parts are in balance under motor torques (n_a,) [N m] and the forces of
-    the world at t = 0.
+    In a consistent state the loops are closed, and massless parts are in balance under motor torques (n_a,)
+    [N m] and the external wrenches at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; the message names its joints.
@@ -101,7 +111,7 @@ def consistent_state(
         loops = tangent.jacobian[0] * scale
         step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
         if light.shape[1]:
-            # gravity, springs and damping less motors and world
+            # sum of gravity, springs and damping minus motor and external forces
             unbalanced = tangent.force[0] + equations.damping * v - driven
             unbalanced -= world(robot, np.zeros(1), q[None])[0]
             step += light @ balancing_step(equations, tangent, light, unbalanced)
@@ -122,8 +132,8 @@ def consistent_state(
         )
     if not size < LOOP_GAP:
         raise NotConverged(
-            f"{robot.name}: the springs of the massless parts find no balance at the start (last change "
-            f"{size:.3g} rad or lengths of the robot)",
+            f"{robot.name}: the springs of the massless parts find no balance at the start (the last Newton "
+            f"step was {size:.3g} rad or robot lengths)",
             residual=size,
         )
     return State(q, allowed_velocity(equations, tangent, v))
@@ -132,9 +142,9 @@ def consistent_state(
 def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array, unbalanced: Array) -> Array:
     """Compute the Newton step (k,) towards balance along massless motions `light` (nv, k).
 
-    The step is -(light' (K - C) light)^-1 light' unbalanced, with the forces out of balance `unbalanced`
-    (nv,), the springs K and the curvature C of the loops under their forces. A motion with damping but no
-    stiffness has no balance. It keeps its initial value: the step is zero.
+    The step is -(light' (K - C) light)^-1 light' unbalanced. Here `unbalanced` (nv,) is the residual of the
+    balance of forces, K the stiffness of the springs, and C the curvature of the loops under their forces. A
+    motion with damping but no stiffness has no balance and keeps its initial value: the step is zero.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping.
@@ -162,15 +172,15 @@ def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> In
     joints = [robot.coordinates.name_of(k) for k in largest]
     return InvalidInput(
         f"{robot.name}, {robot.flexibility}: a motion of {', '.join(joints[:4])} has "
-        f"neither mass nor stiffness, its acceleration would be anything; give these links an "
+        f"neither mass nor stiffness, so its acceleration is undetermined; give these links an "
         f"<inertial>, the rotor an inertia, or a spring"
     )
 
 
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
-    """Compute the velocity (nv,) that the loops allow, with the momentum of v (nv,).
+    """Compute the velocity (nv,) that an impulse of the loop forces makes of v (nv,).
 
-    An impulse of the loop forces changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0.
+    The loops allow the new velocity v + dv. The equations are M dv + J' impulse = 0 and J (v + dv) = 0.
     """
     rows = len(equations.rows.names)
     if not rows:
@@ -181,5 +191,5 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
-    change = np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0][: len(v)]
-    return v + scale * change
+    dv_and_impulse = np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0]
+    return v + scale * dv_and_impulse[: len(v)]

@@ -1,9 +1,9 @@
-"""Pinocchio's own constrained dynamics: the fastest acceleration, for the robots that it can treat.
+"""Pinocchio's own constrained dynamics: the fastest way to accelerations, for robots that it supports.
 
-Its loops are points (spherical) or welds (fixed). It factorises the mass matrix of the tree, which must be
-definite: every joint has to move some mass or a rotor. Its proximal iterations handle redundant rows. Loops
-are pinocchio's own constraints at the frames of the robot file. Only rotors, springs and damping come from
-`equations`, so this module is a witness of the loop equations as well.
+Pinocchio supports loops that are points (spherical) or welds (fixed). It factorises the mass matrix of the
+tree, which must be definite: every joint has to move some mass or a rotor. Its proximal iterations handle
+redundant rows. Loops are pinocchio's own constraints at the frames of the robot file. Only rotors, springs
+and damping come from `equations`, so this module also checks the loop equations independently.
 Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and sparse resolution of constrained dynamic
 equations", Robotics: Science and Systems.
 """
@@ -50,7 +50,7 @@ class ContactDynamics:
 
     @staticmethod
     def of(equations: EquationsOfMotion, closing: float) -> ContactDynamics:
-        """Prepare a robot; open loops close, critically damped, within the time `closing` [s].
+        """Prepare a robot; gaps of loops close with the time constant `closing` [s], critically damped.
 
         Raises:
             InvalidInput: a loop that is neither spherical nor fixed, a joint that moves no mass, or a joint
@@ -61,7 +61,7 @@ class ContactDynamics:
         model = robot.model.copy()
         model.armature[:] += equations.rotors
         contacts, contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
-        # all rows of a closure, named closure.axis, have the same two frames: any of them will do
+        # all rows of a closure, named CLOSURE.AXIS, have the same two frames, so any row identifies them
         row_of = {name.rpartition(".")[0]: row for row, name in enumerate(rows.names)}
         for closure in robot.description.closures:
             row = row_of[closure.name]
@@ -88,7 +88,7 @@ class ContactDynamics:
             data=data,
             contacts=contacts,
             contact_data=contact_data,
-            # the default settings give NaN if rows are redundant, as in a planar loop written in 3D
+            # with the default settings redundant rows, as of a planar loop described in space, give NaN
             settings=pin.ProximalSettings(accuracy=1e-12, mu=1e-8, max_iter=20),
             stiffness=equations.stiffness if equations.stiffness.any() else None,
             rest=robot.joint_rest,

@@ -1,6 +1,6 @@
-"""The drive of a simulated robot: planned torques, a torque of time or a feedback torque, called alike.
+"""The drive of a simulated robot: planned torques, a torque of time or a feedback torque, with one call.
 
-A drive also holds the wrenches of the world, since a table of wrenches may be given along the planned motion.
+A drive also holds the external wrenches, since a table of wrenches may be given along the planned motion.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike
 from framework.simulation.world_forces import NO_FORCES, WorldForces
 
-FEEDBACK_DIFFERENCE = 1e-7  # [rad, m] and the same a second: step of differences of a feedback torque
+FEEDBACK_DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the differences of a feedback torque
 
 
 @runtime_checkable
@@ -67,13 +67,13 @@ class Drive:
     def __call__(self, t: Array, q: Array, v: Array) -> Array:
         """Compute the motor torques (T, n_a) [N m]; refuse values that are not finite."""
         torque = self.function(t, q, v)
-        if not np.all(np.isfinite(torque)):
-            when = t[~np.isfinite(torque).all(axis=1)][0]
-            raise InvalidInput(f"torque: not finite at t = {when:.9g} s")
+        is_finite = np.isfinite(torque).all(axis=1)  # (T,)
+        if not is_finite.all():
+            raise InvalidInput(f"torque: not finite at t = {t[~is_finite][0]:.9g} s")
         return torque
 
     def edges(self, duration: float) -> list[float]:
-        """Return the edges [s], from 0 to the duration, of stretches with smooth torque."""
+        """Return the edges [s] of the stretches with smooth torque, from 0 to the duration."""
         return [0.0, *(t for t in self.breaks if 0 < t < duration), duration]
 
     def torques_without_feedback(self, t: Array) -> Array | None:
@@ -122,11 +122,11 @@ class Drive:
 
         Args:
             breaks: instants [s] at which torque(t) jumps or has a kink.
-            wrenches: wrenches of the world; None for those of the planned motion, if any.
+            wrenches: external wrenches; None for those of the planned motion, if any.
 
         Raises:
-            InvalidInput: the source is none of these; a plan has another number of motors; invalid wrenches;
-                breaks or wrenches given with a Drive, which has its own.
+            InvalidInput: the source is none of these; a plan has another number of motors; wrenches are
+                invalid; or breaks or wrenches are given with a Drive, which has its own.
         """
         if isinstance(source, Drive):
             if len(breaks) or wrenches is not None:
@@ -151,8 +151,9 @@ class Drive:
             """Compute torques (T, n_a), calling the function at each instant with (t) or (t, q, v)."""
             torques = np.empty((len(t), robot.n_a))
             for k, instant in enumerate(map(float, t)):
-                torque = np.atleast_1d(source(*(instant, q[k], v[k])[:count]))
-                torques[k] = finite_numbers(f"torque: at t = {instant:.9g} s", torque, robot.n_a)
+                torque = source(instant, q[k], v[k]) if count == 3 else source(instant)
+                where = f"torque: at t = {instant:.9g} s"
+                torques[k] = finite_numbers(where, np.atleast_1d(torque), robot.n_a)
             return torques
 
         return Drive(robot, torques_at, count == 3, tuple(sorted(map(float, breaks))), world)

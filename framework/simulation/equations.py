@@ -9,7 +9,7 @@
 * F, J: the independent loop equations and their Jacobian.
 
 The equations are regular at a Type 2 singularity: the passive columns of J lose rank there, but J does not.
-Pinocchio is called once for each state; all other computations are stacked.
+Pinocchio is called once for each state; all other computations treat the whole stack.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Tangent(NamedTuple):
     """The left side of the equations at T states with its derivatives, and the loop equations."""
 
     force: Array  # (T, nv) M a + c + g + K (q - rest) + D v
-    by_q: Array  # (T, nv, nv) derivative of the force by q, along its tangent
-    by_v: Array  # (T, nv, nv) derivative of the force by v
+    by_q: Array  # (T, nv, nv) derivatives of the force by tangent steps of q
+    by_v: Array  # (T, nv, nv) derivatives of the force by v
     mass: Array  # (T, nv, nv) with rotors
     frames: FrameStack
     residual: Array  # (T, m) F [m, rad]
@@ -75,12 +75,15 @@ class EquationsOfMotion:
         return equations._load_idle_joints()
 
     def _load_idle_joints(self) -> EquationsOfMotion:
-        """Return the equations with unit inertia on idle joints without mass, which no force moves."""
+        """Return the equations with unit inertia on idle joints without mass.
+
+        No force acts on such a joint, so any inertia makes its equation solvable and changes nothing else.
+        """
         idle = self.robot.structure.idle
         if not len(idle):
             return self
-        mass = self.tangent_at_rest(self.robot.q_near).mass[0]
-        massless = idle[np.diag(mass)[idle] <= EIGENVALUE_ROUNDING * np.diag(mass).max()]
+        inertias = np.diag(self.tangent_at_rest(self.robot.q_near).mass[0])  # (nv,)
+        massless = idle[inertias[idle] <= EIGENVALUE_ROUNDING * inertias.max()]
         rotors = self.rotors.copy()
         rotors[massless] = 1.0
         return replace(self, rotors=rotors)
@@ -98,8 +101,8 @@ class EquationsOfMotion:
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
         """Compute all terms and derivatives at q (T, nq), v and a (T, nv).
 
-        Pinocchio computes the frames and, for the tree, tau = M a + c + g with its derivatives and M. Rotors,
-        springs and dampers are added to these.
+        For the open tree pinocchio computes the frames, tau = M a + c + g, the derivatives of tau, and M.
+        Rotors, springs and dampers are added here.
         """
         model, data = self.robot.model, self.scratch.data
         T, nv = v.shape
@@ -130,9 +133,9 @@ class EquationsOfMotion:
         return self.tangent(q[None], rest, rest)
 
     def energy(self, q: Array, v: Array) -> Array:
-        """Compute the kinetic, gravitational and elastic energy (T,) [J], with heights above the base.
+        """Compute the sum (T,) [J] of kinetic, gravitational and elastic energy.
 
-        Rotors add n^2 I v^2 / 2, springs K (q - rest)^2 / 2.
+        Heights are above the base. Rotors add n^2 I v^2 / 2, springs K (q - rest)^2 / 2.
         """
         model, data = self.robot.model, self.scratch.data
         tree = [pin.computeMechanicalEnergy(model, data, *state) for state in zip(q, v, strict=True)]
@@ -154,10 +157,11 @@ def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array)
 
 
 def check_damping(damping: ArrayLike | None, shape: tuple[int, ...]) -> Array:
-    """Return a checked damping of joint rates; 0 by default.
+    """Return the damping of joint rates as an array; 0 by default.
 
     Args:
-        damping: one number, (nv,) or an array of the `shape`, whose last number is nv.
+        damping: one number, (nv,) numbers, or an array of `shape` [N m s/rad, N s/m].
+        shape: largest shape allowed, which ends with nv.
 
     Raises:
         InvalidInput: the damping has another shape, or is negative or not finite somewhere.

@@ -19,8 +19,8 @@ EVENT_TIME_ROUNDING = 1e-15  # [s] to which the instant of an event is found
 class Event:
     """A function of (t, q, v) whose zeros are reported; a zero ends the simulation if `terminal`.
 
-    With `direction` +1 only zeros at which the function grows count, with -1 only those at which it falls,
-    with 0 both.
+    `direction` selects the zeros that count: +1 those at which the function grows, -1 those at which it
+    falls, 0 all.
     """
 
     function: Callable[[float, Array, Array], float]
@@ -48,13 +48,13 @@ def occurrences(
 ) -> list[Occurrence]:
     """Find the events of one step in order of time, up to the first terminal event.
 
-    Each function is evaluated at `samples` equidistant instants after the start of the step. Two zeros
-    between neighbouring instants go unseen.
+    Each function is evaluated at `samples` equidistant instants after the start of the step. A change of its
+    sign brackets a zero. If a function has two zeros between neighbouring instants, both are missed.
 
     Args:
-        last_values: the value of each function at the end of the last step, updated here. This step starts
-            at the same instant, where rounding may give the value another sign: an interval of no length
-            between both values catches such a zero.
+        last_values: value of each function at the end of the previous step, updated here. This step starts
+            at the same instant, but rounding may give the value the other sign. An additional interval of
+            zero length, between the old and the new value, catches a zero that would be lost there.
     """
     occurred: list[Occurrence] = []
     times = np.linspace(step.edges[0], step.edges[-1], samples + 1)
@@ -63,22 +63,25 @@ def occurrences(
         values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
         points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
         last_values[event] = values[-1]
-        for (begin, first), (end, second) in pairwise(points):
-            # a zero on an instant belongs to the interval that ends there
-            if first == 0.0 or first * second > 0 or event.direction * (second - first) < 0:
+        for (begin, begin_value), (end, end_value) in pairwise(points):
+            # a zero exactly at `begin` belongs to the interval that ends there
+            has_same_sign = begin_value * end_value > 0
+            if begin_value == 0.0 or has_same_sign or event.direction * (end_value - begin_value) < 0:
                 continue
             t = float(end)
-            if second != 0.0 and begin != end:
+            if end_value != 0.0 and begin != end:
                 t = _find_zero(event, step, begin, t)
             q, v = step(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
-    terminal = [occurrence.terminal for occurrence in occurred]
-    return occurred[: terminal.index(True) + 1] if any(terminal) else occurred
+    for k in range(len(occurred)):
+        if occurred[k].terminal:
+            return occurred[: k + 1]
+    return occurred
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
-    """Find the zero [s] of an event's function between instants of different sign."""
+    """Find the zero [s] of an event's function between `begin` and `end` [s], where its signs differ."""
     from scipy.optimize import brentq
 
     def value(t: float) -> float:

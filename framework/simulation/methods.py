@@ -1,9 +1,10 @@
 """The integrators of `simulate`, listed in `METHODS`: each computes a trajectory and its energy balance.
 
 Method explicit takes fixed steps of an explicit Runge-Kutta method of order 8 on pinocchio's constrained
-dynamics. It solves no equations and stacks no states: a step is twelve calls of pinocchio. For robots whose
-every joint moves some mass and whose loops are points or welds, it reaches any error well above rounding in
-less time than the other methods. Its steps must resolve the fastest vibration (step times frequency below 5).
+dynamics. It solves no equations and stacks no states: a step is twelve calls of pinocchio. It suits robots in
+which every joint moves some mass and every loop is a point or a weld. For these it reaches any error well
+above rounding in less time than the other methods. Its steps must resolve the fastest vibration: the step
+times the frequency must be below 5.
 Coefficients and error estimate are those of scipy's DOP853. Source: Hairer, Norsett and Wanner, Solving
 Ordinary Differential Equations I, Springer 1993, section II.5.
 """
@@ -73,8 +74,9 @@ class RunRecord:
         """Add a step; return whether an event ends the run.
 
         Args:
-            work: work of motors and world less that of damping [J], summed up in `supplied`.
-            exchange: the absolute value of this work [J], integrated over the step.
+            work: work of motors and external wrenches minus the energy that damping dissipates [J]; its sum
+                over the steps is `supplied`.
+            exchange: integral of the absolute power of this work over the step [J].
         """
         task = self.task
         self.supplied.append(self.supplied[-1] + work)
@@ -140,7 +142,7 @@ def integrate_by_fixed_steps(task: IntegrationTask, settings: MethodSettings) ->
         advised = h * (0.1 * FIXED_STEP_ERROR / error) ** 0.5
         raise NotConverged(
             f"{robot.name}: steps of {h:.3g} s leave about {error:.2g} rad or robot lengths of this motion "
-            f"out; take steps of {advised:.1g} s, or method stiff",
+            f"unresolved; take steps of {advised:.1g} s, or method stiff",
             residual=error,
         )
     return Integration(record, trajectory, error, len(trajectory.q) - 1)
@@ -189,16 +191,18 @@ def integrate_by_explicit_steps(task: IntegrationTask, settings: MethodSettings)
 
 
 def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) -> tuple[Cubics, float]:
-    """Collect steps up to the end or a terminal event; return the motion and the largest error of a step.
+    """Collect steps until the end or a terminal event; return motion and largest step error.
 
     Raises:
         NotConverged: the motion diverges.
     """
-    robot, states = record.task.equations.robot, [record.task.start]
+    robot = record.task.equations.robot
+    states = [record.task.start]
     largest_error = 0.0
     with np.errstate(over="ignore", invalid="ignore"):  # divergence is reported below
         for k, step in enumerate(steps):
-            start, length = float(edges[k]), float(edges[k + 1] - edges[k])
+            start = float(edges[k])
+            length = float(edges[k + 1] - edges[k])
             if not all(np.all(np.isfinite(part)) for part in step.end):
                 raise NotConverged(
                     f"{robot.name}: the simulation runs away at t = {start:.9g} s, or its equations are "
@@ -214,10 +218,11 @@ def _collect_steps(record: RunRecord, steps: Iterator[FixedStep], edges: Array) 
 
 
 def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
-    """Estimate the error that fixed steps of order 2 accumulate [rad, robot lengths], from v (K + 1, nv).
+    """Estimate the error [rad, robot lengths] that fixed steps of order 2 accumulate.
 
-    The truncation error of a step is h^3 / 12 times the third derivative of q, which is the second difference
-    of v over h^2. The estimate does not include the growth of errors along an unstable motion.
+    The truncation error of a step of length h is h^3 / 12 times the third derivative of q. The third
+    derivative is the second difference of the velocities v (K + 1, nv), divided by h^2. The estimate does not
+    include the growth of errors along an unstable motion.
     """
     second_differences = np.abs(np.diff(v / robot.column_scale, 2, axis=0))
     return float(h / 12 * second_differences.sum(axis=0).max(initial=0.0))
@@ -245,21 +250,22 @@ def _count_steps(length: float, step: float) -> int:
 def explicit_steps(
     equations: EquationsOfMotion, dynamics: ContactDynamics, drive: Drive, start: State, edges: Array
 ) -> Iterator[FixedStep]:
-    """Yield steps between the instants `edges` (K + 1,), also non-finite ones after divergence.
+    """Yield explicit steps between the instants `edges` (K + 1,), also non-finite ones.
 
-    With y = (q, v) and the coefficients A, B, C of the method, stage i of a step of length h has the slope
-    K_i = dy/dt at y + h sum_j A_ij K_j, at the share C_i of the step. The step ends at y + h sum_i B_i K_i.
+    With y = (q, v) and the coefficients A, B, C of the method, stage i of a step of length h evaluates the
+    slope K_i = dy/dt at the state y + h sum_j A_ij K_j and the time t + C_i h. The step ends at
+    y + h sum_i B_i K_i.
     """
     from scipy.integrate import DOP853  # importing it takes 0.2 s, which planning does not need
 
     nv = len(start.v)
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
     torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
-    # forces (K, stages, nv) of motors without feedback
+    # forces (K, stages, nv) of the motors; None with feedback
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
 
     def force_at(k: int, i: int, q: Array, v: Array) -> Array:
-        """Compute the generalised forces (nv,) of motors and world at stage i of step k."""
+        """Compute the generalised forces (nv,) of motors and external wrenches at stage i of step k."""
         t = times[k, i : i + 1]
         if motors is None:
             force = equations.motor_forces(drive(t, q[None], v[None]))[0]
@@ -269,7 +275,8 @@ def explicit_steps(
             force += drive.world(equations.robot, t, q[None])[0]
         return force
 
-    y, slopes = np.concatenate(start), np.empty((DOP853.n_stages, 2 * nv))
+    y = np.concatenate(start)  # q, then v
+    slopes = np.empty((DOP853.n_stages, 2 * nv))
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(len(slopes)):

@@ -27,15 +27,16 @@ class Simulation(ReadOnlyArrays):
 
     Attributes:
         tracking_error: largest distance of the platform from its planned position at the same instant [m];
-            of a platform that only turns, the largest angle [rad]. None without a planned motion.
-        turning_error: largest angle from the planned attitude [rad], of a platform that moves and turns.
+            for a platform that only turns, the largest angle [rad]. None without a planned motion.
+        turning_error: largest angle from the planned attitude [rad]; None unless the platform both moves and
+            turns, and a planned motion exists.
         closure_error: largest residual of all loop equations, redundant ones included, at `times` and at the
             ends of all steps [m or rad].
-        energy_error: change of kinetic, elastic and gravitational energy less the work of motors and damping,
-            the largest of all steps, over the energy exchanged.
+        energy_error: largest difference, at the ends of steps, between the change of kinetic, elastic and
+            gravitational energy and the work of motors, wrenches and damping, over the energy exchanged.
         unresolved: estimate of the largest part of the motion that a step leaves out [rad, robot lengths]. It
-            is above the tolerance only where the loops lose rank for an instant. Of method fast, the estimate
-            is for all steps together.
+            is above the tolerance only where the loops lose rank for an instant. For method fast the estimate
+            is that of all steps together.
     """
 
     robot: ParallelRobot
@@ -145,39 +146,47 @@ def simulation_result(
 
 
 def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: Array) -> float:
-    """Compute the `energy_error` of a `Simulation` from the states at the ends of all steps.
+    """Compute the `energy_error` of a `Simulation`.
 
-    States are q (K + 1, nq) and v (K + 1, nv). The scale is at least the rounding error of the work that
-    lifts or moves the robot by its length.
+    The error is divided by the largest of the work exchanged, the range of the energy, and the kinetic
+    energy. The divisor is at least the rounding error of the work that lifts or moves the robot by its
+    length.
+
+    Args:
+        q, v: states (K + 1, nq) and (K + 1, nv) at the ends of all steps.
     """
-    robot, edges = equations.robot, run.trajectory.edges
-    energy = equations.energy(q, v)
+    robot = equations.robot
+    energy = equations.energy(q, v)  # (K + 1,)
     error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
     gravity = np.linalg.norm(robot.model.gravity.linear)
-    acceleration = gravity + robot.length / (edges[-1] - edges[0]) ** 2
+    duration = run.trajectory.edges[-1] - run.trajectory.edges[0]
+    acceleration = gravity + robot.length / duration**2
     rounding = np.finfo(float).eps * robot.mass * acceleration * robot.length
-    scale = max(run.record.exchanged, np.ptp(energy), kinetic.max(), rounding)
-    return float(error / scale) if scale > 0 else 0.0
+    exchanged = max(run.record.exchanged, np.ptp(energy), kinetic.max(), rounding)
+    return float(error / exchanged) if exchanged > 0 else 0.0
 
 
 def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
-    """Compute the largest residual [m or rad] of all loop equations, redundant ones included, at q (T, nq).
+    """Compute the largest residual [m or rad] of all loop equations at q (T, nq).
+
+    Redundant loop equations are included: they were not integrated, but must hold as well.
 
     Raises:
-        NotAssembled: a loop equation opens that was not integrated, as it was redundant at the reference.
+        NotAssembled: a loop equation opens that was redundant at the reference.
     """
     gaps = np.abs(loop_wrenches(robot.rows, frames_at(robot, q)).residual)  # (T, rows)
-    independent, dropped = robot.structure.independent, robot.structure.dropped
-    rounding = FILE_ROUNDING * robot.row_lengths[dropped]
-    torn = gaps[:, dropped] > rounding + 10 * gaps[:, independent].max(initial=0.0)
+    dropped = robot.structure.dropped
+    integrated = gaps[:, robot.structure.independent]
+    allowed = FILE_ROUNDING * robot.row_lengths[dropped] + 10 * integrated.max(initial=0.0)
+    torn = gaps[:, dropped] > allowed  # (T, dropped)
     if torn.any():
         instant = int(np.argmax(torn.any(axis=1)))
         row = int(dropped[np.argmax(torn[instant])])
         raise NotAssembled(
             f"{robot.name}: the simulation tears a loop: {robot.rows.names[row]}, which repeats other loop "
             f"equations at the reference, is open by {gaps[instant, row]:.3g} m or rad at t = "
-            f"{times[instant]:.6g} s; give a reference on the motion's own way",
+            f"{times[instant]:.6g} s; give a reference that lies on the motion",
             q=q[instant],
             residual=float(gaps[instant, row]),
         )
@@ -187,12 +196,10 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
 def _path_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
-    """Compute `tracking_error` and `turning_error` of a `Simulation` at q (T, nq).
-
-    The second is None unless the platform moves and turns.
-    """
+    """Compute `tracking_error` and `turning_error` of a `Simulation` at q (T, nq)."""
     x = planned.platform(np.minimum(times, planned.duration))
-    offset = robot.platform.residual(frames_at(robot, q), x)
-    parts = [part for part in (robot.translations, ~robot.translations) if part.any()]
-    errors = [float(np.linalg.norm(offset[:, part], axis=1).max()) for part in parts]
-    return errors[0], errors[1] if len(errors) > 1 else None
+    offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)
+    masks = [mask for mask in (robot.translations, ~robot.translations) if mask.any()]  # (n,) each
+    errors = [float(np.linalg.norm(offset[:, mask], axis=1).max()) for mask in masks]
+    tracking_error, *turning_error = errors  # a platform that only moves or only turns has one error
+    return tracking_error, turning_error[0] if turning_error else None

@@ -1,15 +1,15 @@
 """Two schemes for one step of fixed length, on a stack of runs.
 
-Springs and damping enter implicitly, so stiff springs need no small steps. Loops enter by their rates; each
-step also closes a share of the gaps that are open. Both schemes are of order 2 and solve
+Springs and damping enter implicitly, so stiff springs need no small steps. The loop equations are imposed on
+the velocities, and each step also closes a share of the remaining gaps. Both schemes are of order 2 and solve
 
     [ M + h^2 K' + h D'   J' ] [    a    ]   [ forces ]
     [        J            0  ] [ -lambda ] = [ rates  ]
 
-midpoint: the linear implicit midpoint rule. It needs one mass matrix a step and has no numerical damping.
-extrapolated: the linear implicit Euler method, extrapolated: twice the result of two half steps less that of
-    one whole step. A coordinate without mass reaches its balance in one step. Vibrations too fast for the
-    step die out, while the midpoint rule would let them ring.
+midpoint: the linear implicit midpoint rule. It needs one mass matrix per step and has no numerical damping.
+extrapolated: the linear implicit Euler method with extrapolation: twice the result of two half steps minus
+    that of one whole step. A coordinate without mass reaches its balance in one step. Vibrations too fast for
+    the step decay, whereas they persist under the midpoint rule.
 Source: Hairer, Lubich and Roche, The Numerical Solution of Differential-Algebraic Systems by Runge-Kutta
 Methods, Springer 1989; Deuflhard, Hairer and Zugck 1987, DOI 10.1007/BF01400352, for the extrapolation.
 """
@@ -78,26 +78,27 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     implicit_mass = _implicit_mass(terms.mass, stack, 0.5 * h)
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
     drift = stack.drift(terms, v)
-    gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift  # (R, m) Taylor series back to q
-    # forces (R, nv) that are the same in both solutions
-    steady = driven - spring_forces(robot, stack.stiffness, stack.rest, middle) - stack.damping * v
+    # residuals (R, m) at q, by a Taylor series from the middle back to the start
+    gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
+    # both solutions have the same forces (R, nv) but for the bias, and the same loop equations but for drift
+    forces = driven - spring_forces(robot, stack.stiffness, stack.rest, middle) - stack.damping * v
     closing = -loop_rate / h - CLOSING_SHARE * gap / h**2
-    guess = _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, closing - 0.5 * drift)
+    guess = _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, closing - 0.5 * drift)
     v_middle = v + 0.5 * h * guess
     terms = stack.with_velocities(terms, middle, v_middle)
     rates = closing - 0.5 * stack.drift(terms, v_middle)
-    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, steady - terms.bias, rates)
+    v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, rates)
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
 
 def _step_by_euler(
     stack: RobotStack, start: State, driven: Array, h: float, closing_rate: Array | None = None
 ) -> tuple[State, Array]:
-    """Step by the linear implicit Euler method, h [s]; return also the closing rate (R, m) of the loops.
+    """Step by the linear implicit Euler method, h [s]; return also the loops' closing rate (R, m).
 
-    The equations are (M + h D + h^2 K) a = f and J (v + h a) = closing rate. All terms are evaluated at
-    q + h v, so that a part without mass is in balance after the step. By default the step closes
-    CLOSING_SHARE of every gap.
+    The equations are (M + h D + h^2 K) a = f and J (v + h a) = `closing_rate`. All terms are evaluated at
+    q + h v, so that a part without mass is in balance after the step. By default the closing rate is such
+    that the step closes CLOSING_SHARE of every gap.
     """
     robot, (q, v) = stack.robots[0], start
     predicted = integrate(robot, q, h * v)
@@ -115,8 +116,9 @@ def _step_by_euler(
 def extrapolate(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     """Step by the extrapolated linear implicit Euler method, h [s], under generalised forces (R, nv).
 
-    The result is twice that of two half steps less that of the whole step. Extrapolation requires that whole
-    and half steps approach the same solution, so all close the loops at the same rate.
+    The result of the step is twice that of two half steps minus that of one whole step. Extrapolation
+    requires that whole and half steps approach the same solution, so all of them close the loops at the same
+    rate.
     """
     whole, closing_rate = _step_by_euler(stack, start, driven, h)
     half, _ = _step_by_euler(stack, start, driven, 0.5 * h, closing_rate)

@@ -66,7 +66,7 @@ def simulate(
     """Simulate the forward dynamics of a robot under motor torques.
 
     Args:
-        robot: the robot; or a plan alone, which is then simulated on its own robot.
+        robot: the robot; or a plan without a `drive`, which is simulated on the plan's own robot.
         drive: a plan or a result of `inverse_dynamics`, applied without the torque that overcomes dry
             friction, as the simulated robot has none; or motor torques (n_a,) [N m], motor side, as
             torque(t) or as feedback torque(t, q, v).
@@ -86,7 +86,7 @@ def simulate(
         wrenches: wrenches of the world, as for `plan_crossing`; by default those of the planned motion; {}
             for none. A table over s needs a planned motion, which tells s at each instant.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
-        events: zeros to report; see `Event`.
+        events: functions whose zeros are reported; see `Event`.
         samples: number of equidistant instants in the result of reference and stiff; the other methods
             return the ends of their steps.
         progress: called with the finished share of the motion, 0 to 1.
@@ -179,10 +179,13 @@ def _consistent_start(
 
 
 def _planned_start(robot: ParallelRobot, planned: PlannedMotion) -> tuple[Array, Array]:
-    """Return q (nq,) and v (nv,) at the plan's start.
+    """Return q (nq,) and v (nv,) at the start of a plan.
 
-    A robot with other springs than the planned one has another q: it starts at rest, assembled with its
-    platform at the first point of the plan.
+    A robot with other springs than the planned one has other coordinates. It starts at rest, assembled with
+    its platform at the first point of the plan.
+
+    Raises:
+        InvalidInput: the plan is for another robot, or for other springs and starts in motion.
     """
     q, v = planned.configuration(0.0)[0], planned.velocity(0.0)[0]
     owner = getattr(planned, "robot", robot)

@@ -58,7 +58,8 @@ class RobotStack:
         are independent and which joints idle.
 
         Raises:
-            InvalidInput: no robot, or joints, motors, springs or loops differ; see `EquationsOfMotion.of`.
+            InvalidInput: no robot is given, or the robots differ in joints, motors, springs or loops; or as
+                in `EquationsOfMotion.of`.
         """
         robots = (robots,) if isinstance(robots, ParallelRobot) else tuple(robots)
         if not robots:
@@ -117,7 +118,8 @@ class RobotStack:
     def terms(self, q: Array, v: Array) -> Terms:
         """Compute all terms at q (R, nq) and v (R, nv)."""
         runs, nv = v.shape
-        scratch, models = scratch_of(self.robots[0]), self._models(runs)
+        models = self._models(runs)
+        scratch = scratch_of(self.robots[0])
         data = scratch.data
         mass = np.empty((runs, nv, nv))
         bias = np.empty((runs, nv))
@@ -154,14 +156,15 @@ class RobotStack:
     def drift(self, terms: Terms, v: Array) -> Array:
         """Compute the second time derivative (R, m) of the loop equations at zero joint accelerations."""
         frames = terms.frames
-        rates = frames.carried * v[:, None]  # (R, F, nv)
+        rates = frames.carried * v[:, None]  # (R, F, nv) rates of the joints that carry each frame
         screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        motions = FrameMotions.of(frames.placements, *matmul(rates, screws_and_rates))
+        twists_and_rates = matmul(rates, screws_and_rates)  # (2, R, F, 6)
+        motions = FrameMotions.of(frames.placements, *twists_and_rates)
         return closure_drift(self.first.rows, motions)
 
 
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
-    """Refuse robots that cannot be stacked."""
+    """Raise InvalidInput for two robots that cannot be stacked."""
     if not all(map(np.array_equal, _structure(first), _structure(second))):
         raise InvalidInput(
             f"robots: {second!r} differs from {first!r} in more than numbers; a stack needs one structure"

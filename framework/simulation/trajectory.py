@@ -32,16 +32,19 @@ class Polynomials:
         The tangent offset from the start of a step is the integral of the slopes at its nodes. The velocity
         interpolates the start and the nodes.
         """
-        index, table = _step_index(self.edges, t), self.steps[0].table
+        index = _step_index(self.edges, t)  # (T,)
+        table = self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
         basis = table.basis((t - times[index]) / lengths[index])  # (T, stages + 1)
         starts = np.array([step.start for step in self.steps])[index]
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
-            step, is_inside = self.steps[k], index == k
-            offset[is_inside] = basis[is_inside] @ (step.length * table.series_of_integral @ step.slope)
-            velocities = np.vstack([step.start_velocity, step.v])
-            v[is_inside] = basis[is_inside] @ (table.series_with_start @ velocities)
+            step = self.steps[k]
+            is_inside = index == k
+            offset_series = step.length * table.series_of_integral @ step.slope
+            velocity_series = table.series_with_start @ np.vstack([step.start_velocity, step.v])
+            offset[is_inside] = basis[is_inside] @ offset_series
+            v[is_inside] = basis[is_inside] @ velocity_series
         return integrate(self.robot, starts, offset), v
 
 
@@ -57,9 +60,9 @@ class Cubics(ReadOnlyArrays):
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s].
 
-        On a step of length h, with u in [0, 1], the tangent offset from the start of the step is
-        h v_0 u + c_2 u^2 + c_3 u^3. At u = 1 the offset is d, that of the end of the step, and its derivative
-        by u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and c_3 = h v_0 + h v_1 - 2 d.
+        On a step of length h from velocity v_0 to v_1, with u in [0, 1], the tangent offset from the start of
+        the step is h v_0 u + c_2 u^2 + c_3 u^3. At u = 1, the end of the step, the offset is d and its
+        derivative in u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and c_3 = h v_0 + h v_1 - 2 d.
         """
         k = _step_index(self.edges, t)
         h = np.diff(self.edges)[k][:, None]

@@ -1,4 +1,4 @@
-"""The generalised forces of wrenches of the world in a simulation, and their derivatives.
+"""The generalised forces of external wrenches in a simulation, and their derivatives.
 
 A wrench w on a frame causes the forces J' w, with pinocchio's Jacobian J (6, nv) of the frame's origin on
 base axes. Nothing of the inverse dynamics is used here.
@@ -26,7 +26,7 @@ PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path para
 
 @dataclass(frozen=True, eq=False)
 class WorldForces:
-    """Wrenches of the world on a robot as forces at instants."""
+    """The generalised forces that external wrenches exert on a robot over time."""
 
     wrenches: ExternalWrenches
     path_coordinate: PathCoordinate | None  # None if all wrenches are constant
@@ -35,17 +35,21 @@ class WorldForces:
     def of(
         robot: ParallelRobot, wrenches: ExternalWrenches, path_coordinate: PathCoordinate | None
     ) -> WorldForces:
-        """Return the forces of wrenches on a robot.
+        """Return the forces of external wrenches on a robot.
+
+        Args:
+            path_coordinate: path parameter s (T,) at instants (T,) [s]; None without a planned motion.
 
         Raises:
-            InvalidInput: an unknown frame; a table over s without a motion that determines s.
+            InvalidInput: a wrench acts on an unknown frame, or is a table over s and there is no motion that
+                determines s.
         """
         wrenches.check_frames(robot)
         tables = [entry.frame for entry in wrenches.entries if entry.rows.ndim == 2]
         if tables and path_coordinate is None:
             raise InvalidInput(
-                f"wrenches: {tables[0]}: a table over the path needs a planned motion, which tells s; give 6 "
-                f"numbers"
+                f"wrenches: {tables[0]}: a table over the path needs a planned motion, which determines s; "
+                f"give 6 numbers"
             )
         return WorldForces(wrenches, path_coordinate)
 
@@ -59,9 +63,11 @@ class WorldForces:
     ) -> Array:
         """Compute the generalised forces (T, nv) at t (T,) [s] and q (T, nq).
 
-        Each state may have its own of `models`, all of the robot's structure.
+        Args:
+            models: a pinocchio model for each state, all of the robot's structure; by default the robot's.
         """
-        data, s = scratch_of(robot).data, self._path_coordinates(t)
+        data = scratch_of(robot).data
+        s = self._path_coordinates(t)
         models = [robot.model] * len(q) if models is None else models
         force = np.zeros((len(q), robot.nv))
         for entry in self.wrenches.entries:
@@ -70,13 +76,13 @@ class WorldForces:
             for k, configuration in enumerate(q):
                 jacobian = pin.computeFrameJacobian(models[k], data, configuration, frame, AXES)
                 wrench = wrenches[k]
-                if entry.turns:  # given on the axes of the frame
+                if entry.turns:  # the wrench is given on the frame's axes: rotate force and moment
                     wrench = (wrench.reshape(2, 3) @ data.oMf[frame].rotation.T).ravel()
                 force[k] += wrench @ jacobian
         return force
 
     def slope(self, robot: ParallelRobot, t: Array, q: Array) -> Array:
-        """Compute the derivative (T, nv, nv) of the forces by q, along its tangent."""
+        """Compute the derivatives (T, nv, nv) of the forces with respect to tangent steps of q."""
         frames = frames_at(robot, q)
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
         slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)

@@ -315,7 +315,7 @@ def test_where_a_load_is_not_carried_a_map_says_so_everywhere(tmp_path):
     assert f"load not carried: {lost.sum()} poses" in map_page(found)
     no_load = workspace_map(robot, at, ["stiffness"])
     assert no_load.load is None
-    with pytest.raises(InvalidInput, match="wrench: counts for holding, loaded_stiffness"):
+    with pytest.raises(InvalidInput, match="wrench: affects only holding, loaded_stiffness"):
         workspace_map(robot, at, ["stiffness"], wrench=[0.0, 1.0])
 
 

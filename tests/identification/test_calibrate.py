@@ -161,7 +161,7 @@ def test_outliers_count_little_and_are_named():
 def test_a_robot_that_is_another_one_is_refused():
     nominal = NOMINAL["five_bar"]
     _, _, true = off_by(nominal, 0, length=2e-2, angle=np.radians(5.0))
-    with pytest.raises(NotConverged, match="times the noise that is assumed"):
+    with pytest.raises(NotConverged, match="times the assumed noise"):
         calibrate(nominal, only(poses(true, nominal, 60, 1), *MEASURED), length_error=1e-4, angle_error=1e-3)
 
 
@@ -169,7 +169,7 @@ def test_a_robot_that_is_another_one_is_refused():
     ("columns", "options", "message"),
     [
         (("platform",), {}, "no column motor_angle_left_motor"),
-        (("motor_angle",), {}, "show nothing of the geometry"),
+        (("motor_angle",), {}, "do not determine the geometry"),
         (MEASURED, {"joints": ["elbow"]}, "unknown joint 'elbow'"),
         (MEASURED, {"noise": {"camera": 1.0}}, "unknown kind of noise 'camera'"),
         (MEASURED, {"length_error": -1.0}, "length_error: must be greater than zero"),
