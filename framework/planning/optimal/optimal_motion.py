@@ -83,7 +83,7 @@ CAPPED_STAGES: tuple[ElasticStage, ...] = (
 MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # of springs whose rates cause no forces
 # of redundant motors, whose deflections passes alone have to resolve
 CALM_STAGES = (ElasticStage(0.2, 400, 4.0), *CAPPED_STAGES[4:])
-SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (2e-2, 8e-2, 0.3, 3.0))
+SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (4e-2, 0.15, 0.5, 3.0))
 
 
 class OptimalMotion(NamedTuple):
