@@ -270,7 +270,7 @@ class ControlCycle:
         """
         self.q, self.v = q, self.T @ rates
         self._drift: Array | None = None  # a_0, computed when needed
-        self._equations.move(q, self.v)
+        self._equations.evaluate_motion(q, self.v)
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
         if isinstance(platform, JointPlatform):

@@ -75,7 +75,7 @@ class ExternalWrenches:
         return ExternalWrenches(tuple(entry.times(factor) for entry in self.entries))
 
     @property
-    def push(self) -> bool:
+    def is_nonzero(self) -> bool:
         """Whether any wrench is not zero."""
         return any(np.any(entry.rows[..., -6:]) for entry in self.entries)
 

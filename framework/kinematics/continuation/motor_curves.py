@@ -48,8 +48,8 @@ class MotorCurves(NamedTuple):
     clearance: Array  # (T,) least singular value of P at q
     least: Array  # (T,) least clearance on the curve
     largest: Array  # (T,) largest clearance on the curve
-    sign: Array  # (T,) of det P
-    size: Array  # (T,) log |det P|
+    determinant_sign: Array  # (T,) of det P
+    log_determinant: Array  # (T,) log |det P|
 
 
 class _Steps(NamedTuple):
@@ -66,7 +66,7 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
     frames = linearised.frames
     count = len(frames.q)
     value = clearance(robot, linearised)
-    sign, size = passive_determinants(linearised)
+    sign, logarithm = passive_determinants(linearised)
     return MotorCurves(
         q=frames.q.copy(),
         x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
@@ -76,8 +76,8 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         clearance=value,
         least=value.copy(),
         largest=value.copy(),
-        sign=sign,
-        size=size,
+        determinant_sign=sign,
+        log_determinant=logarithm,
     )
 
 
@@ -163,7 +163,7 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
-    on_branch &= keeps_sign((current.sign, current.size), (ends.sign, ends.size))  # of det P
+    on_branch &= keeps_sign((current.determinant_sign, current.log_determinant), (ends.determinant_sign, ends.log_determinant))  # of det P
     return _Steps(rows, ends, measured.correction, on_branch)
 
 

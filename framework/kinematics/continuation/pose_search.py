@@ -174,7 +174,7 @@ class PoseSearch:
         rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
         is_met = (iterate.room < rounding) | step.is_small(iterate)
         stops = [bounds[k] for k in np.flatnonzero(is_met & (step.forces > 0.0))] or [UNCONVERGED]
-        self._pose.place(iterate.q)
+        self._pose.evaluate_pose(iterate.q)
         return NearestPose(
             q=iterate.q,
             x=iterate.x,
@@ -264,7 +264,7 @@ class PoseSearch:
     def _equations(self, q: Array) -> tuple[Array, Array]:
         """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
         independent = self.robot.structure.independent
-        self._pose.place(q)
+        self._pose.evaluate_pose(q)
         residual = self._pose.residual.take(independent) / self._row_sizes
         jacobian = self._pose.jacobian.take(independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])

@@ -32,16 +32,16 @@ class StepMeasure(NamedTuple):
     straight: BoolArray  # (T,) whether the tangent turned no more than one branch allows
 
 
-def measure_steps(robot: Mechanism, correction: Array, predicted: Array, at_end: Array) -> StepMeasure:
+def measure_steps(robot: Mechanism, correction: Array, predicted: Array, end_step: Array) -> StepMeasure:
     """Measure whether T steps stayed on their branches.
 
     Args:
         correction: (T, nv) from the predicted to the closed configurations.
         predicted: (T, nv) steps along the tangents at the starts.
-        at_end: (T, nv) steps of the same parameters along the tangents at the ends.
+        end_step: (T, nv) steps of the same parameters along the tangents at the ends.
     """
     corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
-    turned = largest_motion(robot, at_end - predicted)
+    turned = largest_motion(robot, end_step - predicted)
     return StepMeasure(
         correction=corrected,
         small=is_small(corrected, advance),

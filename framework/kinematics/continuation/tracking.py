@@ -78,15 +78,15 @@ class BranchPoses(NamedTuple):
 class FollowedCurve(NamedTuple):
     """The part of a branch that could be followed, as K poses."""
 
-    at: Array  # (K,) parameter, ascending from 0, to 1 if the whole curve was followed
+    s: Array  # (K,) path coordinates, ascending from 0, to 1 if the whole curve was followed
     q: Array  # (K, nq)
-    rate: Array  # (K, nv) joint rates with respect to the parameter
+    rate: Array  # (K, nv) joint rates dq/ds
     last: BranchPoses  # the last pose
 
     @property
     def complete(self) -> bool:
         """Whether the whole curve was followed."""
-        return bool(self.at[-1] == 1.0)
+        return bool(self.s[-1] == 1.0)
 
 
 def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
@@ -172,7 +172,7 @@ def follow_path(
             break
         step *= 0.5
     return FollowedCurve(
-        at=np.concatenate([poses.s for poses in stretches]),
+        s=np.concatenate([poses.s for poses in stretches]),
         q=np.concatenate([poses.q for poses in stretches]),
         rate=np.concatenate([poses.rate for poses in stretches]),
         last=stretches[-1].select(slice(-1, None)),
@@ -283,7 +283,7 @@ def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> 
         raise _branch_end_error(robot, path, followed, subject)
     offset = difference(robot, q, followed.q)
     rate = difference_rates(robot, q, followed.q, followed.rate)
-    return Branch(robot, path, q, followed.at, offset, rate)
+    return Branch(robot, path, q, followed.s, offset, rate)
 
 
 def _branch_end_error(
