@@ -178,7 +178,7 @@ class ControlCycle:
         its solutions. The size is infinite if P is singular.
         """
         equations, columns = self._equations, self._following
-        equations.place(q)
+        equations.evaluate_pose(q)
         jacobian, residual = equations.jacobian, equations.residual
         if not self._all_rows:
             jacobian = jacobian.take(self._independent, axis=0)

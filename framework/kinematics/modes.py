@@ -44,7 +44,7 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
 
 
 def keeps_sign(first: Iterable[Array], second: Iterable[Array]) -> BoolArray:
-    """Whether two stacks of determinants, given by signs and logarithms (T,), have the same signs, (T,).
+    """Return whether two stacks of determinants, given by signs and logarithms (T,), have the same signs, (T,).
 
     A second determinant smaller than `DETERMINANT_LOST` times the first is rounding and has no sign.
     """
@@ -54,7 +54,7 @@ def keeps_sign(first: Iterable[Array], second: Iterable[Array]) -> BoolArray:
 
 
 def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: LinearisedLoops) -> BoolArray:
-    """Whether each of T successive configurations is in the working mode of its predecessor, (T,).
+    """Return whether each of T successive configurations is in the working mode of its predecessor, (T,).
 
     `start` (T = 1) is the predecessor of the first of the `ends`. Both are in the same mode if no Type 1
     singularity lies between the two or at the second.
@@ -75,7 +75,7 @@ def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: Linea
 
 
 def _keeps_platform_map(robot: ParallelRobot, first: LinearisedLoops, second: LinearisedLoops) -> bool:
-    """Whether det (platform N) keeps its sign between two near configurations (T = 1 each).
+    """Return whether det (platform N) keeps its sign between two near configurations (T = 1 each).
 
     N (moving, n) is an orthonormal basis of the motions that the loops allow. The sign of det (N_1' N_2)
     tells whether the two bases have the same orientation.

@@ -79,7 +79,7 @@ def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
 
 
 def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
-    """Whether the rows of `reduced` imply all others, except for rounding, at poses near q (nq,)."""
+    """Return whether the rows of `reduced` imply all others, except for rounding, at poses near q (nq,)."""
     poses = nearby_configurations(reduced, q)
     ranks = {numerical_rank(joint_loops_matrix(mechanism, pose), ROUNDED_ROW) for pose in poses}
     gaps = [largest_gap(mechanism, pose) for pose in poses]

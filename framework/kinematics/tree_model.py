@@ -147,12 +147,12 @@ def coordinate_names(model: pin.Model) -> Names:
 
 
 def is_ball(joint: pin.JointModel) -> bool:
-    """Whether a joint has a quaternion."""
+    """Return whether a joint has a quaternion."""
     return bool(joint.shortname() == "JointModelSpherical")
 
 
 def is_slide(joint: pin.JointModel) -> bool:
-    """Whether a joint is prismatic."""
+    """Return whether a joint is prismatic."""
     return bool(joint.shortname().startswith("JointModelP"))
 
 

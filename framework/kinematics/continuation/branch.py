@@ -157,7 +157,7 @@ class Branch(ReadOnlyArrays):
         return ClosedStack(q, x, linearised_at(self.robot, q, x))
 
     def is_continued(self, s: Array) -> BoolArray:
-        """Whether each s (T,) lies in the core of a continuation, (T,)."""
+        """Return whether each s (T,) lies in the core of a continuation, (T,)."""
         inside = np.zeros(len(s), dtype=bool)
         for continuation in self.continuations:
             inside |= (s >= continuation.core[0]) & (s <= continuation.core[1])

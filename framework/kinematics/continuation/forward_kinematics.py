@@ -115,7 +115,7 @@ def check_motors_are_free(robot: ParallelRobot) -> None:
 
 
 def motors_are_free(robot: ParallelRobot) -> bool:
-    """Whether each motor can move while the others rest: P is square and n_a = n."""
+    """Return whether each motor can move while the others rest: P is square and n_a = n."""
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 

@@ -163,7 +163,9 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
-    on_branch &= keeps_sign((current.determinant_sign, current.log_determinant), (ends.determinant_sign, ends.log_determinant))  # of det P
+    on_branch &= keeps_sign(
+        (current.determinant_sign, current.log_determinant), (ends.determinant_sign, ends.log_determinant)
+    )  # of det P
     return _Steps(rows, ends, measured.correction, on_branch)
 
 

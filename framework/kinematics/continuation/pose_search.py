@@ -98,7 +98,7 @@ class _Step(NamedTuple):
         return upper - lower
 
     def is_small(self, iterate: _Iterate) -> bool:
-        """Whether the predicted decrease is negligible."""
+        """Return whether the predicted decrease is negligible."""
         return self.decrease < LEAST_DECREASE * iterate.value
 
 
@@ -153,7 +153,7 @@ class PoseSearch:
         return self._result(iterate, step, count)
 
     def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
-        """Whether the target is reached, little decrease is left, or other starts are better.
+        """Return whether the target is reached, little decrease is left, or other starts are better.
 
         Args:
             least_value: |e|^2 / 2 of the nearest pose from other starts.

@@ -50,13 +50,13 @@ def measure_steps(robot: Mechanism, correction: Array, predicted: Array, end_ste
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
-    """Whether corrections (T,) of steps by `advance` (T,) are small enough for one branch, (T,)."""
+    """Return whether corrections (T,) of steps by `advance` (T,) are small enough for one branch, (T,)."""
     allowed = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
     return (correction <= allowed) & (advance <= MAX_PREDICTOR_MOVE)
 
 
 def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
-    """Whether changes (T,) of steps by the tangents' turn are small enough for one branch, (T,)."""
+    """Return whether changes (T,) of steps by the tangents' turn are small enough for one branch, (T,)."""
     return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
 
 

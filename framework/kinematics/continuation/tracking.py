@@ -332,7 +332,7 @@ def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
 
 
 def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
-    """Whether the loops close again a little further along the path, on any branch.
+    """Return whether the loops close again a little further along the path, on any branch.
 
     Newton's method starts from the last pose with all joints moved by a small nudge, in both directions.
     """

@@ -483,7 +483,7 @@ def _frame_platforms(
 
 
 def _turns_about_a_point(twists: Array) -> bool:
-    """Whether all twists (6, w) of a body are turns about the same point."""
+    """Return whether all twists (6, w) of a body are turns about the same point."""
     linear, angular = twists[:3], twists[3:]
     if twists.shape[1] < 2:
         return False
@@ -508,7 +508,7 @@ def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Arra
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:
-    """Whether the robot moves along all axes of a platform and in no other way."""
+    """Return whether the robot moves along all axes of a platform and in no other way."""
     try:
         robot = ParallelRobot.from_description(replace(description, platform=platform))
         mobility = count_freedoms(robot)
