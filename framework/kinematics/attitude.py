@@ -61,7 +61,7 @@ class Attitude(ReadOnlyArrays):
         return np.empty((len(rotation), 0))
 
     def residual(self, rotation: Array, x: Array) -> Array:
-        """Compute the offset (T, k) [rad] of R from the attitude of x, the short way round.
+        """Compute the offset (T, k) [rad] of R from the attitude of x, within half a turn.
 
         The rate of the offset is v.
         """

@@ -86,7 +86,7 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
 
 
 def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArray) -> PoseSlopes:
-    """Compute the derivatives of pose and matrices along k joints `columns`, loops closed by passive joints."""
+    """Compute the derivatives of pose and matrices along k joints; passive joints close the loops."""
     linearised = closed.linearised
     steps = np.eye(robot.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):

@@ -1,8 +1,8 @@
 """The loop equations of one configuration at a time, in few numpy calls.
 
-The equations are those of `closures`. That module is made for stacks: on a single configuration its calls on
-a dozen small arrays cost more time than pinocchio. Here the arrays are allocated once and overwritten.
-Every equation is a product of two vectors of frames (`row_factors`).
+The equations are those of `closures`, which works on stacks. For a single configuration its calls on a dozen
+small arrays take longer than pinocchio. Here the arrays are allocated once and overwritten. Every equation is
+a product of two vectors of frames (`row_factors`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class SinglePose:
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         count = len(rows.names)
         self.robot, self.scratch = robot, scratch
-        self._placements = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame
+        self._placements = np.empty((len(scratch.frames), 4, 3))  # three axes and the origin of each frame
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
         self._signs = rows.joint_signs(scratch.carried)
@@ -83,7 +83,7 @@ class SinglePose:
         return self._placements[0, 3]
 
     def _update_residual(self, q: Array) -> tuple[Array, Array]:
-        """Compute the residual from pinocchio's frames; return both factors (m, 3) of its rows."""
+        """Update the residual from pinocchio's frames; return both factors (m, 3) of the rows."""
         scratch, rows = self.scratch, self.robot.rows
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
         a, b = row_factors(rows, self._placements)
