@@ -35,7 +35,10 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero for a resting turn
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to rates (..., T, nv) such that Z' G (rates + Z y) = right (T, k)."""
+        """Return rates + Z y (..., T, nv) with turns y such that Z' G (rates + Z y) = right.
+
+        `right` is (T, k), or zero.
+        """
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
@@ -47,7 +50,7 @@ class IdleTurns:
 
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
-    """Return the idle turns at T instants; None if all of them rest."""
+    """Return the idle turns at T instants; None if all idle joints rest."""
     weights = _driving_weights(robot)
     if not weights.any():
         return None

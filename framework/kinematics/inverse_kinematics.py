@@ -36,7 +36,7 @@ MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # number of Newton steps; [rad] largest
 
 
 def require_square(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless x and the loops determine all joints, and there are enough motors."""
+    """Raise InvalidInput unless x and the loops determine all joints and enough motors exist."""
     require_joints_close(robot)
     require_mobility(robot)
 

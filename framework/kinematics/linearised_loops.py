@@ -125,7 +125,7 @@ def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
-    """Check that a configuration q (nq,) is assembled; return it with its linearised equations.
+    """Linearise the equations at a configuration q (nq,) after checking that q is assembled.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.

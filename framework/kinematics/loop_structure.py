@@ -169,7 +169,7 @@ def pivot_rows(matrix: Array) -> IntArray:
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return the largest entry (m,) of each equation (m, columns), or 1 if this entry is of the order of 1.
+    """Return the largest entry (m,) of each equation (m, columns), or 1 if near 1.
 
     Multiplying an equation by a factor, as a change of unit does, must not make it look singular.
     """

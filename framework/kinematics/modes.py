@@ -132,7 +132,7 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
         needed_columns = np.flatnonzero(needs[k, label] & (label != k))
-        all_legs.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, needed_columns))
+        all_legs.append(Leg(motors, row_of[columns], columns, needed_columns))
     # motors are the first columns; legs without a motor come last
     return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
 

@@ -132,7 +132,7 @@ class FramePlatform(_Coordinates):
         return offset
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Add whole turns to x (T, n) until its turns are nearest to those of `near`, (n,) or (T, n)."""
+        """Shift x (T, n) by the whole turns that bring x nearest to `near` (n,) or (T, n)."""
         x = x.copy()
         x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
@@ -178,7 +178,7 @@ class FramePlatform(_Coordinates):
         return rates
 
     def drift(self, motions: FrameMotions) -> Array:
-        """Compute dv/dt (T, n) for motions of frames; for turns with couples C it is C dw/dt + dC/dt w."""
+        """Compute dv/dt (T, n) for motions of frames: C dw/dt + dC/dt w for couples C."""
         rate = np.empty((len(motions.twist), self.n))
         rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]
         if len(self.turning):
@@ -257,7 +257,7 @@ class JointPlatform(_Coordinates):
         return np.where(self.translations, offset, wrap_angles(offset))
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Add whole turns to x (T, n) until its hinges are nearest to those of `near`, (n,) or (T, n)."""
+        """Shift hinges of x (T, n) by the whole turns nearest to `near` (n,) or (T, n)."""
         return np.where(self.translations, x, x + whole_turns(near - x))
 
     def wrenches(self, frames: FrameStack) -> Array:
@@ -288,7 +288,7 @@ class JointPlatform(_Coordinates):
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute the twist (T, 6) at the frame's origin for velocities v (T, n) of the joints."""
         screws = frames.screws[:, self.columns]
-        twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
+        twist = matvec(screws.swapaxes(1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
 

@@ -79,7 +79,10 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
 
 
 def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Return A, B, C of N [v; 0] = N M dq for N (T, m, n + m) and M (T, n + m, nv)."""
+    """Return A, B, C of N [v; 0] = N M dq.
+
+    N is (T, m, n + m), M is (T, n + m, nv).
+    """
     return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
 
 

@@ -82,11 +82,12 @@ class LocusEquations:
             free = (robot.axis_names[chosen[0]], robot.axis_names[chosen[1]])
         for name in free:
             check_choice("freedom", name, names)
-        in_motors = free[0] in robot.actuator_names
-        column_names = robot.actuator_names if in_motors else robot.axis_names
-        if free[0] == free[1] or free[1] not in column_names:
-            raise InvalidInput(f"free: needs two axes or two motors, got {', '.join(free)}")
-        indices = column_names.index(free[0]), column_names.index(free[1])
+        first, second = free
+        in_motors = first in robot.actuator_names
+        freedoms = robot.actuator_names if in_motors else robot.axis_names
+        if first == second or second not in freedoms:
+            raise InvalidInput(f"free: needs two axes or two motors, got {first}, {second}")
+        indices = freedoms.index(first), freedoms.index(second)
         return LocusEquations(
             robot=robot,
             x=x,

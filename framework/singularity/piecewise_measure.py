@@ -55,14 +55,14 @@ class Measured(NamedTuple):
         return count_small_values(self.evaluate(np.array([s]))[0], RANK_LOST**self.power)
 
     def guess(self, s: Array) -> LinearisedLoops:
-        """Linearise the loops at the branch's guesses for s (T,), without closing them."""
+        """Linearise the loops at the branch's guesses for s (T,), closed or not."""
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
     @property
     def knots(self) -> Array:
         """Path coordinates (k,) between which the matrix is smooth, both ends included."""
-        return np.concatenate(([0.0], self.branch.path.knots, [1.0]))
+        return np.array([0.0, *self.branch.path.knots, 1.0])
 
 
 class Unresolved(NotConverged):
@@ -178,7 +178,7 @@ def bound_measure(resolved: list[Panel]) -> float:
 
 
 def _resolve_panel(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on a panel by a Chebyshev series; None if no border resolves it.
+    """Resolve g on a panel by a Chebyshev series; None if no border suffices.
 
     Borders are tried from one column up to the number of small singular values.
     """
@@ -236,15 +236,11 @@ class Extremum(NamedTuple):
     def bracket(self, level: float) -> tuple[float, float]:
         """Return the nearest s below and above where |g| exceeds a level, else the panel's ends."""
 
-        def exceeds_level(g: Array) -> BoolArray:
-            return np.abs(g) > level
+        def find_towards(end: float) -> float:
+            step = self._find_first_step(end, lambda g: np.abs(g) > level)
+            return end if step is None else step.outer
 
-        lower = self._find_first_step(self.start, exceeds_level)
-        upper = self._find_first_step(self.end, exceeds_level)
-        return (
-            self.start if lower is None else lower.outer,
-            self.end if upper is None else upper.outer,
-        )
+        return find_towards(self.start), find_towards(self.end)
 
     @property
     def changes_sign(self) -> bool:

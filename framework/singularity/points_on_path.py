@@ -102,7 +102,7 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     try:
         resolved = resolve_panels(samples, passive)
         if samples.branch is branch:  # without continuations the nodes of the panels give better guesses
-            edges = np.array([resolved[0].start, *(panel.end for panel in resolved)])
+            edges = np.array([0.0, *(panel.end for panel in resolved)])
             q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
             passive = passive._replace(branch=branch)

@@ -197,8 +197,7 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
     """Compute independent unit twists (k, n) that span the same space as twists (c, n)."""
     scale = robot.platform_scale
     _, values, V_rows = np.linalg.svd(twists / scale)
-    rank = np.count_nonzero(values > RANK_LOST)
-    basis = V_rows[:rank] * scale
+    basis = V_rows[: np.count_nonzero(values > RANK_LOST)] * scale
     units = [twist / twist_norm(robot, twist) for twist in basis]
     return np.array(units).reshape(-1, robot.n)  # (0, n) without any
 

@@ -106,7 +106,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find the near misses along the path, ascending in s; `known` are the contacts."""
     smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
-    level = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
+    level = NEAR_MISS**measured.power * np.max(smallest)
     misses = list[NearMiss]()
     if smallest[0][0] < level:
         misses += _miss_at_end(measured, resolved[0], known, s=0.0)
@@ -127,7 +127,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 def _miss_at_extremum(
     measured: Measured, extremum: Extremum, known: list[Contact], size: int
 ) -> Iterator[NearMiss]:
-    """Yield an extremum of g as a near miss, unless g vanishes there or a contact is close.
+    """Yield an extremum of g as a near miss, unless zero or close to a contact.
 
     A contact is close if it lies between the points where |g| has doubled.
     """
@@ -137,8 +137,7 @@ def _miss_at_extremum(
         return
     matrix = measured.evaluate(np.array([extremum.s]))
     g = float(bordered_solution(matrix, border_of=0).g[0])
-    width = min(extremum.s - lower, upper - extremum.s)
-    yield NearMiss(extremum.s, g, width, size)
+    yield NearMiss(extremum.s, g, width=min(extremum.s - lower, upper - extremum.s), size=size)
 
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> Iterator[NearMiss]:

@@ -156,7 +156,7 @@ def trace_locus(
 def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace the curves through solutions (S, nq), and all curves that branch off them.
+    """Trace the curves through solutions (S, nq), and all curves that branch off.
 
     Returns:
         Each curve with its branch points (S = 1 each).
@@ -289,10 +289,12 @@ def root_between(
         # Illinois: if the same end is replaced twice running, halve the value at the other end; otherwise
         # that end might never be replaced
         if value * value_low > 0:
-            value_high *= 0.5 if replaced == "low" else 1.0
+            if replaced == "low":
+                value_high *= 0.5
             low, value_low, replaced = share, value, "low"
         else:
-            value_low *= 0.5 if replaced == "high" else 1.0
+            if replaced == "high":
+                value_low *= 0.5
             high, value_high, replaced = share, value, "high"
     return root
 
@@ -402,7 +404,7 @@ class Region(NamedTuple):
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
-        """Move the last point, if it is outside the working mode, back to the edge of the mode."""
+        """Move a last point outside the working mode back to the edge of the mode."""
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points

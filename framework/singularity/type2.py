@@ -158,7 +158,7 @@ def sign_along(twist: Array, direction: Array) -> float:
 
 
 def has_signed_measure(robot: ParallelRobot) -> bool:
-    """Return whether g has a sign: there are passive joints and no redundant motors."""
+    """Return whether g has a sign, with passive joints and no redundant motors."""
     return len(robot.following) > 0 and robot.n_a == robot.n
 
 

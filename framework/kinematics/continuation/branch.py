@@ -8,6 +8,7 @@ closed configurations on both sides.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,11 +49,12 @@ class Continuation(ReadOnlyArrays):
 
     def offset(self, s: Array) -> Array:
         """Compute the offset (T, nv) from the branch's origin at s (T,)."""
-        return _chebyshev_values(self.series, self.start, self.end, s)
+        return _chebyshev_values(self.series, (self.start, self.end), s)
 
 
-def _chebyshev_values(series: Array, start: float, end: float, s: Array) -> Array:
-    """Evaluate a series (degree + 1, nv) on [start, end] at s (T,), also outside: (T, nv)."""
+def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Array:
+    """Evaluate a series (degree + 1, nv) on an interval at s (T,), also outside: (T, nv)."""
+    start, end = interval
     local = (2 * s - start - end) / (end - start)
     return np.asarray(chebyshev.chebval(local, series), dtype=float).T
 
@@ -123,10 +125,9 @@ class Branch(ReadOnlyArrays):
     def _series_offsets(series: TimeFunction, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin at s (T,) by the series, also outside [0, 1]."""
         u = series(np.clip(s, 0.0, 1.0))
-        before_start, beyond_end = s < 0.0, s > 1.0
-        first, last = series.coefficients[0], series.coefficients[-1]  # (size, nv) of the outermost panels
-        u[before_start] = _chebyshev_values(first, *series.edges[:2], s[before_start])
-        u[beyond_end] = _chebyshev_values(last, *series.edges[-2:], s[beyond_end])
+        before, beyond = s < 0.0, s > 1.0
+        u[before] = _chebyshev_values(series.coefficients[0], series.edges[:2], s[before])  # the first panel
+        u[beyond] = _chebyshev_values(series.coefficients[-1], series.edges[-2:], s[beyond])  # the last panel
         return u
 
     def _cubic_offsets(self, s: Array) -> Array:
@@ -171,7 +172,7 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
     is not accurate enough still gives the guesses for the next, narrower one.
     """
     piece = np.searchsorted(branch.path.knots, s, side="right")
-    lowest, highest = np.concatenate(([0.0], branch.path.knots, [1.0]))[piece : piece + 2].tolist()
+    lowest, highest = [0.0, *branch.path.knots, 1.0][piece : piece + 2]
     guessed = branch
     for half_width in HALF_WIDTHS:
         start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
@@ -238,11 +239,13 @@ def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tu
 
 
 def _core_interval(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between sound nodes (k,) that contains s and all unsound nodes."""
+    """Return the least interval between sound nodes (k,) that contains s and all unsound nodes.
+
+    Without a sound node on one side, the interval extends to the last of all nodes, `parameters`, on that
+    side.
+    """
     to_cover = np.append(np.delete(parameters, sound), s)
-    sound_nodes = parameters[sound]  # ascending
-    below = sound_nodes[sound_nodes < to_cover.min()]
-    above = sound_nodes[sound_nodes > to_cover.max()]
-    start = below[-1] if len(below) else parameters[0]
-    end = above[0] if len(above) else parameters[-1]
+    sound_nodes = parameters[sound]
+    start = sound_nodes[sound_nodes < to_cover.min()].max(initial=parameters[0])
+    end = sound_nodes[sound_nodes > to_cover.max()].min(initial=parameters[-1])
     return float(start), float(end)

@@ -53,7 +53,7 @@ class MotorCurves(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The ends of those S of T steps at which Newton's method closes the loops."""
+    """The ends of S of T steps: Newton's method closes the loops of these S."""
 
     rows: IntArray  # (S,) indices among the T steps
     ends: MotorCurves  # (S, ...)
@@ -74,8 +74,8 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
         clearance=value,
-        least=value.copy(),
-        largest=value.copy(),
+        least=value,
+        largest=value,
         determinant_sign=sign,
         log_determinant=logarithm,
     )
@@ -177,7 +177,7 @@ def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Arra
     motor_offset = (turn - difference(robot, start, guess))[:, robot.actuated]
     guess = integrate_columns(robot, guess, robot.actuated, motor_offset)
     if not len(robot.following):
-        return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
+        return NewtonResult(guess, linearised_at(robot, guess, None), closed=np.full(len(guess), True))
     return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)
 
 

@@ -171,7 +171,7 @@ class PoseSearch:
         return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
-        """Return the pose of the last iterate; the forces of the next `step` decide what stops it."""
+        """Return the pose of the last iterate, with its stops by the forces of the next `step`."""
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
@@ -246,7 +246,7 @@ class PoseSearch:
         return following
 
     def _close(self, q: Array) -> Array | None:
-        """Close the loops near q (nq,) by Newton steps of least norm; None if they do not close.
+        """Close the loops near q (nq,) by Newton steps of least norm; None without success.
 
         An additional equation holds a joint that has left its range at the end of the range.
         """

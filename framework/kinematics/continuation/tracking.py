@@ -138,7 +138,7 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 def follow_path(
     robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
 ) -> FollowedCurve:
-    """Follow the path from the pose q (nq,) at s = 0 to the end of the path or of the branch.
+    """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
 
     The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
     A branch ends at a Type 1 singularity.

@@ -101,7 +101,7 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
 
 def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Names, ...]:
-    """Return sets of axes along which a frame can move, those with the fewest turns first.
+    """Return sets of axes along which a frame can move, fewest turns first.
 
     A set is sufficient if at one pose at least the frame can move independently along all of its axes. Two
     turns are coordinates in series, and their order matters. So if the `stated` axes are two turns that are

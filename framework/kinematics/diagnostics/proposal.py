@@ -84,7 +84,7 @@ class _Motions(NamedTuple):
 
 
 class _UndrivenMotions(RobotFileError):
-    """The error for motions that no motor drives; holding `joints` would stop them; `why` is the reason."""
+    """The error for motions that no motor drives: `joints` can be held, for the reason `why`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
         """Store the joints to hold, the reason, and the closed pose as reference values by name."""
@@ -160,7 +160,7 @@ def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRob
 
 
 def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool) -> PartialRobot:
-    """Complete the description at a closed pose: motors, then the first platform that they drive."""
+    """Choose the motors at a closed pose, then the first platform that is driven."""
     if not motions.freedoms:
         raise _no_freedom_error(motions, known)
     known = _choose_motors(motions, known)
@@ -345,7 +345,7 @@ def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
 
 
 def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
-    """Choose as many motors out of more `names` as there are freedoms, with the best conditioned rates.
+    """Choose as many of the motors `names` as freedoms, with the best conditioned rates.
 
     Raises:
         RobotFileError: two choices are equally good.
@@ -466,7 +466,7 @@ def _joint_platforms(motions: _Motions, known: PartialRobot) -> Iterator[Platfor
 def _frame_platforms(
     twists: Array, frame: str, count: int, known: PartialRobot
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms of `count` coordinates on one frame, each with a score that ranks it.
+    """Yield platforms of `count` coordinates on one frame, each with a score for ranking.
 
     If all joints that carry the frame are passive, their positions come first, with score 3. Then come axes
     of the frame. Their score is the least singular value of the frame's twists (6, w) along them, at most 1,
@@ -550,7 +550,7 @@ def _serial_joints(known: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Split the serial joints into those that carry no loop and those that carry loops.
+    """Return the serial joints that carry no loop, and the serial joints that carry loops.
 
     Joints that the options name or that carry the platform are left out.
     """
