@@ -143,7 +143,7 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
     """Return the error for loops that stay open, which names the equation with the largest residual."""
     rows = mechanism.rows
-    row = int(np.argmax(np.abs(scaled_residual(mechanism, closing.q))))
+    row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
     residual = abs(float(residual_at(mechanism, closing.q)[row]))
     unit = "rad" if rows.rotation[row] else "m"
     return _not_assembled_error(
@@ -161,7 +161,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
         return
-    column = int(stated[np.argmax(distances)])
+    column = stated[np.argmax(distances)]
     joint = mechanism.coordinates.name_of(column)
     value = mechanism.description.reference[joint]
     raise _not_assembled_error(

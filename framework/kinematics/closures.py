@@ -172,4 +172,4 @@ def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None
     distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
     if not np.any(distances > FLIPPED_DISTANCE):
         return None
-    return directions.closures[int(np.argmax(distances))]
+    return directions.closures[np.argmax(distances)]

@@ -35,10 +35,7 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero for a resting turn
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Return rates + Z y (..., T, nv) with turns y such that Z' G (rates + Z y) = right.
-
-        `right` is (T, k), or zero.
-        """
+        """Add turns Z y to rates (..., T, nv), with Z' G (rates + Z y) = right (T, k)."""
         residual = right - np.matvec(self.rows, rates)  # (..., T, k)
         y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)

@@ -94,7 +94,7 @@ def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequ
         independent: rows that are independent along the joints.
         matrices: those of `motion_matrix` at several poses; their last rows are the loops.
     """
-    if not len(mechanism.elastic):
+    if not mechanism.n_e:
         return ()
     names = mechanism.rows.names
     for matrix in matrices:

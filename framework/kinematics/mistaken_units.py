@@ -78,9 +78,9 @@ def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
             )
-    if sum(masses.values()) == 0.0:
-        yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)
+    if heaviest == 0.0:
+        yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
     for name, mass in masses.items():
         if 0 < mass < LIGHT_PART_RATIO * heaviest:
             yield (

@@ -235,12 +235,13 @@ class JointPlatform(_Coordinates):
     def from_joints(names: Names, model: pin.Model) -> JointPlatform:
         """Return the coordinates of named hinges and slides."""
         joints = [model.joints[model.getJointId(name)] for name in names]
-        slides = np.array([is_slide(joint) for joint in joints])
         nothing = np.empty(0, dtype=np.intp)
-        columns = np.array([joint.idx_v for joint in joints])
-        q_indices = np.array([joint.idx_q for joint in joints])
         return JointPlatform(
-            translations=slides, sliding=nothing, along=nothing, columns=columns, places=q_indices
+            translations=np.array([is_slide(joint) for joint in joints]),
+            sliding=nothing,
+            along=nothing,
+            columns=np.array([joint.idx_v for joint in joints]),
+            places=np.array([joint.idx_q for joint in joints]),
         )
 
     def choose_chart(self, rotations: Array) -> JointPlatform:

@@ -172,7 +172,7 @@ def _trace_pieces(
         following = _find_following(equations, fronts.points, ahead, step, starts)
         conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]  # the first true one decides
         ends = np.select(conditions, ["stalled", "", "met", "left"], "")  # "": the piece goes on
-        for k in np.flatnonzero(accepted | stalled).tolist():
+        for k in np.flatnonzero(accepted | stalled):
             piece = int(fronts.piece[k])
             if ends[k] == "met":
                 traced[piece].append(starts_both_ways.single(int(following[k])))

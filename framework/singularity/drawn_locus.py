@@ -84,8 +84,8 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     normal = gradient / slope
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
-    _, *tangents = np.linalg.svd(normal[None]).Vh  # the normal comes first
-    plane = grid @ np.array(tangents)  # (m m, 3)
+    tangents = np.linalg.svd(normal[None]).Vh[1:]  # (2, 3) unit vectors; the normal comes first
+    plane = grid @ tangents  # (m m, 3)
     points = _move_to_zeros(measure, plane, normal, slope, MAX_PATCH_HEIGHT * robot.length)
     if np.isnan(points).any():
         return None

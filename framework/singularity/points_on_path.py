@@ -274,8 +274,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     s = contact.s
     points = stencil(s)
     closed = branch.close(points)
-    _, q, _ = closed.q  # (nq,) at s, the middle of the stencil
-    linearised = closed.linearised.select(1)  # at s
+    linearised = closed.linearised.select(1)  # at s, the middle of the stencil
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
     sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
@@ -287,7 +286,7 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
         twist=sign * uncontrolled.twist,
         platform=branch.path(s),
         slope=_slope_at(passive, s, closed.linearised, uncontrolled.corank),
-        q=q,
+        q=linearised.frames.q[0],
         motion=sign * uncontrolled.motion,
         resolution=contact.resolution,
     )

@@ -186,7 +186,7 @@ def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]
     """
     points = curve.points
     branch_points = []
-    for k in np.flatnonzero(points.determinant[1:] * points.determinant[:-1] < 0).tolist():
+    for k in np.flatnonzero(points.determinant[1:] * points.determinant[:-1] < 0):
         ends = select(points, slice(k, k + 2))
         slopes = equations.evaluate(ends.q, ends.border).slopes  # (2, k - 1, k)
         if singular_values(slopes)[:, -1].max() > RANK_LOST:
@@ -243,7 +243,7 @@ def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, 
     changes_sign = points.escape_slope[1:] * points.escape_slope[:-1] * cosine < 0
     has_branch = points.determinant[1:] * points.determinant[:-1] <= 0
     cusps = []
-    for k in np.flatnonzero(changes_sign & ~has_branch).tolist():
+    for k in np.flatnonzero(changes_sign & ~has_branch):
         end = points.single(k + 1)
         if cosine[k] < 0:
             end = end._replace(eta=-end.eta, escape_slope=-end.escape_slope)
@@ -322,7 +322,7 @@ def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> lis
         return []
     starts = join([crossing, crossing])._replace(tangent=np.stack([tangent, -tangent]))
     points, accepted = advance(equations, starts, np.full(2, BRANCH_STEP), np.zeros_like(starts.tangent))
-    return [points.single(k) for k in np.flatnonzero(accepted).tolist()]
+    return [points.single(k) for k in np.flatnonzero(accepted)]
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:

@@ -53,7 +53,7 @@ class MotorCurves(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """The ends of S of T steps: Newton's method closes the loops of these S."""
+    """Ends of the steps, S of T, whose loops Newton's method closes."""
 
     rows: IntArray  # (S,) indices among the T steps
     ends: MotorCurves  # (S, ...)

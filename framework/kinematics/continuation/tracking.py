@@ -275,9 +275,7 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
     ahead = Curves(robot, robot.moving, at_rest, evaluate).find_turning_points(pose.q, pose.s)
     if not ahead.found[0]:
         return None
-    return BranchPoses(
-        s=ahead.share, q=ahead.q, linearised=ahead.linearised, rate=at_rest
-    )  # no tangent exists
+    return BranchPoses(ahead.share, ahead.q, ahead.linearised, at_rest)  # dq/ds is infinite: none is given
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> Branch:

@@ -122,7 +122,7 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         stuck_axes=axes.stuck,
         axes_that_do=axes.proposals,
         assembled=gap is None,
-        gap_at_reference=0.0 if gap is None else gap,
+        gap_at_reference=gap or 0.0,
         advice=tuple(advice),
     )
 
