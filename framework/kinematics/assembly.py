@@ -197,7 +197,7 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
         offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
-        distance = float(np.linalg.norm(offset))
+        distance = np.linalg.norm(offset)
         if closing.gap > CLOSED_LOOP or distance <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
             continue
         direction = offset / distance

@@ -69,7 +69,7 @@ def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: Linea
     has_rank = least >= RANK_LOST
     determinants = np.concatenate([start.factors.slogdet, ends.factors.slogdet], axis=1)  # (2, 1 + T)
     keeps = has_rank & keeps_sign(determinants[:, :-1], determinants[:, 1:])
-    for k in np.flatnonzero(has_rank & ~keeps):
+    for k in np.flatnonzero(has_rank & ~keeps).tolist():
         previous = ends.select(k - 1) if k else start
         keeps[k] = _keeps_platform_map(robot, previous, ends.select(k))
     return keeps

@@ -9,7 +9,7 @@ next start, leave a region or cannot be continued. Then the pieces are joined to
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Points(NamedTuple):
         """Return the points of one curve in reverse order, with opposite tangents."""
         return select(self.reverse(), slice(None, None, -1))
 
-    def single(self, k: int) -> Points:
+    def single(self, k: SupportsIndex) -> Points:
         """Return the k-th of the points, S = 1."""
         return select(self, np.array([k]))
 

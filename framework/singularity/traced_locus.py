@@ -272,7 +272,7 @@ def root_between(
     False position, in the Illinois variant, finds the share of the chord at which |measure| is below `small`.
     If the corrector fails, as near a branch point, the last corrected point is returned, or None without any.
     """
-    chord = float(np.linalg.norm(equations.offsets(start.q[0], end.q[0])))
+    chord = np.linalg.norm(equations.offsets(start.q[0], end.q[0]))
     curvature = (end.tangent - start.tangent) / chord
     low, value_low = 0.0, measure(start)  # low and high are shares of the chord
     high, value_high = 1.0, measure(end)
