@@ -288,7 +288,7 @@ def _is_type_1(robot: ParallelRobot, end: PoseAtDistance) -> bool:
 
 def _compute_g(robot: ParallelRobot, q: Array) -> Array:
     """Compute g (T,) at q (T, nq), with the border vectors of the first pose for all."""
-    return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), 0).g
+    return bordered_solution(type2_matrix(robot, linearised_at(robot, q, None)), border_of=0).g
 
 
 def _find_foot(robot: ParallelRobot, hit: PoseAtDistance, x: Array) -> PoseAtDistance | None:

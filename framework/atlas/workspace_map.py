@@ -91,7 +91,7 @@ class WorkspaceMap(ReadOnlyArrays):
             q=self.q,
             reached=self.reached,
             g=self.values["g"],
-            lead=self._step_configurations,
+            continue_pose=self._step_configurations,
         )
         return locus_on_map(self.robot, poses)
 

@@ -182,7 +182,7 @@ class ControlCycle:
         """
         equations = self._equations
         columns = self._following
-        equations.place(q)
+        equations.evaluate_pose(q)
         jacobian = equations.jacobian
         residual = equations.residual
         if not self._has_no_redundant_rows:
@@ -273,7 +273,7 @@ class ControlCycle:
         self.q = q
         self.v = self.T @ rates
         self._drift: Array | None = None  # a_0, computed when needed
-        self._equations.move(q, self.v)
+        self._equations.evaluate_motion(q, self.v)
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
         if isinstance(platform, JointPlatform):

@@ -107,7 +107,7 @@ def largest_load_of(
     Raises:
         As `largest_load`.
     """
-    if not request.external_wrenches.push:
+    if not request.external_wrenches.is_nonzero:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
     specification = specification_of(robot, request)
     if not (specification.limited or specification.limited_speeds):

@@ -8,7 +8,7 @@ What a robot is
     platform, attitude  the platform's coordinates x and its velocity v; charts of SO(3)
     assembly            closes the loops at the reference
     loop_structure      which loop equations are redundant, which joints are idle
-    rounded_loops       loop equations that would be redundant if dimensions were not rounded
+    rounded_loops       loop equations that are redundant except for rounded dimensions
 
 The equations, for stacks of configurations
     pinocchio_memory    pinocchio's working memory as arrays

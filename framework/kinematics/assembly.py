@@ -18,13 +18,13 @@ from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step
-NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to the poses with which its rank is compared
-MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of such poses, and of random directions tried
-MIN_NEARBY_RATIO = 0.1  # of NEARBY_DISTANCE: a pose that closes nearer counts as the reference itself
-SAME_DIRECTION_COSINE = 0.99  # two directions with a larger cosine, either sign, count as the same
+NEARBY_DISTANCE = 0.05  # [rad, robot lengths] from the reference to nearby poses, whose rank is compared
+MAX_NEARBY, NEARBY_DRAWS = 2, 8  # number of nearby poses; number of random directions tried
+MIN_NEARBY_RATIO = 0.1  # share of NEARBY_DISTANCE; a pose that closes nearer counts as the reference itself
+SAME_DIRECTION_COSINE = 0.99  # two directions with a larger |cosine| count as the same
 MAX_ITERATIONS = 100
 ROUNDING_GAP = 1e-15  # [rad, robot lengths] residual that no Newton step improves
-MIN_DAMPING = 1e-4  # least share of a Newton step in the line search
+MIN_DAMPING = 1e-4  # the line search halves a Newton step until its share is no larger than this
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +57,16 @@ class Closing(NamedTuple):
     """The last iterate of Newton's method on the loops, with the remaining residual."""
 
     q: Array  # (nq,)
-    residual: float  # largest loop equation [m or rad]
-    gap: float  # largest loop equation [robot lengths or rad]
+    residual: float  # largest residual of a loop equation [m or rad]
+    gap: float  # the same [robot lengths or rad]
     iterations: int
 
 
 def close_reference(mechanism: Mechanism) -> Closing:
     """Close the loops near the robot file's `reference`, springs at rest.
 
-    First the joints that the file states rest while the others close the loops. If that fails, all joints
-    move, as little as possible. The result decides the working mode and the assembly mode.
+    First the joints whose positions the file states are at rest while the others close the loops. If that
+    fails, all joints move, as little as possible. The result decides the working mode and the assembly mode.
 
     Raises:
         NotAssembled: the loops do not close from the reference, or only far from it, or flipped; carries the
@@ -114,12 +114,12 @@ def _close(mechanism: Mechanism, start: Array, free: IntArray) -> Closing:
 
 
 def residual_at(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the residual (rows,) of all loop equations at q (nq,) [m or rad]."""
+    """Compute the residuals (rows,) of all loop equations at q (nq,) [m or rad]."""
     return loop_equations(mechanism.rows, frames_at(mechanism, q[None])).residual[0]
 
 
 def scaled_residual(mechanism: Mechanism, q: Array) -> Array:
-    """Compute the residual (rows,) of all loop equations at q (nq,) [robot lengths or rad]."""
+    """Compute the residuals (rows,) of all loop equations at q (nq,) [robot lengths or rad]."""
     return row_weights(mechanism, mechanism.rows.rotation) * residual_at(mechanism, q)
 
 
@@ -131,8 +131,8 @@ def largest_gap(mechanism: Mechanism, q: Array) -> float:
 def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
     """Compute Newton's step (k,) of the columns `free` (k,) towards closed loops [rad, m].
 
-    Of all steps that close the linearised loops it is the smallest one in radians and lengths of the robot.
-    It is scaled down to `MAX_NEWTON_STEP`.
+    Of all steps that close the linearised loops it has the least norm in radians and lengths of the robot. It
+    is scaled down to `MAX_NEWTON_STEP`.
     """
     jacobian = all_loops_matrix(mechanism, q)[:, free]
     step = -np.linalg.lstsq(jacobian, scaled_residual(mechanism, q), rcond=RANK_ROUNDING)[0]
@@ -141,9 +141,9 @@ def _least_norm_step(mechanism: Mechanism, q: Array, free: IntArray) -> Array:
 
 
 def _open_loops_error(mechanism: Mechanism, closing: Closing) -> NotAssembled:
-    """Return the error for loops that stay open; name the equation that is farthest from closed."""
+    """Return the error for loops that stay open, which names the equation with the largest residual."""
     rows = mechanism.rows
-    row = int(np.argmax(np.abs(scaled_residual(mechanism, closing.q))))
+    row = np.argmax(np.abs(scaled_residual(mechanism, closing.q)))
     residual = abs(float(residual_at(mechanism, closing.q)[row]))
     unit = "rad" if rows.rotation[row] else "m"
     return _not_assembled_error(
@@ -161,7 +161,7 @@ def _check_distance(mechanism: Mechanism, closing: Closing, stated: IntArray) ->
     distances = np.abs(offset / mechanism.column_scale)[stated]
     if not distances.max(initial=0.0) > REFERENCE_MOVE:
         return
-    column = int(stated[np.argmax(distances)])
+    column = stated[np.argmax(distances)]
     joint = mechanism.coordinates.name_of(column)
     value = mechanism.description.reference[joint]
     raise _not_assembled_error(
@@ -181,8 +181,9 @@ def _not_assembled_error(mechanism: Mechanism, reason: str, closing: Closing) ->
 def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array, ...]:
     """Find assembled configurations (nq,) about `NEARBY_DISTANCE` from the reference (nq,), springs at rest.
 
-    Random motions that the loops allow, drawn with a fixed seed, lead away from the reference; then the loops
-    are closed again. The configurations lie in different directions. A rigid structure has none.
+    Random motions that the loops allow, drawn with a fixed seed, lead away from the reference. Then the loops
+    are closed again. The configurations lie in different directions from the reference. A rigid structure has
+    none.
     """
     joints = mechanism.joints
     allowed = split_row_space(joint_loops_matrix(mechanism, reference), BRANCHES_MEET)[1]  # (f, joints)
@@ -190,13 +191,13 @@ def nearby_configurations(mechanism: Mechanism, reference: Array) -> tuple[Array
     configurations: list[Array] = []
     directions: list[Array] = []
     for _ in range(NEARBY_DRAWS if len(allowed) > 1 else len(allowed)):
-        # projecting a random motion on the allowed ones makes it independent of their basis
+        # the projection of a random motion on the allowed motions does not depend on their basis
         drawn = np.array([random.gauss() for _ in joints])
         motion = (allowed @ drawn) @ allowed  # (joints,)
         step = NEARBY_DISTANCE * motion / np.abs(motion).max() * mechanism.column_scale[joints]  # [rad, m]
         closing = _close(mechanism, integrate_columns(mechanism, reference, joints, step), joints)
         offset = difference(mechanism, reference, closing.q) / mechanism.column_scale
-        distance = float(np.linalg.norm(offset))
+        distance = np.linalg.norm(offset)
         if closing.gap > CLOSED_LOOP or distance <= MIN_NEARBY_RATIO * NEARBY_DISTANCE:
             continue
         direction = offset / distance

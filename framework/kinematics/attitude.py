@@ -1,9 +1,11 @@
 """The attitude of a platform in one, two or three coordinates: charts of SO(3).
 
-A chart maps the attitude R of the platform's frame to coordinates x. Their velocity v is the power of k
-couples on the angular velocity w of the frame,
+A chart maps the attitude R of the platform's frame to k coordinates x. The velocity v consists of the powers
+of k couples on the angular velocity w of the frame,
 
-    v = couples(R) w = E(x) dx.
+    v = couples(R) w = E(x) dx,
+
+where dx are the rates of x.
 
 A, B, C, t_s and W_p of the robot refer to this v, so W_p . v is a power in every chart. The couples,
 their rates and E(x) are analytic functions, so complex steps differentiate them.
@@ -46,8 +48,8 @@ from framework.tolerances import FILE_ROUNDING
 class Attitude(ReadOnlyArrays):
     """A chart of k coordinates of attitudes R (T, 3, 3), whose columns are the frame's axes.
 
-    The defaults here are for couples along base axes and v = dx. Without axes (k = 0) the class itself is the
-    chart of a platform that does not turn.
+    The methods of this class hold for couples along base axes and v = dx. Without axes (k = 0) the class
+    itself is the chart of a platform that does not turn.
     """
 
     axes: IntArray  # (k,) base axes 0..2 in the stated order
@@ -59,7 +61,7 @@ class Attitude(ReadOnlyArrays):
         return np.empty((len(rotation), 0))
 
     def residual(self, rotation: Array, x: Array) -> Array:
-        """Compute the offset (T, k) [rad] of R from the attitude of x, the short way round.
+        """Compute the offset (T, k) [rad] of R from the attitude of x, within half a turn.
 
         The rate of the offset is v.
         """
@@ -74,7 +76,7 @@ class Attitude(ReadOnlyArrays):
         return np.zeros((len(w), len(self.axes), 3))
 
     def angular_velocity(self, rotation: Array, v: Array) -> Array:
-        """Compute the angular velocity w (T, 3) with couples w = v (T, k), without free turns."""
+        """Compute the angular velocity w (T, 3) with couples(R) w = v (T, k) and no free turn."""
         return v @ np.eye(3)[self.axes]
 
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
@@ -93,7 +95,7 @@ def attitude_about(axes: IntArray) -> Attitude:
 
 @dataclass(frozen=True, eq=False)
 class TwistAngle(Attitude):
-    """The turn about one axis by the swing-twist decomposition: the remaining turn is least."""
+    """The turn about one axis by the swing-twist decomposition: the remaining rotation is the smallest."""
 
     def coordinates(self, rotation: Array) -> Array:
         """Compute the angle (T, 1) [rad] about axis i: arctan2(R_kj - R_jk, R_jj + R_kk), ijk cyclic."""
@@ -105,13 +107,13 @@ class TwistAngle(Attitude):
 
 @dataclass(frozen=True, eq=False)
 class DirectionChart(Attitude):
-    """Angles whose couples are functions of the direction u = R e of an axis e of the frame."""
+    """Angles whose couples depend on the attitude only by the direction u = R e of a frame axis e."""
 
     constant = False
 
     @property
     def frame_axis(self) -> int:
-        """The index of e."""
+        """The index of the frame axis e."""
         return int(self.axes[0])
 
     @abstractmethod
@@ -144,14 +146,14 @@ class SwingTwistAngle(DirectionChart, TwistAngle):
 
 
 def twist_angle_for(angle: TwistAngle, rotations: Array) -> TwistAngle:
-    """Return `angle`, or its chart for other turns if attitudes (T, 3, 3) have such turns.
+    """Return `angle` if attitudes (T, 3, 3) turn about its axis alone, else a `SwingTwistAngle`.
 
     Raises:
         InvalidInput: the frame also turns about other axes, and its first attitude has no twist angle.
     """
     i = int(angle.axes[0])
-    axes = rotations[:, i]  # (T, 3) the base's axis on axes of the frame
-    if np.abs(axes - axes[0]).max() <= FILE_ROUNDING:
+    axes = rotations[:, i]  # (T, 3) the base's axis i in coordinates of the frame
+    if np.abs(axes - axes[0]).max() <= FILE_ROUNDING:  # constant: the frame turns about this axis alone
         return angle
     if 1.0 + rotations[0, i, i] <= FILE_ROUNDING:
         raise InvalidInput(
@@ -166,18 +168,18 @@ class TwoAngles(DirectionChart):
     """Two axes a, b of the base: R = R_a(x_1) R_b(x_2) R_c(free), x_2 within a right angle.
 
     The angular velocity is w = dx_1 a + dx_2 R_a b + (free rate) R c. The powers of the two couples on w are
-    dx_1 and dx_2, whatever the free rate is. With u = R c and q the part of u across a, the couples are a -
-    (a . u) q / q^2 and, with h = +-1 and a x b = h c, R_a b = h u x a / |q|.
+    dx_1 and dx_2, whatever the free rate is. Let u = R c, q the component of u normal to a, and a x b = h c
+    with h = +-1. Then the first couple is a - (a . u) q / q^2, the second is R_a b = h u x a / |q|.
     """
 
     @property
     def frame_axis(self) -> int:
-        """The index of c."""
+        """The index of the third axis c."""
         return 3 - int(self.axes.sum())
 
     @property
     def handedness(self) -> float:
-        """1 where a, b and c are right-handed, else -1."""
+        """The sign h: 1 if a, b and c are right-handed, else -1."""
         return float(np.linalg.det(np.eye(3)[[*self.axes, self.frame_axis]]))
 
     def coordinates(self, rotation: Array) -> Array:
@@ -192,7 +194,7 @@ class TwoAngles(DirectionChart):
         """Compute the two couples and their time derivatives, (T, 2, 3) each.
 
         The couples are a - (a.u) p and b = h u x a/|q|, with the `handedness` h, q = u - (a.u) a and p =
-        q/q^2. With g = p . q', the rate of log |q|,
+        q/q^2. Primes are time derivatives. With g = p . q', the rate of log |q|,
 
             p' = q'/q^2 - 2 g p,   b' = h u' x a/|q| - g b,   (a - (a.u) p)' = -(a.u') p - (a.u) p'
         """
@@ -217,7 +219,7 @@ class TwoAngles(DirectionChart):
 
 @dataclass(frozen=True, eq=False)
 class RotationVector(Attitude):
-    """Three axes: the rotation vector, its components in the stated order."""
+    """Three axes: the rotation vector, with its components in the stated order."""
 
     rates_are_velocities = False
 
@@ -231,8 +233,9 @@ class RotationVector(Attitude):
     def rates(self, x: Array, dx: Array, u: Array, du: Array) -> tuple[Array, Array]:
         """Compute w = E(r) u and dw/dt, each (T, 3), for rotation vectors r with rates dr.
 
-        w = u + a f + b s with f = r x u and s = r x f. The rates of f and s are dr x u + r x u' and dr x f +
-        r x f'. a and b are functions of |r|^2, whose rate is 2 r.dr. For u = dr, w is the angular velocity.
+        w = u + a f + b s with f = r x u and s = r x f. For u = dr, w is the angular velocity. The rates of f
+        and s are dr x u + r x du and dr x f + r x df. a and b are the coefficients of the left Jacobian,
+        functions of |r|^2, whose rate is 2 r.dr.
         """
         r, dr, u, du = map(self._vector, (x, dx, u, du))
         f = cross(r, u)

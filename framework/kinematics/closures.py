@@ -2,18 +2,18 @@
 
 Each equation has a wrench between its two bodies. The derivative of the equation along a joint is the power
 of this wrench on the joint's screw (Ball's reciprocal product) if the joint carries one of the bodies, and
-zero if it carries both or neither. So one table of rows (`Mechanism.rows`) serves every kind of joint: a kind
-is data, not code.
+zero if it carries both or neither. So one table of rows (`Mechanism.rows`) describes every kind of closure: a
+kind is data, not code.
 
 Every equation is a product of two vectors that are linear in the axes and origins of frames (`row_factors`).
 Residual, Jacobian and exact derivatives (`wrench_changes`, `frame_variations`) follow from these vectors.
 
 The module also compares directions of the two frames of a closure, to tell a closed loop from a flipped one.
 A rotation is locked by equations that keep axes of the two frames perpendicular (see `LoopRows`). They
-describe the closure exactly near the right pose. But they also hold with the axis of a hinge reversed, or
-with two welded frames turned by 120 degrees about (1, 1, 1) or by 180 degrees about an axis. The equations
-are closed in such flipped poses, yet no motion leads there. In the right pose alone the same axis of both
-frames has the same direction.
+describe the closure exactly near the right pose. But they also hold if the axis of a hinge is reversed, or if
+one of two welded frames is turned by 120 degrees about (1, 1, 1) or by 180 degrees about an axis. In such
+flipped poses all equations are satisfied, yet no motion leads there. Only in the right pose does each locked
+axis have the same direction in both frames.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class LoopWrenches(NamedTuple):
 
 
 def loop_equations(rows: LoopRows, frames: FrameStack) -> LoopEquations:
-    """Compute the residual (T, m) and the Jacobian (T, m, nv) of m rows at T configurations.
+    """Compute the residuals (T, m) and the Jacobian (T, m, nv) of m rows at T configurations.
 
     An entry of the Jacobian is the power of the row's wrench on the joint's screw.
     """
@@ -71,9 +71,9 @@ def base_wrenches(rows: LoopRows, frames: FrameStack) -> Array:
 def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
     """Compute residuals (T, m) and wrenches (T, m, 6) of m rows; couplings have zero wrenches.
 
-    An axis u turns with the first frame, an axis w with the second, and d leads from the first origin to the
-    second. With velocities v and angular velocities w_1, w_2 of the frames the three kinds of products have
-    the rates
+    The axis u turns with the first frame and the axis w with the second; d leads from the first origin to the
+    second. With velocities v_1, v_2 and angular velocities w_1, w_2 of the frames the three kinds of products
+    have the rates
 
         (u . d)' = u . (v_2 - v_1 - w_1 x d)      power of the force u
         (d . d)' = 2 d . (v_2 - v_1)              power of the force 2 d
@@ -93,8 +93,9 @@ def loop_wrenches(rows: LoopRows, frames: FrameStack) -> LoopWrenches:
 def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
     """Compute changes (..., m, 6) of the rows' wrenches about the base's origin, to first order.
 
-    Axes and origins of frames (..., F, 4, 3) change by `changes` of the same shape. The wrench with the force
-    f and the couple b x a at the point p changes by (f', b' x a + b x a' + p' x f + p x f').
+    The axes and origins of frames, `placements` (..., F, 4, 3), change by `changes` of the same shape. With
+    primes for changes, the wrench with the force f and the couple b x a at the point p changes by (f', b' x a
+    + b x a' + p' x f + p x f').
     """
     a, b = row_factors(rows, placements)
     da, db = row_factors(rows, changes)
@@ -108,21 +109,23 @@ def wrench_changes(rows: LoopRows, placements: Array, changes: Array) -> Array:
 
 
 def closure_drift(rows: LoopRows, motions: FrameMotions) -> Array:
-    """Compute the second time derivative (..., m) of the loop equations for motions of the frames.
+    """Compute the second time derivatives (..., m) of the loop equations for motions of the frames.
 
-    It is (a . b)" = a" . b + 2 a' . b' + a . b". Without joint accelerations it is the drift dJ/dt v.
+    With both factors a, b of a row they are (a . b)" = a" . b + 2 a' . b' + a . b". Without joint
+    accelerations they are the drift dJ/dt v.
     """
     (a, da, dda), (b, db, ddb) = row_factors(rows, motions.rates)  # (..., m, 3) each
     terms = dda * b + 2.0 * da * db + a * ddb
+    # added in this order, so that the sum does not depend on the size of the stack
     return rows.weight * (terms[..., 0] + terms[..., 1] + terms[..., 2])
 
 
 def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
-    """Select the two vectors (..., m, 3) whose product is each row.
+    """Select the two vectors (..., m, 3) whose scalar product is each row, see `LoopRows`.
 
-    The first is u, or d of a square; the second is d, or w of a rotation (`LoopRows`). `placements` (..., F,
-    4, 3) are axes and origins of the frames. Both vectors are linear in these, so rates of `placements` give
-    rates of the vectors.
+    The first vector is u, or d in a row d . d. The second is d, or w in a rotation row. Both are linear in
+    `placements` (..., F, 4, 3), the axes and origins of the frames. So rates of `placements` give rates of
+    the vectors.
     """
     *stack, frames, vectors, _ = placements.shape
     flat = placements.reshape(*stack, frames * vectors, 3)
@@ -135,10 +138,10 @@ def row_factors(rows: LoopRows, placements: Array) -> tuple[Array, Array]:
 
 
 def scale_jacobian(mechanism: Mechanism, matrix: Array, turning: BoolArray) -> Array:
-    """Return a matrix (..., m, nv) made dimensionless: metres become lengths of the mechanism.
+    """Return a Jacobian (..., m, nv) made dimensionless: metres become lengths of the mechanism.
 
     `turning` (m,) marks the rows that are angles. Rank and conditioning are judged on the result, so they do
-    not depend on whether a robot is drawn in metres or in millimetres.
+    not depend on the unit of length.
     """
     return matrix * row_weights(mechanism, turning)[:, None] * mechanism.column_scale
 
@@ -149,7 +152,7 @@ def row_weights(mechanism: Mechanism, turning: BoolArray) -> Array:
 
 
 def direction_gaps(directions: LockedDirections, frames: FrameStack) -> Array:
-    """Compute vectors (T, d, 3) between axes of both frames that should point alike."""
+    """Compute the differences (T, d, 3) of d pairs of axes that should be parallel."""
     first, second, axis, _ = directions
     return frames.placements[:, second, axis] - frames.placements[:, first, axis]
 
@@ -164,9 +167,9 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
 
 
 def find_flipped_closure(mechanism: Mechanism, frames: FrameStack) -> str | None:
-    """Return the name of the most flipped closure (T = 1), None without any."""
+    """Return the name of the closure with the largest direction gap (T = 1); None if none is flipped."""
     directions = mechanism.directions
     distances = np.linalg.norm(direction_gaps(directions, frames)[0], axis=1)
     if not np.any(distances > FLIPPED_DISTANCE):
         return None
-    return directions.closures[int(np.argmax(distances))]
+    return directions.closures[np.argmax(distances)]

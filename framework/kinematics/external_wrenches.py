@@ -1,12 +1,12 @@
-"""Wrenches of the world on bodies of a robot, constant or along its path, and their joint forces.
+"""External wrenches on bodies of a robot, constant or along its path, and their joint forces.
 
-A wrench (force, moment) acts ON the body of a frame, at the frame's origin. Its components are on axes of the
-base, or on axes of the frame, and then it turns with the frame. It is part of the forces of the open tree
+A wrench (force, moment) acts ON the body of a frame, at the frame's origin. Its components are on base axes,
+or on the frame's axes; in the second case it turns with the frame. It is part of the forces of the open tree
 (`dynamics.forces`),
 
     r = RNEA(q, v, a) - sum over wrenches of J(q)' w(s),        J (6, nv) the Jacobian of the frame,
 
-so it affects all that follows from r: condition (8), torques, deflections, geometric stiffness, laws.
+so it affects everything that depends on r: condition (8), torques, deflections, geometric stiffness, laws.
 Wrenches that depend on velocity (a cutting force, drag) are not supported.
 """
 
@@ -33,13 +33,13 @@ from framework.numerics.ordered_sums import cross, matvec
 
 
 class AppliedWrench(NamedTuple):
-    """A wrench of the world on the body of a frame at T configurations."""
+    """An external wrench on the body of a frame at T configurations."""
 
     frame: str
-    joint: int  # that moves the body
+    joint: int  # index of the joint that moves the body
     wrench: Array  # (T, 6) about the base's origin, base axes
     generalised: Array  # (T, nv) the joint forces J' w
-    origin: Array  # (T, 3) of the frame, where the wrench acts
+    origin: Array  # (T, 3) origin of the frame, where the wrench acts
     turns: bool  # whether the wrench turns with the frame
 
     @property
@@ -50,16 +50,16 @@ class AppliedWrench(NamedTuple):
 
 @dataclass(frozen=True)
 class ExternalWrenches:
-    """All wrenches of the world on a robot along its path."""
+    """All external wrenches on a robot along its path."""
 
     entries: tuple[FrameWrench, ...] = ()
 
     @staticmethod
     def of(wrenches: Mapping[str, Any] | None) -> ExternalWrenches:
-        """Return the wrenches in {frame: wrench}, see `FrameWrench.of`; no wrenches for None.
+        """Return the wrenches of a mapping {frame: wrench}, see `FrameWrench.of`; none for None.
 
         Raises:
-            InvalidInput: a value is no wrench.
+            InvalidInput: a value is not a wrench.
         """
         expect_wrenches(wrenches)
         named = (wrenches or {}).items()
@@ -75,13 +75,13 @@ class ExternalWrenches:
         return ExternalWrenches(tuple(entry.times(factor) for entry in self.entries))
 
     @property
-    def push(self) -> bool:
+    def is_nonzero(self) -> bool:
         """Whether any wrench is not zero."""
         return any(np.any(entry.rows[..., -6:]) for entry in self.entries)
 
     @property
     def knots(self) -> Array:
-        """The path coordinates (k,) inside (0, 1) between which the wrenches are analytic."""
+        """Path coordinates (k,) in (0, 1) between which the wrenches are analytic."""
         return np.unique(np.concatenate([NO_KNOTS, *(entry.knots for entry in self.entries)]))
 
     @property
@@ -90,7 +90,7 @@ class ExternalWrenches:
         return {entry.frame: entry.document for entry in self.entries}
 
     def evaluate(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> tuple[AppliedWrench, ...]:
-        """Compute the wrenches at `frames` of T configurations and path coordinates s (T,)."""
+        """Compute the wrenches at T configurations with the given `frames` and path coordinates s (T,)."""
         wrenches = self.evaluate_on_base_axes(mechanism, frames, s)
         return tuple(
             applied_wrench(mechanism, frames, entry.frame, wrenches[entry.frame], turns=entry.turns)
@@ -98,7 +98,7 @@ class ExternalWrenches:
         )
 
     def evaluate_on_base_axes(self, mechanism: Mechanism, frames: FrameStack, s: Array) -> dict[str, Array]:
-        """Compute the wrenches (T, 6) at path coordinates s (T,) and frames' origins, base axes, by frame."""
+        """Compute the wrenches (T, 6) by frame at s (T,), about the frames' origins on base axes."""
         wrenches = {}
         for entry in self.entries:
             wrench = entry(s)
@@ -151,7 +151,7 @@ def applied_wrench(
 
     Args:
         frames: of the robot at these configurations.
-        wrench: at the origin of `frame`, base axes.
+        wrench: about the origin of `frame`, on base axes.
         turns: whether the wrench turns with its frame.
     """
     index = frame_index(mechanism.model, frame)
@@ -173,8 +173,9 @@ def applied_wrench(
 def wrench_slope(mechanism: Mechanism, screws: Array, applied: AppliedWrench) -> Array:
     """Compute the derivative (T, nv, nv) of a wrench's joint forces.
 
-    Row j, column i is the derivative of S_j . w along joint i, with w = (f, m + p x f) about the base's
-    origin. For joints i, j that move the frame it is the sum of two terms:
+    Row j, column i is the derivative of S_j . w along joint i, with S_j the screw of joint j (`screws` (T,
+    nv, 6)) and w = (f, m + p x f) the wrench about the base's origin, which acts at the point p. For joints
+    i, j that move the frame it is the sum of two terms:
 
         [S_i, S_j] . w       if joint i precedes j and so changes S_j
         S_j . dw             a wrench on base axes changes only because p moves, by d_i: dw = (0, d_i x f);

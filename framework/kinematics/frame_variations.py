@@ -1,4 +1,4 @@
-"""Changes of screws, frames and loop forces with the configuration of a robot.
+"""Derivatives of screws, frames and loop forces with respect to the configuration of a robot.
 
 Let S_i be the screws of the joints about the base's origin. A small motion eta displaces the body of joint i
 by Phi_i = sum eta_j S_j, over the joints j that move this body, and changes S_i by the bracket [Phi_i, S_i]
@@ -32,7 +32,7 @@ class TreeColumns(NamedTuple):
 
 @lru_cache(maxsize=64)
 def tree_columns(mechanism: Mechanism) -> TreeColumns:
-    """Return the table of bodies and screws that each column moves."""
+    """Return which bodies and screws each column moves."""
     model = mechanism.model
     owner = np.repeat(np.arange(1, model.njoints), [joint.nv for joint in model.joints[1:]])
     carried = carrying_joints(model, np.arange(model.njoints))
@@ -40,13 +40,13 @@ def tree_columns(mechanism: Mechanism) -> TreeColumns:
 
 
 def bracket(a: Array, b: Array) -> Array:
-    """Compute the bracket of screws (..., 6): the rate of a screw b on a body with twist a.
+    """Compute the bracket [a, b] (..., 6): the rate of a screw b fixed to a body with twist a.
 
-    With a = (v, w) and b = (c, u) it is (w x c + v x u, w x u).
+    With a = (v, w) and b = (c, u), all (..., 3), it is (w x c + v x u, w x u).
     """
-    parts = b.reshape(*b.shape[:-1], 2, 3)
-    rates = cross(a[..., None, 3:], parts)
-    rates[..., 0, :] += cross(a[..., :3], parts[..., 1, :])
+    parts = b.reshape(*b.shape[:-1], 2, 3)  # c and u
+    rates = cross(a[..., None, 3:], parts)  # w x c and w x u
+    rates[..., 0, :] += cross(a[..., :3], parts[..., 1, :])  # v x u
     return rates.reshape(*rates.shape[:-2], 6)
 
 

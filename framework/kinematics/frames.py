@@ -38,7 +38,7 @@ class FrameStack(NamedTuple):
         return self.placements[:, :, :3].swapaxes(2, 3)
 
     def select(self, which: slice | IntArray) -> FrameStack:
-        """Return the frames at some of the configurations."""
+        """Return the frames at the configurations `which`."""
         return FrameStack(self.placements[which], self.screws[which], self.carried, self.q[which])
 
     def frame_jacobian(self, frame: int) -> Array:
@@ -57,13 +57,14 @@ class FrameMotions(NamedTuple):
 
     twist: Array  # (T, F, 6)
     twist_rate: Array  # (T, F, 6)
-    rates: Array  # (3, T, F, 4, 3) axes and origins, their velocities and accelerations
+    rates: Array  # (3, T, F, 4, 3) axes and origins, their velocities, and their accelerations
 
     @staticmethod
     def of(placements: Array, twist: Array, twist_rate: Array) -> FrameMotions:
-        """Compute the motions of frames placed at c (..., F, 4, 3) with twists (..., F, 6).
+        """Compute the motions of frames placed at c (..., F, 4, 3) with twists (v, w) (..., F, 6).
 
-        Axes move by c' = w x c, origins by c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt of origins.
+        Axes move at c' = w x c, origins at c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt for
+        origins.
         """
         velocity = move_frames(twist, placements)
         acceleration = move_frames(twist_rate, placements) + turn_vectors(twist, velocity)
@@ -82,7 +83,7 @@ def frames_at(mechanism: Mechanism, q: Array) -> FrameStack:
 
 
 def collect_frames(scratch: Scratch, q: Array, compute: Callable[[int], pin.Model]) -> FrameStack:
-    """Collect poses of frames and screws of joints while pinocchio computes one q[k] after the other.
+    """Collect poses of frames and screws of joints at q (T, nq), computed one q[k] after the other.
 
     Args:
         compute: computes joints and their screws at q[k] in the memory of `scratch`; returns the model used.
@@ -115,13 +116,14 @@ def move_frames(twist: Array, placements: Array) -> Array:
 
 
 def move_wrench(wrench: Array, arm: Array) -> Array:
-    """Refer wrenches (..., 6) to another point, from which arms (..., 3) lead to the old one.
+    """Refer wrenches (force, moment) (..., 6) to other points.
 
-    The moment becomes m + arm x f; the force f does not change.
+    The arms (..., 3) lead from the new points to the old ones. A moment m becomes m + arm x f; the force f
+    does not change.
     """
-    moved = wrench.copy()
-    moved[..., 3:] += cross(arm, wrench[..., :3])
-    return moved
+    result = wrench.copy()
+    result[..., 3:] += cross(arm, wrench[..., :3])
+    return result
 
 
 def frame_motions(mechanism: Mechanism, frames: FrameStack, v: Array) -> FrameMotions:
@@ -157,19 +159,20 @@ def _apply_to_pairs(
     function: Callable[..., Array], mechanism: Mechanism, first: Array, second: Array
 ) -> Array:
     """Apply a function of pinocchio to pairs of vectors (..., k) and (..., l), one after the other."""
+    # pinocchio takes contiguous vectors only
     rows = (np.ascontiguousarray(stack).reshape(-1, stack.shape[-1]) for stack in (first, second))
     return np.array([function(mechanism.model, *pair) for pair in zip(*rows, strict=True)])
 
 
 def full_motion(mechanism: Mechanism, columns: IntArray, motion: Array) -> Array:
-    """Return tangent vectors (..., nv) with motions (..., k) of some columns, zero elsewhere."""
+    """Return tangent vectors (..., nv) with the motions (..., k) of `columns` (k,), zero elsewhere."""
     full = np.zeros((*motion.shape[:-1], mechanism.nv))
     full[..., columns] = motion
     return full
 
 
 def integrate_columns(mechanism: Mechanism, q: Array, columns: IntArray, step: Array) -> Array:
-    """Move configurations q (..., nq) by steps (..., k) of some columns; the others rest."""
+    """Move configurations q (..., nq) by steps (..., k) of `columns` (k,); the others rest."""
     return integrate(mechanism, q, full_motion(mechanism, columns, step))
 
 
@@ -188,14 +191,14 @@ def difference(mechanism: Mechanism, start: Array, q: Array) -> Array:
 
 
 def difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:
-    """Compute the derivative (T, nv, nv) of `difference` from start (nq,) to q (T, nq) along q."""
+    """Compute the derivative (T, nv, nv) of `difference` from start (nq,) to q (T, nq) with respect to q."""
     by_end = pin.ArgumentPosition.ARG1
     rows = map(np.ascontiguousarray, q)
     return np.array([pin.dDifference(mechanism.model, start, row, by_end) for row in rows])
 
 
 def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
-    """Compute the generalised forces (T, nv) of forces (T, nv) along `difference` from `start`.
+    """Compute the generalised forces (T, nv) of forces (T, nv) that act along `difference` from `start`.
 
     They are D' force, with D the derivative of the difference at q (T, nq). D is the identity except on
     balls, whose angular velocity is not the rate of the rotation vector.
@@ -208,8 +211,8 @@ def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array)
 def forces_on_joints_slope(mechanism: Mechanism, start: Array, q: Array, stiffness: Array) -> Array:
     """Compute the derivative (T, nv, nv) of the `forces_on_joints` of springs with stiffness (nv,).
 
-    D' does not appear: a ball has equal stiffness about all axes, so its torque is along its rotation vector,
-    which D' does not change.
+    D' of `forces_on_joints` does not appear: a ball has equal stiffness about all axes, so its torque is
+    along its rotation vector, which D' does not change.
     """
     if not mechanism.has_balls:
         return np.broadcast_to(np.diag(stiffness), (len(q), mechanism.nv, mechanism.nv))

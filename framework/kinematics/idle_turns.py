@@ -1,14 +1,14 @@
 """The motion of idle turns, which neither the platform nor the loops determine.
 
-A rod between two balls may turn about its own line without moving a centre of mass. The turn rests if nothing
+A rod between two balls may turn about its own axis without moving a centre of mass. The turn rests if nothing
 acts on it. Damping in the balls drives it; without damping, armature in the balls does. With G the diagonal
-matrix of damping or armature and Z(q) the motion of the turn alone,
+matrix of damping or armature, Z(q) the motion of the turn alone, and joint rates v and accelerations a,
 
     Z' G v = 0        no damping torque along the turn, or no angular momentum of the armature
     Z' G a = -dZ/dt' G v
 
-So the rates of the turn remain a function of the pose, linear in the rates of the platform, as motion laws
-need it. Only balls with equal values about all three axes count, because their effect does not depend on the
+So the rates of the turn remain a function of the pose, linear in the rates of the platform, which motion laws
+need. Only balls with equal values about all three axes count, because their effect does not depend on the
 angle of the turn. `dynamics.residuals` measures the torque that remains: of armature beside damping, and of
 the rod's own inertia.
 """
@@ -35,9 +35,9 @@ class IdleTurns:
     weights: Array  # G (k, nv) of each turn; zero for a resting turn
 
     def add_turns(self, rates: Array, right: Array | float = 0.0) -> Array:
-        """Add turns Z y to rates (..., T, nv) by Z' G (rates + Z y) = right (T, k)."""
-        missing = right - np.matvec(self.rows, rates)  # (..., T, k)
-        y = np.linalg.solve(self.rows @ self.motions, missing[..., None])[..., 0]
+        """Add turns Z y to rates (..., T, nv), with Z' G (rates + Z y) = right (T, k)."""
+        residual = right - np.matvec(self.rows, rates)  # (..., T, k)
+        y = np.linalg.solve(self.rows @ self.motions, residual[..., None])[..., 0]
         return rates + np.matvec(self.motions, y)
 
     def rows_rate(self, robot: ParallelRobot, linearised: LinearisedLoops, jacobian_rate: Array) -> Array:
@@ -47,7 +47,7 @@ class IdleTurns:
 
 
 def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns | None:
-    """Return the motions of idle turns; None if all turns rest."""
+    """Return the idle turns at T instants; None if all idle joints rest."""
     weights = _driving_weights(robot)
     if not weights.any():
         return None
@@ -59,13 +59,13 @@ def idle_turns(robot: ParallelRobot, linearised: LinearisedLoops) -> IdleTurns |
 
 
 def driven_turns(robot: ParallelRobot) -> IntArray:
-    """Return the idle columns whose turns are driven by damping or armature of balls."""
+    """Return the idle columns whose turns damping or armature of balls drives."""
     return robot.structure.idle[_driving_weights(robot).any(axis=1)]
 
 
 @lru_cache(maxsize=16)
 def _driving_weights(robot: ParallelRobot) -> Array:
-    """Return G (k, nv): damping, else armature, of the balls that each idle turn moves."""
+    """Return G (k, nv) of k idle turns: damping, else armature, of the balls that each moves."""
     weights = np.zeros((len(robot.structure.idle), robot.nv))
     damping = _isotropic_ball_values(robot, robot.joint_damping)
     armature = _isotropic_ball_values(robot, robot.model.armature)
@@ -97,7 +97,7 @@ def turn_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 
 
 def _closing_motions(robot: ParallelRobot, linearised: LinearisedLoops, gaps: Array) -> Array:
-    """Compute motions (T, nv, k) of the moving joints that undo changes `gaps` (T, n + m, k) of F."""
+    """Compute motions (T, nv, k) of the moving joints that cancel changes `gaps` (T, n + m, k) of F."""
     closing = -linearised.factors.solve(np.moveaxis(gaps, 2, 0))  # (k, T, moving)
     motions = np.zeros((len(gaps), robot.nv, len(closing)))
     motions[:, robot.moving] = np.moveaxis(closing, 0, 2)

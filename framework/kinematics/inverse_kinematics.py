@@ -29,14 +29,14 @@ from framework.kinematics.tree_model import ball_columns
 from framework.numerics.arrays import Array, BoolArray
 from framework.tolerances import NEWTON_STEP
 
-ROUNDING_STEP = 2e-15  # a step this small is rounding and not taken: angles near 2 pi are 1e-15 apart
+ROUNDING_STEP = 2e-15  # smaller steps are rounding and are not taken: angles near 2 pi are 1e-15 apart
 MAX_ITERATIONS = 25
 SPIN_ROUNDING = 1e-15  # [rad] spin that counts as zero
 MAX_SPIN_STEPS, MAX_SPIN_STEP = 20, 1.0  # number of Newton steps; [rad] largest turn in one step
 
 
 def require_square(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless x and the loops determine all joints and the motors suffice."""
+    """Raise InvalidInput unless x and the loops determine all joints and enough motors exist."""
     require_joints_close(robot)
     require_mobility(robot)
 
@@ -53,7 +53,7 @@ def require_joints_close(robot: ParallelRobot) -> None:
 
 
 def require_mobility(robot: ParallelRobot) -> None:
-    """Raise InvalidInput unless n equals the mobility and n_a is no smaller."""
+    """Raise InvalidInput unless n equals the mobility and n_a is at least as large."""
     loops = len(robot.loops.names)
     joints = len(robot.moving)
     mobility = joints - loops
@@ -76,7 +76,7 @@ def close_loops(robot: ParallelRobot, x: Array, guess: Array) -> ClosedStack:
     q, linearised, closed = close_each(robot, x, guess)
     if closed.all():
         return ClosedStack(q, x, linearised)
-    gaps = np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1)
+    gaps = np.nan_to_num(np.abs(linearised.residual), nan=np.inf).max(axis=1)  # (T,)
     worst = np.argmax(np.where(closed, 0.0, gaps))
     residual = float(np.abs(linearised.residual[worst]).max())
     raise NotAssembled(
@@ -106,26 +106,28 @@ def close_each(
 ) -> NewtonResult:
     """Close the loops near guesses (T, nq) by Newton's method, each instant independently.
 
-    At platform coordinates x (T, n) all joints move; without x only the passive joints do. Springs keep the
-    deflections of the guess. Steps are scaled down to `MAX_NEWTON_STEP`. An instant where the equations are
-    singular, or where a step is too large, is given up: it is not `closed`, and the others go on.
+    At platform coordinates x (T, n) all joints move; if x is None only the passive joints do. Springs keep
+    the deflections of the guess. Steps are scaled down to `MAX_NEWTON_STEP`. An instant where the equations
+    are singular, or where a step is too large, is dropped as not `closed`, and the others go on.
 
     Args:
+        iterations: largest number of Newton steps.
         farthest: largest step that is accepted [rad, lengths of the robot].
-        last_step: a step as small as this closes an instant, with an error of about its square.
+        last_step: an instant counts as closed after a smaller step, with an error of about the step's square.
     """
     columns = robot.following if x is None else robot.moving
     lengths = robot.column_scale[columns]
     q = guess.copy()
-    live = np.arange(len(q))  # instants that are not given up
-    size = np.full(len(q), np.inf)  # of the last steps of live instants [rad, lengths]
+    live = np.arange(len(q))  # indices of the instants that have not been dropped
+    size = np.full(len(q), np.inf)  # largest entry of the last step of each live instant [rad, lengths]
     for iteration in range(iterations + 1):
         linearised = linearised_at(robot, q[live], None if x is None else x[live])
         if iteration == iterations or size.max(initial=0.0) < last_step:
             break
         steps, regular = _newton_steps(robot, linearised, at_motors=x is None)
         if not regular.all():  # a singular instant spoils the steps of all others: repeat without it
-            live, size = live[regular], np.full(np.count_nonzero(regular), np.inf)
+            live = live[regular]
+            size = np.full(len(live), np.inf)
             continue
         steps = steps / lengths
         size = np.abs(steps).max(axis=1, initial=0.0)
@@ -145,9 +147,10 @@ def close_each(
 def _newton_steps(
     robot: ParallelRobot, linearised: LinearisedLoops, *, at_motors: bool
 ) -> tuple[Array, BoolArray]:
-    """Compute Newton's steps (T, k) of the moving joints, and whether each instant is regular (T,).
+    """Compute Newton's steps (T, k), and which instants are regular (T,).
 
-    The steps are valid only if all instants are regular.
+    The steps are those of the passive joints if `at_motors`, else of all moving joints. They are valid only
+    if all instants are regular.
     """
     if at_motors:
         residual, factors = linearised.residual[:, robot.n :], linearised.passive_factors
@@ -172,7 +175,7 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
     Raises:
         NotAssembled: a configuration is on a singularity of the inverse kinematics.
     """
-    is_ball = np.isin(robot.structure.idle, ball_columns(robot.model))  # of each idle joint
+    is_ball = np.isin(robot.structure.idle, ball_columns(robot.model))  # whether each idle joint is of a ball
     if not (len(q) and is_ball.any()):
         return q
     idle = robot.structure.idle[is_ball]  # (k,)
@@ -181,9 +184,10 @@ def remove_idle_spin(robot: ParallelRobot, origin: Array, q: Array, x: Array) ->
         if np.abs(spin).max() <= SPIN_ROUNDING:
             break
         turns = turn_motions(robot, linearised_at(robot, q, x))[:, :, is_ball]  # (T, nv, k)
-        slope = difference_jacobian(robot, origin, q)[:, idle] @ turns  # (T, k, k) of the spin
+        slope = difference_jacobian(robot, origin, q)[:, idle] @ turns  # (T, k, k) of spin along the turns
         angles = np.linalg.solve(slope, -spin[:, :, None])  # (T, k, 1)
-        angles /= np.maximum(np.abs(angles).max(axis=1, keepdims=True) / MAX_SPIN_STEP, 1.0)
+        largest_angle = np.abs(angles).max(axis=1, keepdims=True)
+        angles /= np.maximum(largest_angle / MAX_SPIN_STEP, 1.0)
         turned = integrate(robot, q, (turns @ angles)[:, :, 0])
         q = close_loops(robot, x, turned).q
     return q

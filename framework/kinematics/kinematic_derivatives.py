@@ -1,9 +1,9 @@
 """Exact derivatives of the pose and of A, B, C along the motors and along the springs, loops closed.
 
-F = [platform - x ; closures]. When a deflection opens the loops while the motors rest, the passive joints
-close them, P dq_p = -dc, and the platform moves. When the platform rests, all joints follow the deflection.
-A, B and C change with the wrenches and screws in dF/dq (`jacobian_rates`), in the basis of
-`matrices_and_rates`.
+F = [platform - x ; closures]. If the motors rest while a deflection changes the closures by dc, the passive
+joints close them, P dq_p = -dc, and the platform moves. If the platform rests, all joints follow the
+deflection. The derivatives of A, B and C follow from those of dF/dq (`jacobian_rates`), with the choice of
+rows of `matrices_and_rates`.
 
 Springs may be any joints added to those of a robot. The geometric parameters of a robot are the springs of
 `framework.identification.geometry.parametrise_geometry(robot).model`, so this module also computes
@@ -57,14 +57,13 @@ class KinematicDerivatives(ReadOnlyArrays):
 def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) -> KinematicDerivatives:
     """Compute the derivatives of a pose q (nq,) along motors and springs.
 
-    Loop equations that only springs can close stay open, for instance those of planar robots out of their
-    plane.
+    Loop equations that only springs can close stay open, for instance those of a planar robot for motions out
+    of its plane.
 
     Raises:
-        InvalidInput: q is not assembled; motors depend on one another; or the platform does not determine the
-            joints.
-        SingularPose: the motors do not determine the pose (Type 2).
-        NotAssembled: the platform does not determine the joints (Type 1).
+        InvalidInput: q is not assembled; no motor can move alone; or the platform does not determine the
+        joints. SingularPose: the motors do not determine the pose (Type 2). NotAssembled: the platform does
+        not determine the joints (Type 1).
     """
     closed = assembled_at(robot, q)
     require_mobility(robot)
@@ -76,7 +75,8 @@ def kinematic_derivatives(robot: ParallelRobot, q: ArrayLike | Configuration) ->
             f"the robot (Type 2), and the pose has no derivative along them",
             platform=closed.x[0],
         )
-    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)  # (n_e, 1, n + m)
+    # (n_e, 1, n + m) changes of F by a unit deflection of each spring
+    gaps = np.moveaxis(linearised.jacobian[:, :, robot.elastic], 2, 0)
     joints = -moving_rates(robot, linearised, gaps)[:, 0]  # (n_e, moving), motors first
     return KinematicDerivatives(
         motors=_pose_derivatives(robot, closed, robot.actuated),
@@ -90,7 +90,7 @@ def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArr
     linearised = closed.linearised
     steps = np.eye(robot.nv)[columns]  # (k, nv) unit rates of the joints
     if len(robot.following):
-        gaps = linearised.closures[0][:, columns].T  # (k, m) that these rates open
+        gaps = linearised.closures[0][:, columns].T  # (k, m) rates at which these joints open the loops
         steps[:, robot.following] = -linearised.passive_factors.solve(gaps[:, None])[:, 0]
     copies = linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
     jacobian_changes, _ = jacobian_rates(robot, copies, steps)

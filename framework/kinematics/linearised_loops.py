@@ -29,16 +29,16 @@ class LinearisedLoops:
     equations: Equations
     frames: FrameStack
     loops: LoopWrenches  # all loop equations of the robot, redundant ones included
-    residual: Array  # (T, n + m)
+    residual: Array  # (T, n + m) F
     wrenches: Array  # (T, n + m, 6) of platform and independent loops, about the base's origin
     jacobian: Array  # (T, n + m, nv) dF/dq
 
     def select(self, k: int | slice | IntArray) -> LinearisedLoops:
-        """Return the equations at one configuration (T = 1) or at several."""
-        every = np.arange(len(self.residual))
-        which = np.atleast_1d(every[k])
-        if np.array_equal(which, every):
-            return self  # with the LU factors computed so far
+        """Return the equations at one configuration k (T = 1) or at several."""
+        all_indices = np.arange(len(self.residual))
+        which = np.atleast_1d(all_indices[k])
+        if np.array_equal(which, all_indices):
+            return self  # keeps the LU factors computed so far
         return LinearisedLoops(
             equations=self.equations,
             frames=self.frames.select(which),
@@ -68,7 +68,7 @@ class LinearisedLoops:
         """LU factors of dF/dq (T, n + m, n + m) along the moving joints.
 
         Raises:
-            numpy.linalg.LinAlgError: there are not as many equations as columns.
+            numpy.linalg.LinAlgError: the numbers of equations and of moving joints differ.
         """
         return self._factor(self.equations.moving_part, "the platform and the loops")
 
@@ -77,7 +77,7 @@ class LinearisedLoops:
         """LU factors of P (T, m, m), the derivatives of the loops along the passive joints.
 
         Raises:
-            numpy.linalg.LinAlgError: there are not as many loop equations as columns.
+            numpy.linalg.LinAlgError: the numbers of loop equations and of passive joints differ.
         """
         return self._factor(self.equations.passive_part, "the loops along passive joints")
 
@@ -100,7 +100,7 @@ class ClosedStack:
 def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> LinearisedLoops:
     """Compute F and dF/dq at q (T, nq) and platform coordinates x (T, n).
 
-    If x is None, the platform is taken where q puts it, and its residual is zero.
+    If x is None, x is that of the platform at q, and the platform's residual is zero.
     """
     equations, independent, n = robot.equations, robot.structure.independent, robot.n
     frames = frames_at(robot, q)
@@ -119,13 +119,13 @@ def linearised_at(robot: ParallelRobot, q: Array, x: Array | None) -> Linearised
 
 
 def linearised_at_reference(robot: ParallelRobot) -> LinearisedLoops:
-    """Return the equations at the assembled reference."""
+    """Return the equations at the assembled reference, T = 1."""
     reference = robot.reference
     return linearised_at(robot, reference.q[None], reference.x[None])
 
 
 def assembled_at(robot: ParallelRobot, q: ArrayLike | Configuration, *, stacks: bool = False) -> ClosedStack:
-    """Return an assembled configuration q (nq,) with its linearised equations, after a check.
+    """Linearise the equations at a configuration q (nq,) after checking that q is assembled.
 
     Args:
         stacks: whether T configurations (T, nq) are accepted as well.

@@ -17,7 +17,7 @@ from framework.numerics.arrays import Array, IntArray
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
 
-CHOLESKY_CLEARANCE = 1e-4  # least singular value of P whose square stands out of the rounding of P'P
+CHOLESKY_CLEARANCE = 1e-4  # singular value of P whose square is well above the rounding of P'P
 
 
 def scaled_loops(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
@@ -49,8 +49,8 @@ def clearance(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def find_near_type2(robot: ParallelRobot, linearised: LinearisedLoops) -> IntArray:
     """Find the ascending indices of configurations at Type 2, with a `clearance` below RANK_LOST.
 
-    Usually there are none. The Cholesky factorisation of P'P - c^2 proves that at a tenth of the cost of
-    singular values: it succeeds only if all singular values are above c.
+    Usually there are none. The Cholesky factorisation of P'P - c^2 I proves this at a tenth of the cost of
+    singular values: it succeeds only if all singular values of P are above c.
     """
     P = passive_matrix(robot, linearised)
     shifted = P.swapaxes(1, 2) @ P - CHOLESKY_CLEARANCE**2 * np.eye(P.shape[2])
@@ -68,10 +68,10 @@ def equation_sizes(robot: ParallelRobot) -> Array:
 
 
 def type2_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the square matrix (T, n_p, n_p) that is singular at Type 2: P, else P'P.
+    """Compute the square matrix (T, n_p, n_p) that is singular at Type 2: P, or P'P with redundant motors.
 
-    With redundant motors P has more rows than columns. It loses rank at isolated poses at most, where the
-    determinant of P'P vanishes without a change of sign.
+    With redundant motors P has more rows than columns and loses rank only at isolated poses, where det P'P
+    vanishes without changing sign.
     """
     P = passive_matrix(robot, linearised)
     return P if P.shape[1] == P.shape[2] else P.swapaxes(1, 2) @ P
@@ -80,8 +80,8 @@ def type2_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
 def type1_matrix(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
     """Compute the dimensionless Jacobian (T, n + m, n + m) of the inverse kinematics.
 
-    Rows: platform, loops; columns: actuated, passive joints. It is singular at Type 1 singularities and where
-    the loop equations lose rank.
+    The rows are those of the platform, then of the loops; the columns are the actuated, then the passive
+    joints. The matrix is singular at Type 1 singularities and where the loop equations lose rank.
     """
     rows = [scaled_platform(robot, linearised), independent_loops_matrix(robot, linearised)]
     return np.concatenate(rows, axis=1)[:, :, robot.moving]
@@ -96,8 +96,8 @@ def passive_motion(robot: ParallelRobot, eta: Array) -> Array:
 def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: float) -> IntArray:
     """Compute by how much (T,) the rank of the independent loop equations drops.
 
-    Each singular value, in radians and robot lengths, that is below `level` times the largest one, or times 1
-    if that is more, lowers the rank by one.
+    The rank drops by one for each singular value, in radians and robot lengths, that is below `level` times
+    the largest one, or times 1 if this is more.
     """
     values = singular_values(scaled_loops(robot, linearised)[:, :, robot.moving])
     largest = np.maximum(values.max(axis=1, initial=0.0), 1.0)
@@ -105,10 +105,10 @@ def count_lost_ranks(robot: ParallelRobot, linearised: LinearisedLoops, level: f
 
 
 def instantaneous_motions(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute rates (k, f) of the `moving` joints in f motions that the loops allow (T = 1).
+    """Compute rates (k, f) of the k `moving` joints in f motions that the loops allow (T = 1).
 
-    The motions are orthonormal in radians and robot lengths, before the conversion to joint rates. f is the
-    number of degrees of freedom, and more where the loop equations lose rank.
+    The motions are orthonormal in radians and robot lengths; the rates are in rad and m. f is the number of
+    degrees of freedom, and larger where the loop equations lose rank.
     """
     columns = robot.moving
     allowed = null_directions(scaled_loops(robot, linearised)[0][:, columns])

@@ -1,9 +1,9 @@
 """Independent loop equations and idle joints of a mechanism, determined once at its assembled reference.
 
 The loop equations of a planar robot described in 3D are redundant: those out of its plane follow from the
-others in every pose. A rank-revealing QR finds redundant rows. A rank that drops at single poses only is a
-singularity (see `singularity`). So a reference with a lower rank than nearby poses is refused: the structure
-found there would hold nowhere else.
+others in every pose. A rank-revealing QR finds redundant rows. If the rank drops only at isolated poses,
+these are singularities (see `singularity`). So a reference with a lower rank than nearby poses is refused:
+the structure found there would not hold at any other pose.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from framework.numerics.ordered_sums import singular_values
 from framework.numerics.subspaces import split_row_space
 from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
 
-ODD_SIZE = 0.02  # rows with a largest entry below this, or above its inverse, are scaled to unit size
+ODD_SIZE = 0.02  # rows are scaled to unit size if the largest entry is below this or above its inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class LoopStructure(ReadOnlyArrays):
 
         Args:
             passive: columns of the velocity vector without a motor and without a spring.
-            matrices: that of the reference first.
+            matrices: (n + rows, nv) each, that of the reference first.
         """
         loops = matrices[0][-len(mechanism.rows.names) :]
         independent = independent_rows(loops[:, mechanism.joints])
@@ -63,7 +63,7 @@ def refuse_singular_reference(
 ) -> None:
     """Raise SingularReference if a rank at the reference is lower than at a nearby pose.
 
-    The ranks compared are that of the loops along all joints, and that of platform and loops along the
+    Two ranks are compared: that of the loops along all joints, and that of platform and loops along the
     passive joints. `matrices` are those of `motion_matrix` at the `poses` (nq,), the reference first.
     """
     reference, *others = matrices
@@ -88,13 +88,13 @@ def independent_rows(matrix: Array) -> IntArray:
 def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequence[Array]) -> Names:
     """Return the names of loop equations that only springs can change.
 
-    A closure with such an equation would be closed by its springs alone, and no loop may depend on that.
+    Only its springs would close a closure with such an equation, which planning refuses.
 
     Args:
         independent: rows that are independent along the joints.
         matrices: those of `motion_matrix` at several poses; their last rows are the loops.
     """
-    if not len(mechanism.elastic):
+    if not mechanism.n_e:
         return ()
     names = mechanism.rows.names
     for matrix in matrices:
@@ -107,9 +107,9 @@ def spring_only_rows(mechanism: Mechanism, independent: IntArray, matrices: Sequ
 def find_idle_joints(matrix: Array, passive: IntArray) -> IntArray:
     """Find one passive joint for each motion that moves neither platform nor loops.
 
-    An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix` (n
-    + rows, n_p) along the passive joints. They carry no load if the turning body is balanced about its axis;
-    `dynamics.residuals` measures the load that remains.
+    An example is the turn of a rod about its own axis. The motions are the null space of `motion_matrix`
+    along the passive joints, `matrix` (n + rows, n_p). They carry no load if the turning body is balanced
+    about its axis; `dynamics.residuals` measures the load that remains.
     """
     if not len(passive):
         return passive
@@ -127,8 +127,8 @@ def motion_matrix(mechanism: Mechanism, platform: PlatformCoordinates, q: Array)
 def _rows_losing_rank(at_reference: Array, nearby: Array) -> IntArray:
     """Find the rows of `nearby` (rows, columns) that raise its rank above that of `at_reference`.
 
-    Rows that are independent at the reference also span a space nearby. The rows sought are those farthest
-    from this space, chosen one after the other.
+    The rows that are independent at the reference span a space at the nearby pose, too. The rows farthest
+    from this space are chosen one after the other.
     """
     rank, rank_at_reference = numerical_rank(nearby), numerical_rank(at_reference, BRANCHES_MEET)
     if rank_at_reference >= rank:
@@ -148,8 +148,9 @@ def numerical_rank(matrix: Array, level: float = RANK_ROUNDING) -> int:
 def null_directions(matrix: Array, level: float = RANK_LOST, *, at_least: int = 0) -> Array:
     """Compute orthonormal vectors (c, k) that a matrix (m, k) maps nearly to zero.
 
-    They are the right singular vectors of singular values below `level` times the largest value, or times 1
-    if that is more. There are `at_least` so many, whatever the singular values.
+    They are the right singular vectors whose singular values are below `level` times the largest value, or
+    times 1 if this is more. At least `at_least` vectors are returned, even if their singular values are
+    larger.
     """
     return split_row_space(matrix, level, scale=(1.0, np.inf), at_least=at_least)[1]
 
@@ -168,9 +169,9 @@ def pivot_rows(matrix: Array) -> IntArray:
 
 
 def _row_sizes(loops: Array) -> Array:
-    """Return the largest entry (m,) of each equation (m, columns), or 1 if that is near 1.
+    """Return the largest entry (m,) of each equation (m, columns), or 1 if near 1.
 
-    Scaling an equation, by a change of unit for instance, must not make it look singular.
+    Multiplying an equation by a factor, as a change of unit does, must not make it look singular.
     """
     sizes = np.abs(loops).max(axis=1, initial=0.0)
     is_odd = (sizes < ODD_SIZE) | (sizes > 1 / ODD_SIZE)

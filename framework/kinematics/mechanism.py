@@ -62,7 +62,7 @@ class Mechanism(ReadOnlyArrays):
     directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
     limits: tuple[JointLimit, ...]  # of joint positions, as in the URDF
     q_near: Array  # (nq,) reference of the robot file, at which the loops nearly close
-    length: float  # [m] size of the mechanism, which makes metres comparable with radians
+    length: float  # [m] size of the mechanism, by which lengths become dimensionless
 
     @classmethod
     def from_file(
@@ -168,7 +168,7 @@ class Mechanism(ReadOnlyArrays):
         return (*self.elastic_names, *map(self.coordinates.name_of, sprung))
 
     def friction_sizes(self, columns: IntArray) -> str:
-        """Describe the dry friction of columns, such as `knee 0.1 N m`; empty without any."""
+        """Describe the dry friction of columns, such as `knee 0.1 N m`; empty without friction."""
         sizes = []
         for column in columns[self.joint_friction[columns] > 0.0].tolist():
             unit = "N" if self.sliding[column] else "N m"
@@ -182,7 +182,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def sliding(self) -> BoolArray:
-        """Whether each column is of a slide [m], (nv,); the others turn [rad]."""
+        """Whether each column belongs to a slide [m], (nv,); the others belong to turns [rad]."""
         sliding = np.zeros(self.nv, dtype=bool)
         for joint in self.model.joints[1:]:
             sliding[joint.idx_v] = is_slide(joint)
@@ -190,7 +190,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def column_scale(self) -> Array:
-        """Length of the mechanism for slides, 1 for turns, (nv,)."""
+        """Characteristic size of each column, (nv,): length of the mechanism for slides, 1 for turns."""
         return read_only(np.where(self.sliding, self.length, 1.0))
 
     @property
@@ -203,7 +203,7 @@ class Mechanism(ReadOnlyArrays):
 
     @cached_property
     def neutral(self) -> Array:
-        """The configuration (nq,) that pinocchio takes for zero."""
+        """Pinocchio's neutral configuration (nq,), at which all joint positions are zero."""
         return read_only(pin.neutral(self.model))
 
     @cached_property
@@ -216,7 +216,7 @@ class Mechanism(ReadOnlyArrays):
         return "m" if self.sliding[column] else "rad"
 
     def reference_values(self, q: Array) -> dict[str, float]:
-        """Return q (nq,) as a `reference`: positions by name [rad, m], without springs."""
+        """Return q (nq,) as a `reference` of a robot file: positions by name [rad, m], without springs."""
         values = self.coordinates.positions(q[None])[0]
         return {self.coordinates.name_of(column): float(values[column]) for column in self.joints}
 
@@ -298,11 +298,13 @@ def _build_tree_model(parsed: ParsedRobot, springs: Sequence[Spring]) -> pin.Mod
 
 
 def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription) -> list[str]:
-    """Return the names of balls whose springs or damping differ between axes, or rest off zero."""
+    """Return the names of balls whose parameters differ between axes, or whose springs rest off zero."""
     balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
-        turns = coordinates_of(name, kind)[-3:] if kind in SEVERAL else ()
+        if kind not in SEVERAL:
+            continue
+        turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
         parameters = {description.joints.get(turn, JointDynamics()) for turn in turns}
         if len(parameters) > 1 or any(axis.rest for axis in parameters):
             balls.append(name)
@@ -310,21 +312,21 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
 
 
 def _index_coupling(model: pin.Model, coupling: Coupling) -> CoupledJoints:
-    """Return a coupling with its joints as indices into v and q."""
-    first = model.joints[model.getJointId(coupling.joint)]
-    second = model.joints[model.getJointId(coupling.of)]
+    """Return a coupling with its joints as indices into v (`columns`) and q (`places`)."""
+    follower = model.joints[model.getJointId(coupling.joint)]
+    leader = model.joints[model.getJointId(coupling.of)]
     return CoupledJoints(
         name=coupling.name,
-        columns=(first.idx_v, second.idx_v),
-        places=(first.idx_q, second.idx_q),
+        columns=(follower.idx_v, leader.idx_v),
+        places=(follower.idx_q, leader.idx_q),
         ratio=coupling.ratio,
         offset=coupling.offset,
-        turns=not is_slide(first),
+        turns=not is_slide(follower),
     )
 
 
 def frame_index(model: pin.Model, name: str) -> int:
-    """Return the index of the frame of a link, else of a joint.
+    """Return the index of the frame of a link, or of a joint if no link has the name.
 
     In URDF a link and a joint may share a name.
     """
@@ -344,8 +346,8 @@ def reference_length(model: pin.Model, q: Array, frames: Iterable[int]) -> float
     """Compute the size [m] of the mechanism at q (nq,); 1 if this is zero.
 
     The size makes metres comparable with radians. It is the largest distance between joints, moving frames
-    and frames of the loops, so it does not depend on where the robot stands. If all of these meet in one
-    point, as in a spherical robot, the size is the largest radius of gyration of a body about its joint.
+    and frames of the loops, so it does not depend on where the robot stands. A radius of gyration of a body
+    about its joint counts, too, in case all frames coincide, as in a spherical robot.
     """
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)

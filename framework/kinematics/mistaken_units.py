@@ -1,4 +1,4 @@
-"""Remarks on values that look like another unit: points in mm, angles in degrees, sizes, masses."""
+"""Remarks on values that seem to be in another unit: points in mm, angles in degrees, sizes, masses."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from framework.errors import point
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.numerics.arrays import Array
 
-# beyond these values the unit of a part is doubted
-LIGHT_PART_RATIO = 1e-6  # mass over that of the heaviest part
+# Beyond these values the unit of a part is doubted.
+LIGHT_PART_RATIO = 1e-6  # mass of a part divided by that of the heaviest part
 HEAVY_PART = 1e5  # [kg]
 SMALL_LINK, LARGE_LINK = 1e-3, 20.0  # [m] length of the longest link
-GYRATION_RATIO = 5.0  # radius of gyration over size of a part; at most 2.4 in the catalogue
-SMALL_PART_RATIO = 0.2  # of the longest link: least size assumed for a part, which may lack joints and frames
+GYRATION_RATIO = 5.0  # radius of gyration divided by the size of a part; at most 2.4 in the catalogue
+SMALL_PART_RATIO = 0.2  # least size assumed for a part, as share of the longest link: it may lack frames
 
 
 def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str:
-    """Return a remark on hinges beyond a full turn among positions by name; empty without any."""
+    """Return a remark on hinges whose `positions` by name exceed a full turn; empty without any."""
     turns = []
     columns = velocity_columns(mechanism.model, positions)
     for sliding, (joint, angle) in zip(mechanism.sliding[columns], positions.items(), strict=True):
@@ -33,8 +33,8 @@ def remark_on_turns(mechanism: Mechanism, positions: Mapping[str, float]) -> str
 def longest_reach(robot: Mechanism) -> float:
     """Compute the summed length [m] of the links from base to platform.
 
-    Slides are at the far end of their range, springs at rest. The length is infinite if a joint moves without
-    bound.
+    Slides are at the far end of their range, springs at rest. The length is infinite if a joint is a free,
+    planar or translational one, which moves without bound.
     """
     model = robot.model
     frame = model.frames[model.getFrameId(robot.description.platform.frame)]
@@ -53,7 +53,7 @@ def longest_reach(robot: Mechanism) -> float:
 def remark_on_reach(robot: Mechanism, position: Array) -> str:
     """Return a remark on a platform out of reach of the links; empty if within reach.
 
-    `position` are the prescribed coordinates of the platform's origin [m].
+    `position` has the prescribed translations of the platform's origin [m].
     """
     distance, reach = float(np.linalg.norm(position)), longest_reach(robot)
     if distance <= reach:
@@ -78,9 +78,9 @@ def remarks_on_bodies(robot: Mechanism) -> Iterator[str]:
                 f"what {name} carries has a radius of gyration of {body.gyration:.3g} m, and measures some "
                 f"{body.size:.2g} m: inertias are in kg m^2; check the URDF's <inertia>"
             )
-    if sum(masses.values()) == 0.0:
-        yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
     heaviest = max(masses.values(), default=0.0)
+    if heaviest == 0.0:
+        yield ("no link has a mass: all torques will be those of the rotors; add <inertial>")
     for name, mass in masses.items():
         if 0 < mass < LIGHT_PART_RATIO * heaviest:
             yield (

@@ -2,9 +2,9 @@
 
 At given x the equations [platform - x ; closures] = 0 split into blocks that can be solved one after the
 other: the irreducible blocks of the sparsity pattern of their Jacobian (Dulmage and Mendelsohn 1958; Duff,
-Erisman and Reid 1986, chapter 6). Each block is a leg with its own Type 1 singularities: the sign of its
-determinant changes there and nowhere else. det [dF/dq] is the product of the legs' determinants. Its sign
-alone does not tell a robot with two flipped legs from one with none, but the signs of all legs do.
+Erisman and Reid 1986, chapter 6). Each block is a leg with its own Type 1 singularities, at which alone the
+sign of its determinant changes. det [dF/dq] is the product of the legs' determinants. Its sign does not
+distinguish a robot with two flipped legs from one with none, but the signs of all legs do.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from framework.tolerances import DETERMINANT_LOST, RANK_LOST
 def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
     """Compute the signs (T,) that change with the working mode and with the assembly mode.
 
-    The first is that of det [dF/dq], which changes at Type 1 singularities. The second is that of det P,
-    which changes at Type 2; it is 1 for robots with redundant motors.
+    The first is the sign of det [dF/dq], which changes at Type 1 singularities. The second is the sign of det
+    P, which changes at Type 2 singularities; it is 1 for robots with redundant motors.
     """
     return linearised.factors.slogdet[0], passive_determinants(linearised)[0]
 
@@ -35,7 +35,7 @@ def mode_signs(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array
 def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
     """Compute the signs of det P and log |det P|, (T,) each.
 
-    With redundant motors P is not square, and without passive joints it is empty: det P is 1 then.
+    det P counts as 1 if P is not square, because of redundant motors, or empty, without passive joints.
     """
     if linearised.equations.passive_part is None:
         count = len(linearised.residual)
@@ -43,26 +43,27 @@ def passive_determinants(linearised: LinearisedLoops) -> tuple[Array, Array]:
     return linearised.passive_factors.slogdet
 
 
-def keeps_sign(first: Iterable[Array], second: Iterable[Array]) -> BoolArray:
-    """Whether two stacks of determinants, given by signs and logarithms (T,), have the same signs, (T,).
+def keeps_sign(start: Iterable[Array], end: Iterable[Array]) -> BoolArray:
+    """Return whether determinants keep their signs from `start` to `end`, (T,).
 
-    A second determinant smaller than `DETERMINANT_LOST` times the first is rounding and has no sign.
+    `start` and `end` have the signs (T,) and the logarithms of the absolute values (T,). A determinant at the
+    end smaller than `DETERMINANT_LOST` times that at the start is rounding and has no sign.
     """
-    sign, size = first
-    second_sign, second_size = second
-    return (second_sign == sign) & (second_size - size > np.log(DETERMINANT_LOST))
+    start_sign, start_logarithm = start
+    end_sign, end_logarithm = end
+    return (end_sign == start_sign) & (end_logarithm - start_logarithm > np.log(DETERMINANT_LOST))
 
 
 def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: LinearisedLoops) -> BoolArray:
-    """Whether each of T successive configurations is in the working mode of its predecessor, (T,).
+    """Return whether each of T successive configurations is in the working mode of its predecessor, (T,).
 
     `start` (T = 1) is the predecessor of the first of the `ends`. Both are in the same mode if no Type 1
     singularity lies between the two or at the second.
 
     Then det [dF/dq] keeps its sign. But this determinant also changes sign where the loop equations lose
-    rank, even if the branch is smooth there. Another determinant does not: with N a basis of the motions that
-    the loops allow, continued from one configuration to the next, det (platform N) changes sign at Type 1
-    only. A configuration whose loops have lost rank belongs to no mode.
+    rank, even if the branch is smooth there. In this case another determinant decides. Let N be a basis of
+    the motions that the loops allow, continued from one configuration to the next. Then det (platform N)
+    changes sign at Type 1 singularities only. A configuration whose loops have lost rank belongs to no mode.
     """
     least = singular_values(scaled_loops(robot, ends)[:, :, robot.moving]).min(axis=1, initial=np.inf)
     has_rank = least >= RANK_LOST
@@ -74,16 +75,18 @@ def keeps_working_mode(robot: ParallelRobot, start: LinearisedLoops, ends: Linea
     return keeps
 
 
-def _keeps_platform_map(robot: ParallelRobot, first: LinearisedLoops, second: LinearisedLoops) -> bool:
-    """Whether det (platform N) keeps its sign between two near configurations (T = 1 each).
+def _keeps_platform_map(robot: ParallelRobot, start: LinearisedLoops, end: LinearisedLoops) -> bool:
+    """Return whether det (platform N) keeps its sign between close configurations (T = 1 each).
 
     N (moving, n) is an orthonormal basis of the motions that the loops allow. The sign of det (N_1' N_2)
     tells whether the two bases have the same orientation.
     """
-    N_1, determinant = _platform_map(robot, first)
-    N_2, second_determinant = _platform_map(robot, second)
-    continued = second_determinant * np.sign(determinant * np.linalg.det(N_1.T @ N_2))
-    return bool(continued > DETERMINANT_LOST * abs(determinant))
+    N_1, start_determinant = _platform_map(robot, start)
+    N_2, end_determinant = _platform_map(robot, end)
+    orientation = np.linalg.det(N_1.T @ N_2)
+    # positive if the determinant keeps its sign with N continued from the start
+    continued = end_determinant * np.sign(start_determinant * orientation)
+    return bool(continued > DETERMINANT_LOST * abs(start_determinant))
 
 
 def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, float]:
@@ -93,7 +96,7 @@ def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Ar
     allow a motion with the platform at rest; its sign depends on the orientation of N.
     """
     loops = scaled_loops(robot, linearised)[0][:, robot.moving]  # (m, moving)
-    basis = np.linalg.svd(loops)[2][len(loops) :].T
+    basis = np.linalg.svd(loops).Vh[len(loops) :].T  # the null space of the loops
     platform = scaled_platform(robot, linearised)[0][:, robot.moving]
     return basis, float(np.linalg.det(platform @ basis))
 
@@ -102,10 +105,10 @@ def _platform_map(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Ar
 class Leg(ReadOnlyArrays):
     """A group of joints that k equations at given x determine together."""
 
-    motors: Names  # of its actuators; empty for joints that only follow
-    rows: IntArray  # (k,) of the equations F
+    motors: Names  # names of its actuators; empty for joints that only follow
+    rows: IntArray  # (k,) indices of its equations in F
     columns: IntArray  # (k,) indices into the `moving` columns: actuated, then passive
-    needed: IntArray  # (j,) such indices of the legs that have to be solved earlier
+    needed: IntArray  # (j,) indices into the `moving` columns, of the legs that have to be solved earlier
 
 
 def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
@@ -122,26 +125,30 @@ def legs(robot: ParallelRobot) -> tuple[Leg, ...]:
     row_of = maximum_bipartite_matching(pattern, perm_type="row")  # (columns,) an equation for each column
     matched = pattern[row_of]  # rows permuted so that the diagonal is full
     # the irreducible blocks are the strongly connected components of the columns' graph
-    label = connected_components(matched, directed=True, connection="strong")[1]  # (columns,) leg of each
-    needs = _leg_dependencies(label, *matched.nonzero())
+    count, label = connected_components(matched, directed=True, connection="strong")  # (columns,) leg of each
+    needs = _leg_dependencies(count, label, *matched.nonzero())
     all_legs = []
-    for k in range(len(needs)):
+    for k in range(count):
         columns = np.flatnonzero(label == k)
         motors = tuple(robot.actuator_names[c] for c in columns if c < robot.n_a)
         needed_columns = np.flatnonzero(needs[k, label] & (label != k))
-        all_legs.append(Leg(motors, np.asarray(row_of[columns], dtype=np.intp), columns, needed_columns))
+        all_legs.append(Leg(motors, row_of[columns], columns, needed_columns))
+    # motors are the first columns; legs without a motor come last
     return tuple(sorted(all_legs, key=lambda leg: int(leg.columns[0]) if leg.motors else pattern.shape[0]))
 
 
-def _leg_dependencies(label: IntArray, first: IntArray, second: IntArray) -> BoolArray:
-    """Compute whether leg i needs leg j, directly or through others, (legs, legs).
+def _leg_dependencies(count: int, label: IntArray, column: IntArray, contained: IntArray) -> BoolArray:
+    """Compute whether leg i needs leg j, directly or through others, (count, count).
 
-    A leg also needs itself. `label` (columns,) is the leg of each column. The equation of each column `first`
-    (E,) contains the column `second` (E,).
+    A leg also needs itself.
+
+    Args:
+        label: (columns,) leg of each column.
+        column: (E,) columns whose matched equations contain the columns `contained` (E,).
     """
-    needs = np.eye(int(label.max(initial=-1)) + 1, dtype=bool)
-    needs[label[first], label[second]] = True
-    return np.linalg.matrix_power(needs, len(needs))  # the transitive closure: no chain is longer
+    needs = np.eye(count, dtype=bool)
+    needs[label[column], label[contained]] = True
+    return np.linalg.matrix_power(needs, count)  # the transitive closure: no chain is longer than `count`
 
 
 def leg_determinants(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:

@@ -2,11 +2,12 @@
 
 The coordinates y are those of the platform and positions of joints that the platform does not determine. Let
 Y = dq/dy be the motions that keep the loops closed. A change dy changes a motion q(t) by Y dy, and its rates
-and accelerations by the time derivatives of Y dy. With J = dF/dq along the motion,
+and accelerations by the time derivatives of Y dy. With J = dF/dq along the motion, and primes for time
+derivatives,
 
     J Y = E,        J Y' = E' - J' Y,        J Y" = E" - 2 J' Y' - J" Y,
 
-where E are the platform's twists for unit rates (`unit_twists`). Like the motion itself, the derivatives are
+where E has the platform's twists for unit rates (`unit_twists`). Like the motion itself, the derivatives are
 regular at Type 2.
 """
 
@@ -29,8 +30,8 @@ from framework.numerics.ordered_sums import cross
 class MotionChanges(NamedTuple):
     """Changes of a motion by unit steps of k coordinates, (T, k, nv) each.
 
-    Steps of positions change q, v and a by the fields of these names. Steps of rates change v by `q`, and a
-    by `a_by_rates`. Steps of accelerations change a by `q`.
+    A unit step of a position changes q, v and a by the fields of these names. A unit step of a rate changes v
+    by `q` and a by `a_by_rates`. A unit step of an acceleration changes a by `q`.
     """
 
     q: Array
@@ -49,19 +50,23 @@ def coordinate_changes(
 ) -> MotionChanges:
     """Compute the changes of a motion by unit steps of k coordinates.
 
-    The coordinates are those of a platform at x, dx, ddx (T, n), unless x is None, then the joints `columns`.
-    Let dq and dv be the changes by a step of a position. A step of a rate changes a by 2 dv - [v, dq]. The
-    Lie bracket [v, dq] of the motions is zero except for balls, whose rates are not derivatives of
-    coordinates. Its part along `columns` is removed, because their rates and accelerations are coordinates
+    First come the coordinates of the platform, unless x is None, then the joints `columns`. Let dq and dv be
+    the changes by a step of a position. A step of a rate changes a by 2 dv - [v, dq]. The Lie bracket [v, dq]
+    of the motions is zero except for balls, whose rates are not derivatives of coordinates. The part of
+    changes along `columns` is removed, because the rates and accelerations of these joints are coordinates
     with steps of their own.
+
+    Args:
+        columns: joints that are coordinates.
+        x: platform coordinates x and their rates dx, ddx, (T, n) each.
 
     Raises:
         NotAssembled: the platform does not determine the joints at some instant.
     """
     n = 0 if x is None else robot.n
     size = n + len(columns)
-    J = motion.linearised.jacobian
-    right = np.zeros((3, len(J), size, J.shape[1]))
+    J = motion.linearised.jacobian  # (T, n + m, nv)
+    right = np.zeros((3, len(J), size, J.shape[1]))  # E of all coordinates and two time derivatives
     if x is not None:
         right[:, :, :n, :n] = robot.platform.unit_twists(x)
     right[0, :, n:] = -J[:, :, columns].swapaxes(1, 2)

@@ -1,4 +1,4 @@
-"""Velocities and accelerations of all joints for those of the platform; time derivatives of dF/dq.
+"""Velocities and accelerations of all joints from those of the platform; time derivatives of dF/dq.
 
 At prescribed x and deflections q_e, (dF/dq) v = [twist; 0] and (dF/dq) a = [twist rate; 0] - drift. One
 factorisation of the moving columns solves both. Idle turns rest, or move as `idle_turns` says.
@@ -27,16 +27,16 @@ from framework.numerics.ordered_sums import matvec
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions, velocities and accelerations of all coordinates at T instants, and the world's wrenches."""
+    """Positions, velocities and accelerations of all joints at T instants, and the external wrenches."""
 
     q: Array  # (T, nq)
     v: Array  # (T, nv)
     a: Array  # (T, nv)
     linearised: LinearisedLoops
-    wrenches: tuple[AppliedWrench, ...] = ()  # of the world
+    wrenches: tuple[AppliedWrench, ...] = ()  # external ones
 
     def with_wrenches(self, wrenches: tuple[AppliedWrench, ...]) -> Motion:
-        """Return the same motion under wrenches of the world."""
+        """Return the same motion under external wrenches."""
         return replace(self, wrenches=wrenches) if wrenches else self
 
 
@@ -45,7 +45,7 @@ def joint_rates(
 ) -> Array:
     """Compute joint rates (..., T, nv) for platform velocities (..., T, n).
 
-    Deflections have rates `elastic` (T, n_e), or rest.
+    The rates of the deflections are `elastic` (T, n_e), or zero if None.
     """
     right = np.zeros((*platform.shape[:-1], linearised.residual.shape[1]))
     right[..., : robot.n] = platform
@@ -101,7 +101,7 @@ def motion_at(
 
 
 def freeze_deflections(robot: ParallelRobot, q: Array, v: Array, a: Array) -> Motion:
-    """Compute the motion of the same platform as q (T, nq), v, a (T, nv) at constant deflections."""
+    """Compute the motion with the same platform as q (T, nq), v, a (T, nv), deflections constant."""
     frames = frames_at(robot, q)
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames))
     return _motion_of_twist(robot, linearised, platform_twists(robot, Motion(q, v, a, linearised)))
@@ -147,8 +147,8 @@ def jacobian_rates(
 ) -> tuple[Array, Array]:
     """Compute the first and second time derivative of dF/dq, (T, n + m, nv) each, for rates v (T, nv).
 
-    dF/dq consists of powers W . S of wrenches and screws. S' = [V, S] and S" = [A, S] + [V, S'] with the
-    twist V of the joint's body and A = dV/dt. Without accelerations a (T, nv) the rates are constant.
+    dF/dq consists of powers W . S of wrenches and screws. S' = [V, S] and S" = [A, S] + [V, S'], with V the
+    twist of the joint's body and A = dV/dt. If the accelerations a (T, nv) are None, they are zero.
     """
     frames = linearised.frames
     twists = body_twists(robot, frames.q, v, np.zeros_like(v) if a is None else a)
@@ -166,9 +166,10 @@ def jacobian_rates(
 def _wrench_rates(robot: ParallelRobot, motions: FrameMotions, screw_rates: Array) -> Array:
     """Compute two time derivatives (2, T, n + m, 6) of `LinearisedLoops.wrenches`.
 
-    The wrench of a loop has a force that is linear in axes and origins c, and a moment that is quadratic. So
-    W' is its change by c'. W" is its change by c", and the moment has another term: its change by c' at c'.
-    `screw_rates` are (2, T, nv, 6).
+    The wrench W(c) of a loop has a force that is linear in the axes and origins c of frames, and a moment
+    that is quadratic. So W' is the change of W(c) by c'. W" is the change of W(c) by c", plus, for the
+    moment, the change of W(c') by c'. `screw_rates` (2, T, nv, 6) are two time derivatives of the joints'
+    screws.
     """
     c, dc, ddc = motions.rates
     first, second, at_rates = wrench_changes(robot.loops, np.stack([c, c, dc]), np.stack([dc, ddc, dc]))

@@ -36,13 +36,13 @@ class ParallelRobot(Mechanism):
     reference. Everything else is derived from these. q_a is on the joint side of the gears: a motor angle is
     gear_ratio * q_a.
 
-    `dataclasses.replace` keeps reference and structure. Use it to change masses, springs and motors, or
-    lengths by a little. After larger changes `ParallelRobot.of` determines reference and structure anew.
+    `dataclasses.replace` keeps reference and structure. Use it to change masses, springs and motors, or to
+    change lengths slightly. After larger changes `ParallelRobot.of` determines reference and structure again.
     """
 
     platform: PlatformCoordinates
-    actuated: IntArray
-    passive: IntArray
+    actuated: IntArray  # (n_a,)
+    passive: IntArray  # (n_p,)
     gear_ratio: Array  # (n_a,) motor angle over joint angle
     rotor_inertia: Array  # (n_a,) [kg m^2], motor side
     reference: Configuration  # assembled; decides the working mode and the assembly mode
@@ -98,7 +98,7 @@ class ParallelRobot(Mechanism):
 
     @cached_property
     def rotors(self) -> Array:
-        """Inertia of the rotors on each coordinate, (nv,) joint side [kg m^2, kg]."""
+        """Inertia of the rotors on each column, (nv,) joint side [kg m^2, kg]."""
         rotors = np.zeros(self.model.nv)
         rotors[self.actuated] = self.gear_ratio**2 * self.rotor_inertia
         return read_only(rotors)
@@ -143,7 +143,7 @@ class ParallelRobot(Mechanism):
         return length_units(self.sliding[self.actuated])
 
     def place(self, x: Array) -> str:
-        """Format platform coordinates x (n,), such as `x, y = (0.1, 0.2)`."""
+        """Format platform coordinates x (n,) with their names, such as `x, y = (0.1, 0.2)`."""
         return f"{', '.join(self.axis_names)} = {point(x)}"
 
     @property
@@ -175,8 +175,8 @@ class ParallelRobot(Mechanism):
     @cached_property
     def passive_scale(self) -> Array:
         """Factors (m, n_p) that make the passive columns of the loop equations dimensionless."""
-        rows = self.loop_lengths * self.structure.row_sizes
-        return read_only(self.column_scale[self.following] / rows[:, None])
+        row_scale = self.loop_lengths * self.structure.row_sizes
+        return read_only(self.column_scale[self.following] / row_scale[:, None])
 
     def actuated_coordinates(self, q: Array) -> Array:
         """Return the motors' joints q_a (T, n_a) at q (T, nq), joint side of the gears [rad, m]."""
@@ -207,7 +207,7 @@ class Equations(ReadOnlyArrays):
     loops: LoopRows  # the m independent ones
     bodies: IntArray  # (n + m,) index of the frame at whose origin the wrench of each equation acts
     n: int  # number of the platform's equations, which come first
-    signs: Array  # (n + m, nv) 1 if the joint carries the second frame alone, -1 the first alone, else 0
+    signs: Array  # (n + m, nv) 1 if the joint carries only the second frame, -1 if only the first, else 0
     couplings: Array  # (n + m, nv) derivatives of the couplings between joints; 0 in other rows
     pattern: BoolArray  # (n + m, nv) whether an entry of dF/dq can differ from zero
     columns: IntArray  # of the joints that x and q_e determine: actuated, then passive
@@ -218,7 +218,7 @@ class Equations(ReadOnlyArrays):
     def of(
         mechanism: Mechanism, platform: PlatformCoordinates, loops: LoopRows, columns: IntArray, n_a: int
     ) -> Equations:
-        """Return the table for moving `columns`, of which the first n_a have motors."""
+        """Return the table for the moving `columns`, of which the first n_a have motors."""
         carried, n = scratch_of(mechanism).carried, platform.n
         signs = np.concatenate([platform.joint_incidence(carried[0]), loops.joint_signs(carried)])
         couplings = np.zeros_like(signs)
@@ -227,7 +227,7 @@ class Equations(ReadOnlyArrays):
         rows = np.arange(len(signs))
         return Equations(
             loops=loops,
-            bodies=np.pad(loops.second, (n, 0)),  # n zeros ahead: the platform is frame 0
+            bodies=np.pad(loops.second, (n, 0)),  # n zeros first, because the platform is frame 0
             n=n,
             signs=signs,
             couplings=couplings,
@@ -262,7 +262,7 @@ class SquarePart(ReadOnlyArrays):
         return SquarePart(entries, Band.of(i, j, len(rows)))
 
     def factor(self, matrices: Array) -> Factors:
-        """Compute LU factors of this part (T, k, k) of matrices (T, r, c)."""
+        """Compute the LU factors of this part (T, k, k) of matrices (T, r, c)."""
         count, rows, columns = matrices.shape
         values = matrices.reshape(count, rows * columns).take(self.entries, axis=1)  # (T, E)
         return self.band.factor(values)

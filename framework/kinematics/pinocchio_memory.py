@@ -20,11 +20,11 @@ from framework.numerics.arrays import Array, IntArray
 class Scratch(NamedTuple):
     """Pinocchio's working memory for a mechanism, with its results as arrays.
 
-    The arrays are views of the memory of `data`: every call of pinocchio with `data` changes them.
+    The arrays are views of the memory of `data`. So every call of pinocchio with `data` changes them.
     """
 
     data: pin.Data
-    placements: Array  # (frames of the model, 12): the three axes of a frame, then its origin
+    placements: Array  # (frames of the model, 12) the three axes of a frame, then its origin
     columns: Array  # (nv, 6) screws of the joints
     velocities: Array  # (bodies of the model, 6) twists at the base's origin
     accelerations: Array  # (bodies of the model, 6) time derivatives of these twists
@@ -77,8 +77,8 @@ def _thread_scratch(model: pin.Model, frames: tuple[int, ...], thread: int) -> S
 def _view_vector(vector: Any, first_part: str, width: int) -> Array:
     """View a C++ vector of pinocchio as an array (elements, width) of doubles.
 
-    Each element begins with its attribute `first_part`. A C++ vector stores its elements in one block of
-    memory, at a constant stride [bytes].
+    The first `width` doubles of each element begin with its attribute `first_part`. A C++ vector stores its
+    elements in one block of memory, at a constant stride [bytes].
     """
     first, second = (getattr(vector[k], first_part) for k in range(2))
     stride = second.ctypes.data - first.ctypes.data
@@ -90,7 +90,7 @@ def carrying_joints(model: pin.Model, bodies: IntArray) -> Array:
     carried = np.zeros((len(bodies), model.nv))
     for f, body in enumerate(bodies):
         for joint in model.supports[int(body)]:
-            if joint:
+            if joint:  # joint 0 is the base
                 first = model.joints[joint].idx_v
                 carried[f, first : first + model.joints[joint].nv] = 1.0
     return carried

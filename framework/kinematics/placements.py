@@ -18,7 +18,7 @@ from framework.tolerances import FILE_ROUNDING
 def joint_poses(robot: ParallelRobot, q: Array) -> Array:
     """Compute the poses (F, njoints, 7) of all joints at q (F, nq).
 
-    A pose is (x, y, z, qx, qy, qz, qw). The sign of a quaternion means nothing for a single pose; here it is
+    A pose is (x, y, z, qx, qy, qz, qw). Both signs of a quaternion describe the same attitude. The sign is
     chosen so that quaternions are continuous from configuration to configuration.
     """
     model, data = robot.model, robot.model.createData()
@@ -57,13 +57,13 @@ def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute the positions (m, 3) of joints, platform and ends of loops, which a view has to show."""
+    """Compute all positions (m, 3) of joints, platform and loop frames, which a view has to show."""
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
 
 def rotate_vector(quaternion: Array, vector: Array) -> Array:
-    """Rotate a vector u (3,), or one each (F, 3), by quaternions (F, 4), (x, y, z, w).
+    """Rotate vectors u (3,) or (F, 3) by unit quaternions (x, y, z, w) (F, 4).
 
     With the vector part a = (x, y, z) the result is u + 2 w a x u + 2 a x (a x u).
     """
@@ -80,7 +80,7 @@ def carried_points(pose: Array, points: Array) -> Array:
 class JointAxis(NamedTuple):
     """The axis of a coordinate in the frame of one of pinocchio's joints."""
 
-    joint: int  # 0 is the base
+    joint: int  # index of the joint; 0 is the base
     place: Array  # (3,) [m] a point on the axis
     axis: Array  # (3,) unit direction
 
@@ -90,9 +90,9 @@ def joint_axis(robot: ParallelRobot, column: int) -> JointAxis:
     joint, _, axis = carried_axis(robot, column)
     placement = robot.model.jointPlacements[joint]
     return JointAxis(
-        int(robot.model.parents[joint]),
-        placement.translation,
-        placement.rotation @ axis,
+        joint=int(robot.model.parents[joint]),
+        place=placement.translation,
+        axis=placement.rotation @ axis,
     )
 
 

@@ -1,8 +1,8 @@
 """The platform's coordinates x, its velocity v, and the relation v = E(x) dx between them.
 
-v (n,) are the powers of n unit wrenches on the motion of the mechanism. All other quantities refer to v: A v
-= B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So the unit wrenches and E(x)
-define a platform:
+The components of v (n,) are the powers of n unit wrenches on the motion of the mechanism. All other
+quantities refer to v: A v = B dq_a + C dq_e, the twist t_s, and the wrench W_p, whose power is W_p . v. So
+the unit wrenches and E(x) define a platform:
 
     a frame on base axes    translations of its origin [m]: unit forces, v = dx; turns: the couples of a
                             chart (`attitude`) [rad]
@@ -29,13 +29,13 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnl
 from framework.numerics.ordered_sums import cross, matmul, matvec
 from framework.numerics.rotations import whole_turns, wrap_angles
 
-STEP: Any = 2.0**-120 * 1j  # for complex-step derivatives: its square is far below rounding
+STEP: Any = 2.0**-120 * 1j  # of complex-step derivatives; its square is far below rounding
 CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or displacements and rates
 
 
 @dataclass(frozen=True, eq=False)
 class _Coordinates(ReadOnlyArrays):
-    """The common part of all kinds of platform coordinates x (n,)."""
+    """Platform coordinates x (n,) with v = dx; the common part of both kinds."""
 
     translations: BoolArray  # (n,) [m]; the others are turns [rad]
     sliding: IntArray  # indices into x of translations of the frame's origin along base axes
@@ -56,9 +56,10 @@ class _Coordinates(ReadOnlyArrays):
         return dx, np.zeros_like(dx) if ddx is None else ddx
 
     def unit_twists(self, motion: CoordinateRates) -> Array:
-        """Compute v for unit rates of each coordinate and two time derivatives of v, (3, T, n, n).
+        """Compute v for a unit rate of each coordinate, and two time derivatives of v, (3, T, n, n).
 
-        Row k is of coordinate k: the transpose of E, and its derivatives along a motion x, dx, ddx (T, n).
+        Row k belongs to coordinate k. So the matrices are the transpose of E and its time derivatives along a
+        motion x, dx, ddx (T, n).
         """
         twists = np.zeros((3, *motion[0].shape, self.n))
         twists[0] = np.eye(self.n)
@@ -71,7 +72,8 @@ class _Coordinates(ReadOnlyArrays):
     def path_twist(self, path: Path, s: float) -> Array:
         """Compute v (n,) on a path for ds/dt = 1 at path coordinate s."""
         parameter = np.array([s])
-        return self.twist(path(parameter), path(parameter, 1))[0][0]
+        v, _ = self.twist(path(parameter), path(parameter, 1))
+        return v[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,7 @@ class FramePlatform(_Coordinates):
         return x
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
-        """Compute the offset (T, n) of the frame from x [m, rad], turns the short way round.
+        """Compute the offset (T, n) of the frame from x [m, rad], with turns within half a turn.
 
         The rate of the offset is v.
         """
@@ -130,15 +132,15 @@ class FramePlatform(_Coordinates):
         return offset
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute coordinates x (T, n) with turns counted on from `near`, (n,) or (T, n)."""
+        """Shift x (T, n) by the whole turns that bring x nearest to `near` (n,) or (T, n)."""
         x = x.copy()
         x[:, self.turning] = self.attitude.unwrap(x[:, self.turning], near[..., self.turning])
         return x
 
     def wrenches(self, frames: FrameStack) -> Array:
-        """Compute the unit wrenches (T, n, 6), or (n, 6) if constant, at the frame's origin.
+        """Compute the unit wrenches (T, n, 6), or (n, 6) if constant, about the frame's origin.
 
-        They are unit forces and the couples of the attitude. Their powers are v.
+        They are unit forces and the couples of the attitude. Their powers on the frame's twist are v.
         """
         if self.constant:
             return self.units
@@ -155,7 +157,7 @@ class FramePlatform(_Coordinates):
         return np.repeat(carried[None], self.n, axis=0)
 
     def jacobian(self, frames: FrameStack) -> Array:
-        """Compute the derivative (T, n, nv) of v along joint rates: powers of the wrenches on twists."""
+        """Compute the Jacobian (T, n, nv) of v: powers of the unit wrenches at unit joint rates."""
         twists = frames.frame_jacobian(0)  # (T, 6, nv)
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
@@ -176,7 +178,7 @@ class FramePlatform(_Coordinates):
         return rates
 
     def drift(self, motions: FrameMotions) -> Array:
-        """Compute dv/dt (T, n) for motions of frames: C dw/dt + dC/dt w of turns with couples C."""
+        """Compute dv/dt (T, n) for motions of frames: C dw/dt + dC/dt w for couples C."""
         rate = np.empty((len(motions.twist), self.n))
         rate[:, self.sliding] = motions.rates[2][:, 0, 3, self.along]
         if len(self.turning):
@@ -187,14 +189,14 @@ class FramePlatform(_Coordinates):
         return rate
 
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
-        """Compute the twist (T, 6) of the frame for velocities v (T, n), zero along free axes."""
+        """Compute the twist (T, 6) of the frame for v (T, n), zero along axes without a coordinate."""
         twist = np.zeros((len(v), 6))
         twist[:, self.along] = v[:, self.sliding]
         twist[:, 3:] = self.attitude.angular_velocity(frames.rotation[:, 0], v[:, self.turning])
         return twist
 
     def twist(self, x: Array, dx: Array, ddx: Array | None = None) -> tuple[Array, Array]:
-        """Compute v = E(x) dx and dv/dt, each (T, n); E is 1 except for rotation vectors."""
+        """Compute v = E(x) dx and dv/dt, each (T, n); E is the identity except for rotation vectors."""
         dx, ddx = super().twist(x, dx, ddx)
         if self.attitude.rates_are_velocities:
             return dx, ddx
@@ -207,7 +209,8 @@ class FramePlatform(_Coordinates):
     def unit_twists(self, motion: CoordinateRates) -> Array:
         """Compute the transpose of E and its time derivatives, (3, T, n, n).
 
-        E is 1 except for rotation vectors, whose three unit rates are stacked here for each instant.
+        E is the identity except for rotation vectors. Their three unit rates at T instants are evaluated as a
+        stack of 3 T instants; a complex step gives the second derivative.
         """
         twists = super().unit_twists(motion)
         if self.attitude.rates_are_velocities:
@@ -217,7 +220,7 @@ class FramePlatform(_Coordinates):
         units = np.tile(np.eye(3), (len(motion[0]), 1))  # (3 T, 3)
         v, dv = self.attitude.rates(x + STEP * dx, dx + STEP * ddx, units, np.zeros_like(units))
         rows = np.stack([v.real, dv.real, dv.imag / STEP.imag])  # (3, 3 T, 3)
-        twists[..., turns[:, None], turns] = rows.reshape(3, -1, 3, 3)
+        twists[..., turns[:, None], turns] = rows.reshape(3, -1, 3, 3)  # the block of the turns
         return twists
 
 
@@ -232,11 +235,14 @@ class JointPlatform(_Coordinates):
     def from_joints(names: Names, model: pin.Model) -> JointPlatform:
         """Return the coordinates of named hinges and slides."""
         joints = [model.joints[model.getJointId(name)] for name in names]
-        slides = np.array([is_slide(joint) for joint in joints])
         nothing = np.empty(0, dtype=np.intp)
-        columns = np.array([joint.idx_v for joint in joints])
-        q_indices = np.array([joint.idx_q for joint in joints])
-        return JointPlatform(slides, nothing, nothing, columns, q_indices)
+        return JointPlatform(
+            translations=np.array([is_slide(joint) for joint in joints]),
+            sliding=nothing,
+            along=nothing,
+            columns=np.array([joint.idx_v for joint in joints]),
+            places=np.array([joint.idx_q for joint in joints]),
+        )
 
     def choose_chart(self, rotations: Array) -> JointPlatform:
         """Return the coordinates themselves: joints need no chart of attitudes."""
@@ -247,12 +253,12 @@ class JointPlatform(_Coordinates):
         return frames.q[:, self.places]
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
-        """Compute the offset (T, n) of the joints from x [rad, m], hinges the short way round."""
+        """Compute the offset (T, n) of the joints from x [rad, m], with hinges within half a turn."""
         offset = frames.q[:, self.places] - x
         return np.where(self.translations, offset, wrap_angles(offset))
 
     def unwrap(self, x: Array, near: Array) -> Array:
-        """Compute positions (T, n) with hinges counted on from `near`, (n,) or (T, n)."""
+        """Shift hinges of x (T, n) by the whole turns nearest to `near` (n,) or (T, n)."""
         return np.where(self.translations, x, x + whole_turns(near - x))
 
     def wrenches(self, frames: FrameStack) -> Array:
@@ -264,8 +270,8 @@ class JointPlatform(_Coordinates):
     def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
         """Return two time derivatives (2, T, n, 6) of the unit wrenches about the base's origin.
 
-        They are the derivatives of the axes. The moment of a force along a slide about the base's origin has
-        no power on the slide and is left out.
+        They are the derivatives of the joints' axes. The moment of a force along a slide about the base's
+        origin has no power on the slide and is left out.
         """
         rates = screws[:, :, self.columns].copy()
         rates[:, :, ~self.translations, :3] = 0.0
@@ -283,7 +289,7 @@ class JointPlatform(_Coordinates):
     def frame_twist(self, frames: FrameStack, v: Array) -> Array:
         """Compute the twist (T, 6) at the frame's origin for velocities v (T, n) of the joints."""
         screws = frames.screws[:, self.columns]
-        twist = matvec(np.swapaxes(screws, 1, 2), v)  # at the base's origin
+        twist = matvec(screws.swapaxes(1, 2), v)  # at the base's origin
         twist[:, :3] += np.cross(twist[:, 3:], frames.position[:, 0])
         return twist
 

@@ -1,9 +1,9 @@
 """Loops of an overconstrained mechanism with rounded dimensions.
 
 With exact dimensions some equations of an overconstrained loop are redundant. With dimensions of seven digits
-they contradict the others by about 1e-7, and no pose closes all of them. So only the equations that are
-independent beyond rounding are closed, exactly. The gap of the other equations is measured along each motion
-and reported in its certificate.
+these equations contradict the others by about 1e-7, and no pose satisfies all of them. So only equations that
+are independent beyond rounding are solved, exactly. The residual of the other equations is measured along
+each motion and reported in its certificate.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ ROUNDED_ROW = 10 * EXPORT_ROUNDING  # relative singular value of rounding; least
 def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
     """Close the loops at the reference, without rows that are redundant except for rounding.
 
-    A mechanism may also close to the last digit in the pose in which it was drawn, and be locked there by its
-    rounding. So rows are excluded, too, if they are redundant except for rounding at nearby poses.
+    A mechanism may also close to the last digit in the pose in which it was drawn, where its rounding then
+    locks it. So rows are also excluded if they are redundant except for rounding at nearby poses.
 
     Returns:
         The mechanism whose `rows` close exactly, and its closed pose.
@@ -49,7 +49,7 @@ def assemble_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Closing]:
         if reduced is None:
             raise
         return reduced, close_reference(reduced)
-    # the size at the closed pose scales the rows: at the reference of the file it may be far off
+    # the size at the closed pose scales the rows, because the size at the file's reference may be far off
     sized = replace(mechanism, length=reference_length(mechanism.model, closing.q, mechanism.frames))
     matrix = joint_loops_matrix(sized, closing.q)
     if numerical_rank(matrix) > numerical_rank(matrix, ROUNDED_ROW):
@@ -79,7 +79,7 @@ def _exclude_rounded_rows(mechanism: Mechanism, q: Array) -> Mechanism | None:
 
 
 def _are_rows_redundant_nearby(mechanism: Mechanism, reduced: Mechanism, q: Array) -> bool:
-    """Whether the rows of `reduced` imply all others, except for rounding, at poses near q (nq,)."""
+    """Return whether the rows of `reduced` imply all others, except for rounding, at poses near q (nq,)."""
     poses = nearby_configurations(reduced, q)
     ranks = {numerical_rank(joint_loops_matrix(mechanism, pose), ROUNDED_ROW) for pose in poses}
     gaps = [largest_gap(mechanism, pose) for pose in poses]

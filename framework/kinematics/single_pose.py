@@ -1,8 +1,8 @@
 """The loop equations of one configuration at a time, in few numpy calls.
 
-The equations are those of `closures`. That module is made for stacks: on a single configuration its calls on
-a dozen small arrays cost more time than pinocchio. Here the arrays are allocated once and overwritten.
-Every equation is a product of two vectors of frames (`row_factors`).
+The equations are those of `closures`, which works on stacks. For a single configuration its calls on a dozen
+small arrays take longer than pinocchio. Here the arrays are allocated once and overwritten. Every equation is
+a product of two vectors of frames (`row_factors`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class SinglePose:
         rows, scratch = robot.rows, Scratch.of(robot.model, robot.frames)
         count = len(rows.names)
         self.robot, self.scratch = robot, scratch
-        self._placements = np.empty((len(scratch.frames), 4, 3))  # axes and origin of each frame
+        self._placements = np.empty((len(scratch.frames), 4, 3))  # three axes and the origin of each frame
         self._is_rotation = rows.rotation[:, None]
         self._weight = rows.derivative_weight[:, None]
         self._signs = rows.joint_signs(scratch.carried)
@@ -35,7 +35,7 @@ class SinglePose:
         self.residual = np.empty(count)  # of all loop equations [m, rad]
         self.jacobian = np.empty((count, robot.nv))
 
-    def place(self, q: Array) -> None:
+    def evaluate_pose(self, q: Array) -> None:
         """Compute residual (m,) and Jacobian (m, nv) of all loop equations at q (nq,)."""
         scratch, rows, wrench = self.scratch, self.robot.rows, self._wrench
         pin.computeJointJacobians(self.robot.model, scratch.data, q)
@@ -55,7 +55,7 @@ class SinglePose:
         if rows.has_couplings:
             self.jacobian += self._couplings
 
-    def move(self, q: Array, v: Array) -> None:
+    def evaluate_motion(self, q: Array, v: Array) -> None:
         """Compute residual, body twists and their rates at q (nq,) for joint rates v (nv,)."""
         scratch = self.scratch
         pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))
@@ -63,27 +63,27 @@ class SinglePose:
         self._update_residual(q)
 
     def drift(self) -> Array:
-        """Return the second time derivative (m,) of the loop equations at the last `move`."""
+        """Return the second time derivative (m,) of the loop equations at the last `evaluate_motion`."""
         scratch = self.scratch
         twists = np.array([scratch.velocities, scratch.accelerations]).take(scratch.bodies, axis=1)
         return closure_drift(self.robot.rows, FrameMotions.of(self._placements, *twists))
 
     def frame_stack(self, q: Array) -> FrameStack:
-        """Return the frames of the last `place` or `move` at q (nq,), T = 1."""
+        """Return the frames of the last `evaluate_pose` or `evaluate_motion` at q (nq,), T = 1."""
         return FrameStack(self._placements[None], self.scratch.columns[None], self.scratch.carried, q[None])
 
     def platform_twist(self) -> tuple[Array, Array]:
-        """Return velocity and angular velocity (3,) of the platform's frame at the last `move`."""
+        """Return velocity and angular velocity (3,) of the platform's frame at the last `evaluate_motion`."""
         twist = self.scratch.velocities[self.scratch.bodies[0]]
         return twist[:3] + cross(twist[3:], self.platform_origin), twist[3:]
 
     @property
     def platform_origin(self) -> Array:
-        """The origin (3,) of the platform's frame at the last `place` or `move`."""
+        """The origin (3,) of the platform's frame at the last `evaluate_pose` or `evaluate_motion`."""
         return self._placements[0, 3]
 
     def _update_residual(self, q: Array) -> tuple[Array, Array]:
-        """Compute the residual from pinocchio's frames; return both factors (m, 3) of its rows."""
+        """Update the residual from pinocchio's frames; return both factors (m, 3) of the rows."""
         scratch, rows = self.scratch, self.robot.rows
         scratch.placements.reshape(-1, 4, 3).take(scratch.frames, axis=0, out=self._placements)
         a, b = row_factors(rows, self._placements)

@@ -30,19 +30,19 @@ from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
 _SLIDES = (("_x", pin.JointModelPX), ("_y", pin.JointModelPY), ("_z", pin.JointModelPZ))
-CENTRE_DISTANCE = 1e-12  # [m] a point nearer to the ball's centre than this gives no direction
+CENTRE_DISTANCE = 1e-12  # [m] a point nearer to the ball's centre than this defines no direction
 
 
 def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.Model:
     """Build pinocchio's model of a URDF without shapes; modify the URDF.
 
-    The third axis of a ball is turned towards the centre of mass of its child, except for joints
-    `as_declared`.
+    The third axis of a ball is turned towards the centre of mass of its child. The axes of the balls
+    `as_declared` are not turned.
 
     Raises:
         ValueError, RuntimeError: from pinocchio's parser.
     """
-    several = {}  # kinds of joints with several freedoms by name
+    several = {}  # kind by name of each joint with several freedoms
     for joint in urdf.findall("joint"):
         if (kind := joint.get("type", "")) in SEVERAL:
             several[joint.get("name", "")] = kind
@@ -54,16 +54,19 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.M
 def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: Collection[str]) -> pin.Model:
     """Return the model with balls in place of the floating joints that the parser made.
 
-    `several` has the declared kinds of these joints by name; a floating joint gets three slides, too.
+    `several` has the declared kinds of these joints by name. A joint declared as floating gets three slides
+    before its ball.
     """
     model = pin.Model()
     model.name = parsed.name
-    new = {0: 0}  # index of each parsed joint in the new model
-    axes = {0: pin.SE3.Identity()}  # pose of each parsed joint in the new one, whose axes may be turned
+    new_index = {0: 0}  # of each parsed joint in the new model
+    axes = {0: pin.SE3.Identity()}  # pose of each parsed joint's axes on those of the new joint
     for j in range(1, parsed.njoints):
         name, parsed_parent = parsed.names[j], parsed.parents[j]
-        parent, placement = new[parsed_parent], axes[parsed_parent] * parsed.jointPlacements[j]
-        joint, axes[j] = parsed.joints[j], pin.SE3.Identity()
+        parent = new_index[parsed_parent]
+        placement = axes[parsed_parent] * parsed.jointPlacements[j]
+        joint = parsed.joints[j]
+        axes[j] = pin.SE3.Identity()
         if name in several:
             joint = pin.JointModelSpherical()
             if several[name] == "floating":
@@ -73,12 +76,13 @@ def _replace_balls(parsed: pin.Model, several: Mapping[str, str], as_declared: C
                 to_centre = pin.SE3(rotation_with_axis("z", _centre_direction(parsed, j)), np.zeros(3))
                 placement = placement * to_centre
                 axes[j] = to_centre.inverse()
-        new[j] = model.addJoint(parent, joint, placement, name)
-        model.appendBodyToJoint(new[j], parsed.inertias[j], axes[j])
+        new_index[j] = model.addJoint(parent, joint, placement, name)
+        model.appendBodyToJoint(new_index[j], parsed.inertias[j], axes[j])
     for frame in parsed.frames[1:]:  # all except the universe
         j = frame.parentJoint
         pose = axes[j] * frame.placement
-        model.addFrame(pin.Frame(frame.name, new[j], frame.parentFrame, pose, frame.type), False)
+        # False: the frame adds no inertia, which the joints have already
+        model.addFrame(pin.Frame(frame.name, new_index[j], frame.parentFrame, pose, frame.type), False)
     return model
 
 
@@ -93,7 +97,8 @@ def _add_slides(model: pin.Model, parent: int, placement: pin.SE3, name: str) ->
 def _centre_direction(model: pin.Model, j: int) -> Array:
     """Return a vector (3,) from joint j to the centre of mass of its child link.
 
-    If the two coincide, it leads to the farthest frame of the link; if that coincides, too, it is z.
+    If the two coincide, the vector leads to the farthest frame of the link. If all frames coincide with the
+    joint, too, it is the z axis.
     """
     inertia = model.inertias[j]
     if inertia.mass > 0 and np.linalg.norm(inertia.lever) > CENTRE_DISTANCE:
@@ -147,12 +152,12 @@ def coordinate_names(model: pin.Model) -> Names:
 
 
 def is_ball(joint: pin.JointModel) -> bool:
-    """Whether a joint has a quaternion."""
+    """Return whether a joint has a quaternion."""
     return bool(joint.shortname() == "JointModelSpherical")
 
 
 def is_slide(joint: pin.JointModel) -> bool:
-    """Whether a joint is prismatic."""
+    """Return whether a joint is prismatic."""
     return bool(joint.shortname().startswith("JointModelP"))
 
 
@@ -212,7 +217,7 @@ def joint_limits(urdf: ElementTree.Element, model: pin.Model) -> tuple[JointLimi
 
 
 def shares_beyond_limits(limits: Sequence[JointLimit], q: Array) -> Array:
-    """Compute excesses (..., limits) of q (..., nq) over limits, as shares of the joints' ranges."""
+    """Compute the excesses (..., limits) of q (..., nq) over joint limits, divided by the ranges."""
     positions = q[..., [limit.coordinate for limit in limits]]
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])

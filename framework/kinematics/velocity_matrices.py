@@ -30,8 +30,8 @@ class VelocityMatrices(NamedTuple):
 def velocity_matrices(robot: ParallelRobot, q: ArrayLike) -> VelocityMatrices:
     """Compute A (m, n), B (m, n_a), C (m, n_e) at an assembled configuration q (nq,).
 
-    Any rotation among the rows is as good a choice: they come from an orthonormal basis. A is singular at
-    Type 2, B at Type 1 singularities.
+    The rows come from an orthonormal basis of a null space, so they are determined up to a rotation. A is
+    singular at Type 2, B at Type 1 singularities.
 
     Raises:
         InvalidInput: q has the wrong length, is not finite, or leaves the loops open.
@@ -46,7 +46,7 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
 
     Let L be N' of the header, M the Jacobian of platform and loops, and M_p its passive columns. L M_p = 0 at
     all times, so dL/dt M_p = -L dM_p/dt. The solution of least norm is dL/dt = -L dM_p/dt M_p^+. Another
-    choice of rows adds R A, R B, R C to the rates, with the same matrix R.
+    choice of rows adds R A, R B, R C to the rates, with one matrix R (m, m).
     """
     jacobian_rate, _ = jacobian_rates(robot, motion.linearised, motion.v)
     return matrices_and_changes(robot, motion.linearised, jacobian_rate)
@@ -55,7 +55,7 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
 def matrices_and_changes(
     robot: ParallelRobot, linearised: LinearisedLoops, changes: Array
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
-    """Compute A, B, C and their derivatives for derivatives (T, n + m, nv) of dF/dq.
+    """Compute A, B, C and their derivatives for derivatives `changes` (T, n + m, nv) of dF/dq.
 
     The equations are those of `matrices_and_rates`.
     """

@@ -332,7 +332,7 @@ def _trace_once(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves
     Curves traced before for the same robot are taken again if x lies well inside them.
     """
     for description, curves in traced:
-        if description == film.robot.description and curves.serves(x):
+        if description == film.robot.description and curves.covers(x):
             return curves
     locus = locus_curves(film.robot, film.q[frame], film.x[frame])
     if locus is not None:

@@ -5,13 +5,13 @@ With n x k borders b, c the k x k block G of
     [M  b] [eta]   [0]
     [c' 0] [ G ] = [1]
 
-has the rank deficiency of M if no more than k singular values of M vanish at once. det G has the sign of det
+has the same rank deficiency as M if at most k singular values of M vanish at once. det G has the sign of det
 M. Unlike det M it has a scale, and unlike the smallest singular value it has no kink. For k = 1 it is the
 bordered scalar g.
 
-`root_of_g` finds a root of g along a parameter p: the path coordinate s of a robot at rest or with given
-deflections, or the time t of a motion. Each Newton step takes the border of the matrix at its own p, and the
-slope by central differences. So the border fits best, and g is smoothest, at the root itself.
+`root_of_g` finds a root of g along a parameter p: the path coordinate s of a robot at rest or with prescribed
+deflections, or the time t of a motion. Each Newton step uses the border of the matrix at the current p, and
+estimates the slope by central differences. So the border fits best, and g is smoothest, at the root itself.
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, chapter 3.
 """
 
@@ -31,25 +31,25 @@ MAX_ITERATIONS = 20
 
 
 class Border(NamedTuple):
-    """The border (b, c): singular vectors of one matrix, for all matrices near this one."""
+    """The border (b, c): singular vectors of one matrix, used for all matrices near this one."""
 
-    b: Array  # (n, size) left singular vectors, or (T, n, size) of T matrices
-    c: Array  # (n, size) right singular vectors, likewise
+    b: Array  # (n, size) left singular vectors; (T, n, size) for T matrices
+    c: Array  # (n, size) right singular vectors; (T, n, size) for T matrices
 
     @staticmethod
     def of(M: Array, size: int = 1) -> Border:
         """Return the border b, c (..., n, size) for matrices near M (..., n, n).
 
         b and c are the singular vectors of the `size` least singular values of M = U S V'. For M itself G is
-        minus the diagonal matrix of these values, so that det G has the sign (-1)^size, while det M has the
-        sign of det U det V. If the signs differ, the last column of b is negated: det G has the sign of det
-        M.
+        minus the diagonal matrix of these values. So det G has the sign (-1)^size, whereas det M has the sign
+        of det U det V. If the signs differ, the last column of b is negated, which gives det G the sign of
+        det M.
         """
         U, _, V_rows = np.linalg.svd(M)
         b = U[..., -size:].copy()
         c = V_rows[..., -size:, :].swapaxes(-1, -2)
-        orientation = (-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows)
-        b[..., -1] *= np.sign(orientation)[..., None]
+        relative_sign = np.sign((-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows))  # 1 if equal
+        b[..., -1] *= relative_sign[..., None]
         return Border(b, c)
 
 
@@ -66,7 +66,10 @@ class BorderedSolution(NamedTuple):
 
 
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
-    """Solve [M b; c' 0] [eta; G] = [0; 1] for M (T, n, n), one border or T."""
+    """Solve [M b; c' 0] [eta; G] = [0; 1] for T matrices M (T, n, n).
+
+    The border belongs to all matrices, or has one b and c for each.
+    """
     count, n = matrices.shape[:2]
     size = border.b.shape[-1]
     bordered = np.zeros((count, n + size, n + size))
@@ -75,14 +78,20 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     bordered[:, n:, :n] = border.c.swapaxes(-1, -2)
     unit = np.zeros((count, n + size, size))
     unit[:, n:] = np.eye(size)
-    # least squares, as the system is singular if M has more null vectors than borders; G is singular then
+    # The system is singular if M has more null vectors than the border has columns. Least squares still
+    # returns a solution then, and its G is singular.
     solution = solve_or_fit(bordered, unit)
     return BorderedSolution(solution[:, :n], solution[:, n:])
 
 
-def bordered_solution(matrices: Array, k: int, size: int = 1) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n) with the border of the k-th matrix."""
-    return solve_bordered(matrices, Border.of(matrices[k], size))
+def bordered_solution(matrices: Array, *, border_of: int, size: int = 1) -> BorderedSolution:
+    """Solve the bordered systems of matrices (T, n, n) with one common border.
+
+    Args:
+        border_of: index of the matrix whose singular vectors are the border.
+        size: number of columns of the border.
+    """
+    return solve_bordered(matrices, Border.of(matrices[border_of], size))
 
 
 def determinant(G: Array) -> Array:
@@ -97,23 +106,23 @@ class Slope(NamedTuple):
     """The measure g and its derivatives with respect to p, with the border of the matrix at p."""
 
     g: float
-    slope: float
+    slope: float  # dg/dp
     upper: float  # g at the upper end of the stencil
-    bend: float  # d2g/dp2; 0 if the stencil is cut at an end of the interval
+    second_derivative: float  # d2g/dp2; 0 if the stencil is cut at an end of the interval
 
 
 class Root(NamedTuple):
     """The result of Newton's method for a root of g."""
 
     place: float  # p at the last iterate
-    residual: float  # g at this p; 0 if converged: another step would be rounding
+    residual: float  # g at this p; 0 if converged, because another step would only be rounding
     converged: bool
     slope: float  # dg/dp on the last stencil
-    bend: float  # d2g/dp2 on the last stencil; 0 at an end of the interval
+    second_derivative: float  # d2g/dp2 on the last stencil; 0 at an end of the interval
 
 
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
-    """Return the points (3,) of a central difference about p, cut to [low, high]."""
+    """Return the points (3,) of a central difference about p, clipped to [low, high]."""
     half = STENCIL_HALF_WIDTH * (high - low)
     return np.clip([p - half, p, p + half], low, high)
 
@@ -123,11 +132,14 @@ def differentiate_g(matrices: Array, p: Array, size: int = 1) -> Slope:
 
     The border is that of the middle matrix, `size` columns wide.
     """
-    lower, middle, upper = map(float, bordered_solution(matrices, 1, size).g)
-    width = float(p[2] - p[0])
-    has_both_sides = p[0] < p[1] < p[2]
-    bend = 4.0 * (lower - 2.0 * middle + upper) / width**2 if has_both_sides else 0.0
-    return Slope(middle, (upper - lower) / width, upper, bend)
+    lower, middle, upper = map(float, bordered_solution(matrices, border_of=1, size=size).g)
+    p_lower, p_middle, p_upper = p.tolist()
+    width = p_upper - p_lower
+    second_derivative = 0.0
+    if p_lower < p_middle < p_upper:  # not clipped at an end of the interval
+        second_derivative = 4.0 * (lower - 2.0 * middle + upper) / width**2
+    slope = (upper - lower) / width
+    return Slope(g=middle, slope=slope, upper=upper, second_derivative=second_derivative)
 
 
 def root_of_g(
@@ -139,12 +151,13 @@ def root_of_g(
     size: int = 1,
     longest: float = np.inf,
 ) -> Root:
-    """Find the root of g near `start`, within [low, high].
+    """Find the root of g near `start` within [low, high] by Newton's method.
 
     Args:
         matrices: computes the matrices (3, n, n) at three values (3,) of p.
         size: width of the border; more than 1 if several singular values are small.
-        longest: a longer Newton step leads away from the root sought: the iteration ends without convergence.
+        longest: largest Newton step. A longer one would lead to another root, so the iteration stops without
+            convergence.
     """
     p = start
     for _ in range(MAX_ITERATIONS):
@@ -155,5 +168,5 @@ def root_of_g(
             break
         p = float(np.clip(p + step, low, high))
         if abs(step) < NEWTON_STEP * (high - low):
-            return Root(p, 0.0, True, local.slope, local.bend)
-    return Root(p, local.g, False, local.slope, local.bend)
+            return Root(p, 0.0, True, local.slope, local.second_derivative)
+    return Root(p, local.g, False, local.slope, local.second_derivative)

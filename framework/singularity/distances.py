@@ -1,10 +1,8 @@
 """Distances of poses from singularities, by measures used in design.
 
 All measures but g are functions of the dimensionless matrices of A v = B dq_a: twists and joint rates are in
-radians and characteristic lengths (`robot.length`). The rows of A are part of an orthonormal basis, so the
-singular values of
-A are cosines: 1 if nothing is lost, 0 at a Type 2 singularity, independent of the unit in which a robot is
-drawn.
+radians and characteristic lengths (`robot.length`). A is a block of columns of a matrix with orthonormal
+rows, so its singular values are cosines: 1 at best, 0 at a Type 2 singularity, whatever the unit of length.
 """
 
 from __future__ import annotations
@@ -21,21 +19,21 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import RANK_LOST
 
-SINGULAR_VALUE_FLOOR = 1e-30  # instead of a singular value that is zero to the last bit
+SINGULAR_VALUE_FLOOR = 1e-30  # replaces singular values that are exactly zero
 
 
 class Distances(NamedTuple):
     """Distances from singularities at T configurations.
 
-    Torques [N m/N for hinges, N/N for slides] balance a unit force of 1 N on the platform, in the worst
-    direction among its translations, without a moment; redundant motors take the least torques. They are
+    Torques [N m/N for hinges, N/N for slides] balance a force of 1 N on the platform, without a moment, in
+    the worst direction of its translations. Redundant motors exert the torques of least norm. The torques are
     infinite where the motors do not hold such a force (Type 2), and NaN for a platform that only turns.
 
     A pressure angle is the angle between the force that one motor exerts on the platform and the velocity
     that it gives the platform while all other motors are locked. For the 5R its complement is the
-    transmission angle between the two distal rods. It is defined if an angle of twists needs no
-    characteristic length, that is for two or three translations alone, or turns alone, and as many motors.
-    Otherwise it is NaN.
+    transmission angle between the two distal rods. An angle between twists is defined without a
+    characteristic length only if all coordinates are translations, or all are turns. So the pressure angle is
+    NaN unless the platform has two or three coordinates of one kind, and as many motors.
     """
 
     g: Array  # (T,) smallest singular value of P with the sign of det P, see `singularity_measure`
@@ -44,7 +42,7 @@ class Distances(NamedTuple):
     torque_largest: Array  # (T,) largest torque of a single motor, joint side
     motor_torque_norm: Array  # (T,) `torque_norm` on the motor side of the gears
     motor_torque_largest: Array  # (T,) `torque_largest` on the motor side
-    pressure_angle: Array  # (T, n_a) [rad], 0 best, pi/2 at a Type 2 singularity
+    pressure_angle: Array  # (T, n_a) [rad], 0 at best, pi/2 at a Type 2 singularity
 
     @property
     def transmission_angle(self) -> Array:
@@ -53,13 +51,13 @@ class Distances(NamedTuple):
 
 
 def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> Distances:
-    """Compute distances from singularities at T configurations at which x determines the joints."""
+    """Compute distances from singularities at T configurations without a Type 1 singularity."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     sigma_A = singular_values(A)[:, -1]
-    if robot.n_a > robot.n:  # B^+ A v = dq_a gives the least torques: B^+ A replaces A, the unit matrix B
+    if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v gives the torques of least norm
         A = np.linalg.pinv(B) @ A
         B = np.eye(robot.n_a)
-    # v = J dq_a with J = A^-1 B = V S^-1 U' B (T, n, n_a), A = U S V'
+    # v = J dq_a with J = A^-1 B = V S^-1 U' B (T, n, n_a) and A = U S V'
     U, values, V_rows = np.linalg.svd(A, full_matrices=False)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     J = V_rows.swapaxes(1, 2) @ (inverse[:, :, None] * (U.swapaxes(1, 2) @ B))
@@ -77,13 +75,18 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
 
 
 def _worst_torques(
-    robot: ParallelRobot, J: Array, right: Array, values: Array, gear: Array
+    robot: ParallelRobot, J: Array, V_rows: Array, values: Array, gear: Array
 ) -> tuple[Array, Array]:
-    """Compute the largest 2-norm (T,) and single torque (T,) that balance a unit force.
+    """Compute the largest 2-norm (T,) and largest single torque (T,) that balance a unit force.
 
-    By virtual work W' v = tau' dq_a the torques are tau = J' W, with J (T, n, n_a) of v = J dq_a; the gears
-    reduce them by the ratios `gear` (n_a,). Torques are infinite where a singular value (of `values`)
-    vanishes whose direction (row of `right`) moves the platform's point.
+    By virtual work W' v = tau' dq_a, the torques are tau = J' W with v = J dq_a. They are infinite where a
+    vanishing singular value belongs to a twist that moves the platform's point.
+
+    Args:
+        J: (T, n, n_a) in radians and robot lengths.
+        V_rows: (T, n, n) right singular vectors of A, dimensionless twists, one a row.
+        values: (T, n) singular values of A.
+        gear: (n_a,) ratios by which gears reduce the torques.
     """
     translations = robot.translations
     if not translations.any():
@@ -91,7 +94,7 @@ def _worst_torques(
         return undefined, undefined
     units = robot.length / (robot.column_scale[robot.actuated] * gear)  # back to metres and radians
     torques = J[:, translations] * units  # (T, translations, n_a)
-    moves_point = np.abs(right[:, :, translations]).max(axis=2) > RANK_LOST
+    moves_point = np.abs(V_rows[:, :, translations]).max(axis=2) > RANK_LOST  # (T, n)
     is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
     norm = singular_values(torques)[:, 0]
     largest = np.linalg.norm(torques, axis=1).max(axis=1)
@@ -99,15 +102,19 @@ def _worst_torques(
 
 
 def _pressure_angles(robot: ParallelRobot, J: Array) -> Array:
-    """Compute the pressure angles (T, n_a) [rad]: of each column of J to the normal of all others."""
+    """Compute the pressure angles (T, n_a) [rad] from J (T, n, n_a) of v = J dq_a.
+
+    Each is the angle between a column of J and the normal of all other columns.
+    """
     has_one_unit = robot.translations.all() or not robot.translations.any()
     if not has_one_unit or robot.n < 2 or robot.n_a != robot.n:
         return np.full((len(J), robot.n_a), np.nan)
-    size = np.linalg.norm(J, axis=1, keepdims=True)  # 0 where a motor does not move the platform: Type 1
-    unit = J / np.where(size > 0, size, 1.0)  # (T, n, n_a) velocities of the platform, one motor each
-    U, values, V_rows = np.linalg.svd(unit)
+    speeds = np.linalg.norm(J, axis=1, keepdims=True)  # (T, 1, n_a); 0 at Type 1: the motor moves nothing
+    directions = J / np.where(speeds > 0, speeds, 1.0)  # (T, n, n_a) of the platform's velocity by each motor
+    U, values, V_rows = np.linalg.svd(directions)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
-    # rows of the inverse (T, n_a, n): forces that do no work on the velocities of all other motors
+    # rows of the inverse matrix (T, n_a, n): forces with unit power on the direction of one motor, and with
+    # no power on those of all others; the cosine of the angle is 1 over the norm of such a force
     forces = (V_rows.swapaxes(1, 2) * inverse[:, None]) @ U.swapaxes(1, 2)
     angle = np.arccos(np.minimum(1.0 / np.linalg.norm(forces, axis=2), 1.0))
-    return np.where(size[:, 0] > 0, angle, np.nan)
+    return np.where(speeds[:, 0] > 0, angle, np.nan)

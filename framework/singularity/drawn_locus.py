@@ -1,8 +1,8 @@
 """The singular locus for pictures: traced curves, or a patch of surface, about a pose of the robot.
 
-A robot whose platform has two translations gets curves over its workspace, all other coordinates fixed (see
-`trace_locus`). A robot with three gets a coarse patch of surface about a singular pose, with all points on
-the locus.
+For a platform with two translations the locus is drawn as curves over the workspace, with all other
+coordinates fixed (see `trace_locus`). For three translations it is a coarse patch of surface about a singular
+pose; all points of the patch are on the locus.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from framework.singularity.traced_locus import REGION_REACH, trace_locus
 from framework.singularity.type2 import has_signed_measure
 from framework.tolerances import SAME_PLACE
 
-NEWTON_STEPS = 10  # to a neighbouring point
+NEWTON_STEPS = 10  # number of steps to a neighbouring point
 MAX_JOINT_STEP = 0.5  # [rad, lengths] largest joint motion in a Newton step
-PATCH_POINTS = 11  # along an edge of the patch
+PATCH_POINTS = 11  # number of points along an edge of the patch
 PATCH_SIZE = 0.12  # [robot lengths] half an edge of the patch
-MAX_PATCH_HEIGHT = 0.2  # [robot lengths] over the tangent plane; a higher patch is not drawn
+MAX_PATCH_HEIGHT = 0.2  # [robot lengths] distance from the tangent plane; a higher patch is not drawn
 DIFFERENCE_STEP = 1e-4  # [robot lengths] for the slope of det P
-SECANT_STEPS, MIN_SECANT_STEP = 5, 1e-9  # least step, over the largest height, that updates the slope
+# Number of secant steps; share of the largest height below which a step does not update the slope.
+SECANT_STEPS, MIN_SECANT_STEP = 5, 1e-9
 
 
 class LocusCurves(NamedTuple):
@@ -35,25 +36,24 @@ class LocusCurves(NamedTuple):
 
     curves: list[Array]  # (m, 2) platform coordinates each
     axes: tuple[int, int]  # indices of the two platform coordinates
-    about: Array  # (n,) platform coordinates of the centre; those not among `axes` are fixed
+    about: Array  # (n,) platform coordinates of the centre; all but `axes` are fixed
     reach: float  # [m] half an edge of the square that was searched
 
-    def serves(self, x: Array) -> bool:
+    def covers(self, x: Array) -> bool:
         """Return whether the curves are valid for x (T, n).
 
-        The fixed coordinates must be the same, and the others well inside the square.
+        The fixed coordinates must agree, and the others must be well inside the square.
         """
         offset = np.abs(x - self.about)
-        fixed = np.delete(offset, self.axes, axis=1)
-        is_same = fixed.max(initial=0.0) < SAME_PLACE * self.reach
-        return bool(is_same and offset[:, self.axes].max() < 0.5 * self.reach)
+        fixed_offset = np.delete(offset, self.axes, axis=1)
+        is_same_slice = fixed_offset.max(initial=0.0) < SAME_PLACE * self.reach
+        return bool(is_same_slice and offset[:, self.axes].max() < 0.5 * self.reach)
 
 
 def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None:
     """Trace the locus about a configuration q (nq,), x (n,) in its working mode.
 
-    None for a robot without exactly two translations, without passive joints, or with redundant motors (whose
-    g has no sign).
+    None unless the platform has exactly two translations and g has a sign, see `has_signed_measure`.
     """
     translations = robot.platform.sliding.tolist()
     if len(translations) != 2 or not has_signed_measure(robot):
@@ -67,33 +67,39 @@ def locus_curves(robot: ParallelRobot, q: Array, x: Array) -> LocusCurves | None
 def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
     """Compute a patch (m, m, 3) [m] of the singular surface about a singular pose q (nq,), x (n,).
 
-    A grid of m = PATCH_POINTS on the tangent plane, normal to the gradient of det P, is moved along the
-    normal onto det P = 0; the platform keeps its orientation. None for a robot without exactly three
-    translations, or if the surface cannot be reached.
+    A grid of m = PATCH_POINTS by m points on the tangent plane, normal to the gradient of det P, is moved
+    along the normal onto det P = 0. The platform keeps its orientation. None unless the platform has exactly
+    three translations and g has a sign, or if the grid does not reach the surface.
     """
     translations = robot.platform.sliding
     if len(translations) != 3 or not has_signed_measure(robot):
         return None
     measure = partial(_shifted_determinants, robot, q, x)
     step = DIFFERENCE_STEP * robot.length
-    slope = (measure(step * np.eye(3)) - measure(-step * np.eye(3))) / (2 * step)  # (3,) along the axes
-    size = float(np.linalg.norm(slope))
-    if not (np.isfinite(size) and size > 0):
+    steps = step * np.eye(3)  # along each axis
+    gradient = (measure(steps) - measure(-steps)) / (2 * step)  # (3,) of det P
+    slope = float(np.linalg.norm(gradient))  # of det P along the normal
+    if not (np.isfinite(slope) and slope > 0):
         return None
-    normal = slope / size
+    normal = gradient / slope
     span = np.linspace(-PATCH_SIZE, PATCH_SIZE, PATCH_POINTS) * robot.length
     grid = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
-    plane = grid @ np.linalg.svd(normal[None])[2][1:]  # (m m, 3) normal to the first singular vector
-    points = _move_to_zeros(measure, plane, normal, size, MAX_PATCH_HEIGHT * robot.length)
+    tangents = np.linalg.svd(normal[None]).Vh[1:]  # (2, 3) unit vectors; the normal comes first
+    plane = grid @ tangents  # (m m, 3)
+    points = _move_to_zeros(measure, plane, normal, slope, MAX_PATCH_HEIGHT * robot.length)
     if np.isnan(points).any():
         return None
     return (points + x[translations]).reshape(PATCH_POINTS, PATCH_POINTS, 3)
 
 
 def _shifted_determinants(robot: ParallelRobot, q: Array, x: Array, shifts: Array) -> Array:
-    """Compute det P (T,) at shifts (T, 3) of the platform, NaN where the loops do not close.
+    """Compute det P (T,) at shifts (T, 3) [m] of the platform, NaN where the loops do not close.
 
     The determinant changes its sign where g does, and needs no border.
+
+    Args:
+        q: configuration (nq,) from which Newton's method starts.
+        x: platform coordinates (n,) that are shifted.
     """
     targets = np.tile(x, (len(shifts), 1))
     targets[:, robot.platform.sliding] += shifts
@@ -107,8 +113,13 @@ def _move_to_zeros(
 ) -> Array:
     """Move points (T, k) along a normal (k,) to zeros of a measure by the secant method.
 
-    `slope` is the first slope of the measure along the normal. The result is NaN for a point farther away
-    than `farthest`, or where the measure is NaN.
+    Args:
+        measure: computes the measure (T,) at points (T, k).
+        slope: first estimate of the measure's slope along the normal.
+        farthest: largest distance from `start`.
+
+    Returns:
+        The points (T, k), NaN where a zero is farther away than `farthest` or the measure is NaN.
     """
     height = np.zeros(len(start))
     value = measure(start)
@@ -119,7 +130,7 @@ def _move_to_zeros(
         height += step
         last_value = value
         value = measure(start + height[:, None] * normal)
-        is_long = np.abs(step) > MIN_SECANT_STEP * farthest
+        is_long = np.abs(step) > MIN_SECANT_STEP * farthest  # the slope of a short step would be rounding
         slopes[is_long] = (value - last_value)[is_long] / step[is_long]
     is_zero = np.isfinite(value) & (np.abs(height) < farthest)
     return np.where(is_zero[:, None], start + height[:, None] * normal, np.nan)

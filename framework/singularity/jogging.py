@@ -31,16 +31,18 @@ from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
-NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # of the least singular value to its usual size
-LIMIT_BISECTIONS = 8  # of a motion that ends at a joint limit: 0.4 % of it may be left out
-# Motion of the platform along t_s that shows an escaping motion [robot lengths], [rad].
+NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular value divided by its usual size
+LIMIT_BISECTIONS = 8  # of a motion that ends at a joint limit: at most 0.4 % of the motion is left out
+# Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
 MOTOR_STOP_DISTANCE = 1e-8
-USUAL_SIZE_FLOOR = 0.01  # of singular values, for a reference that is nearly singular itself
-MAX_RETREATS = 6  # from a singularity, each ten times as far as the one before
+USUAL_SIZE_FLOOR = (
+    0.01  # least usual size of a singular value, for a reference that is nearly singular itself
+)
+MAX_RETREATS = 6  # from a singularity, each ten times as far as the previous one
 MAX_LOOSE_STEP = 0.5  # [rad, robot lengths] of a joint in a Newton step along t_s
-LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # of the largest motion along t_s, at which poses are computed
+LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # shares of the largest motion along t_s at which poses are computed
 
 # Name of a singularity, and its meaning.
 CLASSES = {
@@ -68,8 +70,8 @@ class JoggedPose:
     x: Array  # (n,)
     motors: Array  # (n_a,) joint side [rad, m]
     g: float | None  # None if every joint has a motor
-    smallest: float | None  # least singular value of P, likewise
-    level: str  # of proximity: regular, near, singular
+    smallest: float | None  # least singular value of P; None if every joint has a motor
+    level: str  # of proximity to a singularity: regular, near or singular
     kind: str  # of the singularity: type_1, type_2, leg_passive, constraint, closure, or ""
     verdict: str  # level and kind in words
     twist: Array  # (n,) the least controlled twist, of unit size
@@ -79,27 +81,28 @@ class JoggedPose:
 def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> JoggedPose:
     """Describe the distance of a configuration q (nq,) from singularities of Type 1 and Type 2.
 
-    The level of each type compares the least singular value of its matrix with the value at the reference.
+    The level of each type follows from the least singular value of its matrix, divided by its usual size: the
+    value at the reference. Type 2 counts before Type 1. `stopped` says why a motion to q ended early.
 
     Raises:
         InvalidInput: q is not assembled.
     """
     closed = assembled_at(robot, q)
     linearised = closed.linearised
-    least = _least_singular_values(robot, linearised)
-    usual = np.maximum(_least_singular_values(robot, linearised_at_reference(robot)), USUAL_SIZE_FLOOR)
-    has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
-    type1_level = _proximity_level(least[0] / usual[0])
-    type2_level = _proximity_level(least[1] / usual[1]) if has_measure else "regular"
-    level, kind, verdict = type1_level, "", "regular: the motors hold the platform in every direction"
+    type1_value, type2_value = _least_singular_values(robot, linearised)
+    usual_type1_value, usual_type2_value = _least_singular_values(robot, linearised_at_reference(robot))
+    level = _proximity_level(type1_value, usual_type1_value)
+    type2_level = _proximity_level(type2_value, usual_type2_value)
+    kind, verdict = "", "regular: the motors hold the platform in every direction"
     if type2_level != "regular":
         level = type2_level
         kind = uncontrolled_motion(robot, linearised).kind
         name, meaning = CLASSES[kind]
         verdict = f"{name}: {meaning}" if level == "singular" else f"near a {name}"
-    elif type1_level != "regular":
+    elif level != "regular":
         kind = "type_1"
         verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+    has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
     return JoggedPose(
@@ -107,41 +110,44 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
         x=closed.x[0],
         motors=robot.actuated_coordinates(q[None])[0],
         g=float(measure.g[0]) if has_measure else None,
-        smallest=float(least[1]) if has_measure else None,
+        smallest=type2_value if has_measure else None,
         level=level,
         kind=kind,
         verdict=verdict,
-        twist=twist / (twist_norm(robot, twist) or 1.0),
+        twist=twist / (twist_norm(robot, twist) or 1.0),  # zeros stay zeros
         stopped=stopped,
     )
 
 
-def _proximity_level(ratio: float) -> str:
-    """Return regular, near or singular for a least singular value over its usual size."""
-    if ratio >= NEAR_SINGULAR_RATIO:
+def _proximity_level(value: float, usual: float) -> str:
+    """Return regular, near or singular by comparing a least singular value with its usual size."""
+    usual = max(usual, USUAL_SIZE_FLOOR)
+    if value >= NEAR_SINGULAR_RATIO * usual:
         return "regular"
-    return "near" if ratio > SINGULAR_RATIO else "singular"
+    return "near" if value > SINGULAR_RATIO * usual else "singular"
 
 
 class LooseMotion(NamedTuple):
     """A motion of the platform along t_s to both sides of a singular pose, loops closed."""
 
-    q: Array  # (9, nq) from one end to the other, the pose itself in the middle
-    shift: float  # [m] of the platform's point, to either side
-    turn: float  # [rad] of the platform, to either side
-    motors: Array  # (n_a,) joint side [rad, m], largest motion of each motor: of second order on the locus
+    q: Array  # (9, nq) from one end to the other, the singular pose in the middle
+    shift: float  # [m] largest shift of the platform's point to either side
+    turn: float  # [rad] largest turn of the platform to either side
+    motors: Array  # (n_a,) largest motion of each motor, joint side [rad, m]; of second order on the locus
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute closed poses along t_s, with the motors nearly at rest; None if the loops open.
+    """Compute closed poses along t_s, with the motors nearly at rest; None if the loops do not close.
 
-    To first order the loops allow this motion with locked motors. With the loops closed exactly, the motors
-    move by the square of the platform's motion. `shift` is the largest shift of the platform [robot lengths].
+    To first order the loops allow this motion with locked motors. When the loops are closed exactly, the
+    motions of the motors are of second order in that of the platform. `shift` is the largest shift of the
+    platform [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    size = max(linear / (shift * robot.length), angular / largest_turn)  # t_s / size is the largest motion
+    # t_s / size is the largest motion: its shift or its turn is the largest one allowed
+    size = max(linear / (shift * robot.length), angular / largest_turn)
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if size == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
@@ -150,8 +156,13 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_LOOSE_STEP)
     if not stack.closed.all():
         return None
-    motors = robot.actuated_coordinates(stack.q)
-    return LooseMotion(stack.q, linear / size, angular / size, np.abs(motors - pose.motors).max(axis=0))
+    motor_motions = np.abs(robot.actuated_coordinates(stack.q) - pose.motors)  # (9, n_a)
+    return LooseMotion(
+        q=stack.q,
+        shift=linear / size,
+        turn=angular / size,
+        motors=motor_motions.max(axis=0),
+    )
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
@@ -160,7 +171,8 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> J
     The motion ends at the limit of the working mode.
 
     Raises:
-        InvalidInput: q is not assembled, no such coordinate, or the platform does not fix the joints.
+        InvalidInput: q is not assembled, there is no such coordinate, or the platform does not determine the
+            joints.
     """
     start = assembled_at(robot, q)
     _check_request(index, robot.n, value)
@@ -170,12 +182,13 @@ def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> J
 
 
 def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
-    """Move the platform's origin towards a point (3,) of the base [m].
+    """Move the platform's origin towards a point `place` (3,) [m] on base axes.
 
-    Coordinates that are no translations keep their values.
+    Coordinates other than translations keep their values.
 
     Raises:
-        InvalidInput: q is not assembled, the point is not finite, or the platform does not fix the joints.
+        InvalidInput: q is not assembled, the point is not finite, or the platform does not determine the
+            joints.
     """
     if place.shape != (3,) or not np.all(np.isfinite(place)):
         raise InvalidInput("place: needs three finite numbers")
@@ -187,16 +200,17 @@ def drag_platform(robot: ParallelRobot, q: Array, place: Array) -> JoggedPose:
 def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> JoggedPose:
     """Move the platform straight to coordinates `target` (n,).
 
-    The motion ends where the working mode or a joint limit ends it.
+    The motion stops where the working mode ends or a joint reaches its limit.
 
     Raises:
-        InvalidInput: q is not assembled, or the platform does not fix the joints.
+        InvalidInput: q is not assembled, or the platform does not determine the joints.
     """
     require_square(robot)
     start = assembled_at(robot, q)
     x = start.x[0]
 
     def pose_after(share: float) -> JoggedPose:
+        """Compute the pose after a share of the motion, or at the end of the working mode."""
         return _follow_line(robot, start, x + share * (target - x))
 
     return _stop_at_limits(robot, start.q[0], pose_after)
@@ -205,13 +219,16 @@ def move_platform_straight(robot: ParallelRobot, q: Array, target: Array) -> Jog
 def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float], JoggedPose]) -> JoggedPose:
     """Find the last pose of a motion from q (nq,) within joint limits, by bisection.
 
-    `pose_after` computes the pose after a share of the motion.
+    If q itself exceeds a limit, the limits are ignored.
+
+    Args:
+        pose_after: computes the pose after a share of the motion.
     """
     pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
-    last = describe_jogged_pose(robot, q)
+    last_inside = describe_jogged_pose(robot, q)
     inside, outside = 0.0, 1.0  # shares of the motion
     for _ in range(LIMIT_BISECTIONS):
         middle = 0.5 * (inside + outside)
@@ -219,13 +236,13 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
         if positions_beyond_limits(robot.limits, pose.q[None]):
             outside = middle
         else:
-            last, inside = pose, middle
+            last_inside, inside = pose, middle
     stops = "; ".join(f"{joint}, {excess}" for joint, excess in excesses.items())
-    return replace(last, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
+    return replace(last_inside, stopped=f"A joint stops at its limit in the URDF (asked for: {stops}).")
 
 
 def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """Move the platform straight to coordinates `target` (n,), as far as the working mode allows."""
+    """Move the platform straight towards coordinates `target` (n,) until the working mode ends."""
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return describe_jogged_pose(robot, q)
@@ -246,7 +263,7 @@ def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> Jog
 
 
 def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Turn one motor's joint to `value` [rad, m], the others at rest, in this assembly mode.
+    """Turn one motor's joint to `value` [rad, m] in this assembly mode, with the others at rest.
 
     Raises:
         InvalidInput: q is not assembled, there is no such motor, or the motors depend on one another.
@@ -256,13 +273,16 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     motors = robot.actuated_coordinates(start.q)[0]
 
     def turn(angle: float) -> Array:
-        """Compute the joints (nq,) after a turn of the motor [rad, m]."""
+        """Compute q (nq,) after the motor has turned by `angle` [rad, m]."""
         target = motors.copy()
         target[index] += angle
         return forward_kinematics(robot, target, near=q).q
 
     def stop_before(angle: float, sign: float) -> Array:
-        """Compute joints (nq,) just before the singularity after a turn of this size and sign."""
+        """Compute q (nq,) just before the singularity that lies at a turn of size `angle` and this sign.
+
+        The motor stops at growing distances before the singularity until a pose is found, else at the start.
+        """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
         for _ in range(MAX_RETREATS):
             angle -= retreat
@@ -271,7 +291,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
                 break
             try:
                 return turn(sign * angle)
-            except Type2Singularity as earlier:
+            except Type2Singularity as earlier:  # another singularity, at a share of the turn
                 angle *= earlier.share
         return q
 
@@ -282,7 +302,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
             return describe_jogged_pose(robot, turn(angle))
         except Type2Singularity as end:
             pose = describe_jogged_pose(robot, stop_before(end.share * abs(angle), np.sign(angle)))
-            name = CLASSES[pose.kind][0] if pose.kind in CLASSES else "Type 2 singularity"
+            name, _ = CLASSES.get(pose.kind, CLASSES["type_2"])
             return replace(pose, stopped=_MOTORS_END.format(name=name))
         except NotAssembled as end:
             return describe_jogged_pose(robot, end.q, str(end))
@@ -298,7 +318,7 @@ def _check_request(index: int, count: int, value: float) -> None:
         raise InvalidInput(f"value: needs a finite number, got {value!r}")
 
 
-def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> Array:
-    """Compute the least singular values (2,) of the matrices of Type 1 and Type 2 (T = 1)."""
+def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
+    """Compute the least singular values of the Type 1 matrix and of P (T = 1)."""
     type1_value = singular_values(type1_matrix(robot, linearised)).min()
-    return np.array([type1_value, clearance(robot, linearised)[0]])
+    return float(type1_value), float(clearance(robot, linearised)[0])

@@ -1,10 +1,10 @@
 """The singular locus on a map: curves traced on the map's branch, and compared with the signs of g.
 
 Tracing starts from the poses next to a sign change of g, and from local minima of |g|. A point of a traced
-curve belongs to the map if a step of inverse kinematics from the nearest pose leads to the point's own
-configuration. So each point is singular and on the branch of the poses. Completeness is not claimed: a curve
-between the poses may be so small that no sign on the grid changes. Sign changes between neighbours that no
-curve explains are reported.
+curve belongs to the map if a step of inverse kinematics from the nearest pose leads to the configuration of
+the point. So each point is singular and on the branch of the poses. Completeness is not claimed, because a
+curve between the poses may be so small that g has the same sign at all poses. Sign changes between neighbours
+that no curve explains are reported.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from framework.singularity.locus_equations import LocusEquations
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-STARTS_PER_ROUND = 24  # of tracing, chosen evenly among the unexplained sign changes
+STARTS_PER_ROUND = 24  # number of starts, chosen evenly among the unexplained sign changes
 MAX_ROUNDS = 4  # of tracing for each working mode
-# Distance in cells below which two curves are one: on one branch of the map the joints at a point are unique.
+# Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
-MAX_TOUCHES = 16  # minima of |g| from which tracing starts: g keeps its sign across some curves
+MAX_TOUCHES = 16  # number of minima of |g| from which tracing starts, as g keeps its sign across some curves
 STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region
-REGION_MARGIN = 1.05  # half an edge of the region over the distance of the window's farthest side
+REGION_MARGIN = 1.05  # half an edge of the region, divided by the distance of the map's farthest side
 EXPLAINED_CELLS = 1.0  # largest distance of a sign change from the curve that explains it
 AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])  # a cell (first) and its eight neighbours
 MAX_ANGLE_STEP = 3.0  # [rad] between neighbours of a curve; a larger one is a jump from pi to -pi
@@ -43,22 +43,22 @@ class MapPoses(NamedTuple):
     """The grid of poses of a map over two platform coordinates, on one branch."""
 
     axes: tuple[int, int]  # indices of the two platform coordinates
-    lower: Array  # (2,) least values of these [m, rad]
-    upper: Array  # (2,)
-    cell: Array  # (2,) distance of neighbours along either axis
+    lower: Array  # (2,) least values of these coordinates [m, rad]
+    upper: Array  # (2,) largest values
+    cell: Array  # (2,) distance between neighbours along each axis
     x: Array  # (I, J, n)
     q: Array  # (I, J, nq)
     reached: BoolArray  # (I, J)
     g: Array  # (I, J) NaN where a pose is not reached
-    # continues q (T, nq) from x (T, n) to other x (T, n); returns q, and whether it is on the same branch
-    lead: Callable[[Array, Array, Array], tuple[Array, BoolArray]]
+    # continues q (T, nq) from x (T, n) to other x (T, n); returns the new q, and which are on the same branch
+    continue_pose: Callable[[Array, Array, Array], tuple[Array, BoolArray]]
 
 
 @dataclass(frozen=True, eq=False)
 class MapCurve(ReadOnlyArrays):
     """A curve of the locus through m points."""
 
-    x: Array  # (m, 2) the map's two coordinates
+    x: Array  # (m, 2) platform coordinates on the map's two axes
     q: Array  # (m, nq)
 
 
@@ -67,8 +67,8 @@ class MapLocus(ReadOnlyArrays):
     """The locus on the branch of a map, or the reason why none is traced."""
 
     curves: tuple[MapCurve, ...]
-    sign_changes: int  # number of neighbouring poses between which g changes its sign
-    unexplained: Array  # (u, 2) points of sign changes that no curve passes within a cell
+    sign_changes: int  # number of pairs of neighbouring poses between which g changes its sign
+    unexplained: Array  # (u, 2) midpoints of sign changes that no curve passes within a cell
     why_not: str  # empty if the locus was traced
     seconds: float
 
@@ -90,16 +90,24 @@ class MapLocus(ReadOnlyArrays):
 def locus_on_map(robot: ParallelRobot, poses: MapPoses) -> MapLocus:
     """Trace the locus on a map, on the branch of its poses."""
     started = time.perf_counter()
-    first = tuple(np.argwhere(poses.reached)[0])
-    free = robot.axis_names[poses.axes[0]], robot.axis_names[poses.axes[1]]
+    first_reached = tuple(np.argwhere(poses.reached)[0])
+    i, j = poses.axes
+    free = robot.axis_names[i], robot.axis_names[j]
     try:
-        equations = LocusEquations.of(robot, poses.q[first], poses.x[first], free)
+        equations = LocusEquations.of(robot, poses.q[first_reached], poses.x[first_reached], free)
     except InvalidInput as error:
-        return MapLocus((), 0, np.zeros((0, 2)), str(error), 0.0)
+        return MapLocus(
+            curves=(), sign_changes=0, unexplained=np.zeros((0, 2)), why_not=str(error), seconds=0.0
+        )
     changes = _sign_changes(poses.g)
     curves, unexplained = _trace_modes(equations, poses, changes)
-    seconds = time.perf_counter() - started
-    return MapLocus(tuple(curves), len(changes), _midpoints(poses, changes[unexplained]), "", seconds)
+    return MapLocus(
+        curves=tuple(curves),
+        sign_changes=len(changes),
+        unexplained=_midpoints(poses, changes[unexplained]),
+        why_not="",
+        seconds=time.perf_counter() - started,
+    )
 
 
 def _trace_modes(
@@ -107,14 +115,14 @@ def _trace_modes(
 ) -> tuple[list[MapCurve], BoolArray]:
     """Trace the curves of all working modes, modes with the most starts first.
 
-    Each round starts from sign changes that the curves so far do not explain; the first round also from
-    minima of |g|.
+    Each round starts from sign changes that the curves so far do not explain. The first round of a mode also
+    starts from minima of |g|.
 
     Args:
-        changes: (e, 4) indices i, j of the poses on both sides of each sign change.
+        changes: (e, 4) indices i, j of the poses on both sides of each sign change, see `_sign_changes`.
 
     Returns:
-        The curves; whether each sign change is left unexplained, (e,).
+        The curves; which sign changes are left unexplained, (e,).
     """
     minima = _find_minima(poses.g)  # (t, 2) indices i, j
     curves = list[MapCurve]()
@@ -132,13 +140,14 @@ def _trace_modes(
                 break
             for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
                 for part in _parts_on_branch(equations, poses, curve):
-                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # not only a known curve
+                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # not all of it is known
                         curves.append(part)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, EXPLAINED_CELLS)
             remaining = np.count_nonzero(unexplained & of_mode)
-            if remaining in (0, len(todo)) or len(todo) <= STARTS_PER_ROUND:  # no progress, or all were tried
+            # all starts have been tried, none is left, or there was no progress
+            if len(todo) <= STARTS_PER_ROUND or remaining in (0, len(todo)):
                 break
-            cells = cells[:0]
+            cells = cells[:0]  # later rounds start from sign changes alone
     return curves, unexplained
 
 
@@ -159,12 +168,13 @@ def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Ar
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
-    """Trace the locus over the map from starts (k, nq), in the working mode of the first."""
+    """Trace the locus over the map from starts (k, nq) in the working mode of the first start."""
     robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
-    sides = np.abs(np.stack([poses.lower, poses.upper]) - centre) / robot.platform_scale[axes]  # (2, 2)
-    reach = REGION_MARGIN * float(sides.max())
+    # (2, 2) distances of the map's sides from the centre, dimensionless
+    distances = np.abs(np.stack([poses.lower, poses.upper]) - centre) / robot.platform_scale[axes]
+    reach = REGION_MARGIN * float(distances.max())
     traced = trace_locus(
         robot,
         starts[0],
@@ -182,21 +192,28 @@ def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> li
 
 
 def _sign_changes(g: Array) -> IntArray:
-    """Find the neighbours between which g (I, J) changes its sign: indices (e, 4) of both."""
-    down = np.argwhere(g[:-1] * g[1:] < 0)
-    right = np.argwhere(g[:, :-1] * g[:, 1:] < 0)
-    first = np.concatenate([down, right])  # (e, 2)
-    second = np.concatenate([down + np.array([1, 0]), right + np.array([0, 1])])
-    return np.concatenate([first, second], axis=1)
+    """Find the neighbours between which g (I, J) changes its sign.
+
+    Returns:
+        Indices (e, 4): i, j of the one pose, then i, j of its neighbour.
+    """
+    along_i = np.argwhere(g[:-1] * g[1:] < 0)
+    along_j = np.argwhere(g[:, :-1] * g[:, 1:] < 0)
+    pairs_along_i = np.hstack([along_i, along_i + np.array([1, 0])])
+    pairs_along_j = np.hstack([along_j, along_j + np.array([0, 1])])
+    return np.vstack([pairs_along_i, pairs_along_j])
 
 
 def _find_minima(g: Array) -> IntArray:
-    """Find the MAX_TOUCHES least local minima (t, 2) of |g| (I, J), each among eight neighbours."""
+    """Find indices (t, 2) of the MAX_TOUCHES least local minima of |g| (I, J).
+
+    At a minimum |g| is less than at all eight neighbours.
+    """
     from scipy.ndimage import minimum_filter
 
     size = np.where(np.isfinite(g), np.abs(g), np.inf)
     footprint = np.ones((3, 3), dtype=bool)
-    footprint[1, 1] = False
+    footprint[1, 1] = False  # the pose itself does not count
     neighbours = minimum_filter(size, footprint=footprint, mode="constant", cval=np.inf)
     minima = np.argwhere(size < neighbours)
     return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
@@ -208,7 +225,7 @@ def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
 
 
 def _is_apart(poses: MapPoses, x: Array, curves: list[MapCurve], cells: float) -> BoolArray:
-    """Return whether points x (e, 2) are more than `cells` cells away from all curves, (e,)."""
+    """Return which points x (e, 2) are more than `cells` cells away from all curves, (e,)."""
     is_apart = np.ones(len(x), dtype=bool)
     for curve in curves:
         chord = np.diff(curve.x, axis=0) / poses.cell
@@ -226,9 +243,12 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
     axes = list(poses.axes)
     x = curve.x[:, axes]
     is_on, is_off = _compare_branches(equations, poses, curve, x)
-    is_jump = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[axes]
-    breaks = np.flatnonzero(is_jump.any(axis=1) | (is_off[1:] != is_off[:-1])) + 1
-    parts = np.split(np.arange(len(x)), breaks)
+    is_jump = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[
+        axes
+    ]  # (m - 1, 2)
+    leaves_or_enters = is_off[1:] != is_off[:-1]
+    breaks = np.flatnonzero(is_jump.any(axis=1) | leaves_or_enters) + 1
+    parts = np.split(np.arange(len(x)), breaks)  # indices of the points of each part
     return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
 
 
@@ -245,8 +265,9 @@ def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
     nearest = np.round((x - poses.lower) / poses.cell).astype(int)
     cells = nearest[:, None] + AROUND  # (m, 9, 2)
     on_map = ((cells >= 0) & (cells < poses.g.shape)).all(axis=2)
-    rows, columns = np.moveaxis(np.where(on_map[:, :, None], cells, 0), 2, 0)  # (m, 9) each
-    return _Neighbours(poses.x[rows, columns], poses.q[rows, columns], on_map & poses.reached[rows, columns])
+    valid_cells = np.where(on_map[:, :, None], cells, 0)  # any pose in place of those beyond the map
+    i, j = np.moveaxis(valid_cells, 2, 0)  # (m, 9) each
+    return _Neighbours(x=poses.x[i, j], q=poses.q[i, j], reached=on_map & poses.reached[i, j])
 
 
 def _compare_branches(
@@ -254,10 +275,11 @@ def _compare_branches(
 ) -> tuple[BoolArray, BoolArray]:
     """Decide which points x (m, 2) of a curve are on the map's branch, and which are not.
 
-    A point is on the branch if a step of inverse kinematics from the nearest pose leads to its configuration,
-    and off if the step leads elsewhere. If the inverse kinematics is singular, too, no step leads to the
-    point. Then it counts as on the branch if it is no farther from the nearest pose than the farthest of the
-    neighbours. Points at and beyond the edge of the reached poses may be neither.
+    A point is on the branch if a step of inverse kinematics from the nearest pose leads to the configuration
+    of the point, and off the branch if the step leads elsewhere. Where the inverse kinematics is singular,
+    too, the step fails. Then the point counts as on the branch if its joints are no farther from the nearest
+    pose than those of the farthest neighbour. Points at and beyond the edge of the reached poses may be
+    neither on nor off.
 
     Returns:
         Masks (m,) of the points on the branch, and of the points off the branch.
@@ -270,8 +292,8 @@ def _compare_branches(
     neighbours = select(neighbours, inside)
     q = curve.q[inside]
     nearest_q = neighbours.q[:, 0]
-    ends, arrives = poses.lead(nearest_q, neighbours.x[:, 0], curve.x[inside])
-    with np.errstate(invalid="ignore"):  # poses that are not reached
+    ends, arrives = poses.continue_pose(nearest_q, neighbours.x[:, 0], curve.x[inside])
+    with np.errstate(invalid="ignore"):  # poses that are not reached have NaN
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
         to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)
         to_point = np.abs(equations.offsets(nearest_q, q)).max(axis=1)

@@ -1,10 +1,10 @@
 """The measure g along a path as Chebyshev series, panel by panel, each checked by its tail.
 
-On a panel, det G of `bordered_system` is a polynomial up to rounding. Its roots and extrema are eigenvalues,
-so that all of them are found and none is stepped over.
+On a panel, det G of `bordered_system` is a polynomial up to rounding. Its roots and extrema are eigenvalues
+of a companion matrix, so all of them are found and none is stepped over.
 
 Where the path touches the locus, crosses it twice within a short stretch, or just misses it, g has an
-extremum near zero. The extremum is polished on panels centred on it. The last coefficients of such a panel's
+extremum near zero. The extremum is refined on panels centred on it. The last coefficients of such a panel's
 series measure the rounding of g, which decides between touching, crossing twice and missing.
 """
 
@@ -30,21 +30,21 @@ from framework.tolerances import MEASURE_ROUNDING, MEASURE_TAIL, MIN_PANEL_WIDTH
 
 TAIL_ROUNDING = 100 * MEASURE_ROUNDING  # a coefficient is a sum of dozens of values
 PANEL_NODES = 24
-MAX_ETA_NORM = 20.0  # of a border that fits; a larger eta means that it is far from the null vectors
+MAX_ETA_NORM = 20.0  # largest |eta| of a border that fits; if larger, the border is far from the null vectors
 CANDIDATE_DEPTH = 1e3  # largest |g| of a candidate, in tails of the series
-PANEL_HALF_WIDTH = 0.04  # of a panel about an extremum, in s; halved while the series has a truncation error
+PANEL_HALF_WIDTH = 0.04  # in s, of a panel about an extremum; halved while the series has a truncation error
 MAX_HALVINGS = 5  # of this width
-CENTRING_PASSES = 3  # each centres the panel on the extremum found in the one before
-FIRST_BRACKET_STEP = 1e-10  # of the search to the sides of an extremum, in s; doubled
-WIDER_BORDER_RATIO = 0.05  # smaller singular values may need a wider border
+CENTRING_PASSES = 3  # number of passes; each centres the panel on the extremum that the last pass found
+FIRST_BRACKET_STEP = 1e-10  # in s, first step of the search beside an extremum; each step doubles it
+WIDER_BORDER_RATIO = 0.05  # relative singular value below which a wider border may be needed
 
 
 class Measured(NamedTuple):
     """A square matrix along a branch, whose loss of rank g measures."""
 
     branch: Branch
-    matrix: Callable[[LinearisedLoops], Array]  # (T, n, n) of linearised loops
-    power: int = 1  # 2 for P'P, whose singular values are squares
+    matrix: Callable[[LinearisedLoops], Array]  # computes the matrices (T, n, n) of linearised loops
+    power: int = 1  # 2 for P'P, whose singular values are the squares of those of P
 
     def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
@@ -55,14 +55,14 @@ class Measured(NamedTuple):
         return count_small_values(self.evaluate(np.array([s]))[0], RANK_LOST**self.power)
 
     def guess(self, s: Array) -> LinearisedLoops:
-        """Linearise the possibly open loops at the branch's guesses for s (T,)."""
+        """Linearise the loops at the branch's guesses for s (T,), closed or not."""
         branch = self.branch
         return linearised_at(branch.robot, branch.guess(s), branch.path(s))
 
     @property
     def knots(self) -> Array:
         """Path coordinates (k,) between which the matrix is smooth, both ends included."""
-        return np.concatenate(([0.0], self.branch.path.knots, [1.0]))
+        return np.array([0.0, *self.branch.path.knots, 1.0])
 
 
 class Unresolved(NotConverged):
@@ -86,7 +86,7 @@ class Panel:
     matrices: Array  # (size, n, n) at the nodes
 
     def path_coordinates(self, local: Array) -> Array:
-        """Return the path coordinates s (T,) of local ones (T,) in [-1, 1]."""
+        """Convert local coordinates (T,) in [-1, 1] to path coordinates s (T,)."""
         return self.start + 0.5 * (self.end - self.start) * (local + 1.0)
 
     @property
@@ -103,7 +103,8 @@ class Panel:
         """Interpolate the matrix (n, n) at s."""
         local = (2 * s - self.start - self.end) / self.width
         polynomials = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1)[0]  # (PANEL_NODES,)
-        weights = polynomials @ coefficients(np.eye(PANEL_NODES))  # of the matrices at the nodes
+        # columns of `coefficients(eye)` are the series of the cardinal functions of the nodes
+        weights = polynomials @ coefficients(np.eye(PANEL_NODES))  # (PANEL_NODES,) of the nodes' matrices
         return np.tensordot(weights, self.matrices, axes=1)
 
 
@@ -126,10 +127,10 @@ def _panel_nodes(start: float, end: float) -> Array:
 
 
 def resolve_panels(samples: Samples, measured: Measured) -> list[Panel]:
-    """Resolve g on panels of [0, 1], ascending; panels are halved until each is resolved.
+    """Resolve g on ascending panels of [0, 1], which are halved until each is resolved.
 
     Raises:
-        Unresolved: some panel does not resolve.
+        Unresolved: g is not resolved on a panel of the least width.
         SingularPath: the matrix is singular all along a panel.
     """
     waiting = list(pairwise(measured.knots))[::-1]  # a stack, the first panel on top
@@ -148,7 +149,7 @@ def resolve_panels(samples: Samples, measured: Measured) -> list[Panel]:
 
 
 class Candidate(NamedTuple):
-    """A point of a panel that may be a contact: a minimum of |g| or a root, not polished."""
+    """A point of a panel that may be a contact: a minimum of |g| or a root, not yet refined."""
 
     panel: Panel
     s: float
@@ -161,13 +162,13 @@ def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     candidates = list[Candidate]()
     for panel in resolved:
         constant, *others = np.abs(panel.series)
-        if constant - sum(others) > level:  # g is nowhere near zero
+        if constant - sum(others) > level:  # a lower bound of |g| on the panel: g has no zero there
             continue
         is_near_zero = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < level
         minima = panel.path_coordinates(panel.extrema[is_near_zero])
         roots = panel.path_coordinates(real_roots(panel.series))
-        candidates += [Candidate(panel, float(s), True) for s in minima]
-        candidates += [Candidate(panel, float(s), False) for s in roots]
+        candidates += [Candidate(panel, float(s), is_minimum=True) for s in minima]
+        candidates += [Candidate(panel, float(s), is_minimum=False) for s in roots]
     return candidates
 
 
@@ -188,7 +189,7 @@ def _resolve_panel(samples: Samples, measured: Measured, start: float, end: floa
     middle = PANEL_NODES // 2  # this node's border is used on the whole panel
     widest = count_small_values(matrices[middle], WIDER_BORDER_RATIO)
     for size in range(1, max(widest, 1) + 1):
-        solution = bordered_solution(matrices, middle, size)
+        solution = bordered_solution(matrices, border_of=middle, size=size)
         g = solution.g
         largest = float(np.abs(g).max())
         if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
@@ -198,15 +199,15 @@ def _resolve_panel(samples: Samples, measured: Measured, start: float, end: floa
             )
         series = coefficients(g[:, None])
         border_fits = np.linalg.norm(solution.eta, axis=1).max() <= MAX_ETA_NORM
-        # if g itself is small, a tail of rounding is large against g and yet resolved
+        # if g itself is small, a tail of mere rounding is large relative to g, although g is resolved
         if border_fits and tail(series) <= max(MEASURE_TAIL, TAIL_ROUNDING / largest):
             return Panel(start, end, series[:, 0], matrices)
     return None
 
 
 def count_small_values(matrix: Array, level: float) -> int:
-    """Count the singular values of a matrix below `level` times the largest, at most `level`."""
-    values = singular_values(matrix)
+    """Count the singular values of a matrix below `level` times the largest, or times 1 if less."""
+    values = singular_values(matrix)  # descending
     return int(np.sum(values < level * min(float(values[0]), 1.0)))
 
 
@@ -233,53 +234,61 @@ class Extremum(NamedTuple):
         return np.asarray(chebyshev.chebval(2 * (s - self.start) / (self.end - self.start) - 1, self.series))
 
     def bracket(self, level: float) -> tuple[float, float]:
-        """Return the nearest s below and above with |g| over a level, else the panel's ends."""
-        lower, upper = (
-            self._find_first_step(end, lambda g: np.abs(g) > level) for end in (self.start, self.end)
-        )
-        return (
-            self.start if lower is None else lower[1],
-            self.end if upper is None else upper[1],
-        )
+        """Return the nearest s below and above where |g| exceeds a level, else the panel's ends."""
+
+        def find_towards(end: float) -> float:
+            step = self._find_first_step(end, lambda g: np.abs(g) > level)
+            return end if step is None else step.outer
+
+        return find_towards(self.start), find_towards(self.end)
 
     @property
     def changes_sign(self) -> bool:
-        """Whether g has different signs on the two sides, where |g| exceeds rounding."""
+        """Whether g has different signs on both sides, where |g| exceeds its rounding."""
         lower, upper = self.evaluate(np.array(self.bracket(self.rounding)))
         return bool(lower * upper < 0)
 
     def roots(self) -> list[float]:
-        """Find the roots beside an extremum that is no touch: two, one or none.
+        """Find the roots beside an extremum at which g is not zero: two, one or none.
 
-        At most one root lies on each side; it is bracketed and bisected down to rounding.
+        At most one root lies on each side. It is bracketed, then bisected down to rounding.
         """
         roots = []
         for end in (self.start, self.end):
             bracket = self._find_first_step(end, lambda g: g * self.g < 0)
-            if bracket is not None:
-                inner, outer = bracket
-                while (middle := 0.5 * (inner + outer)) not in (inner, outer):
-                    if self.evaluate(np.array([middle]))[0] * self.g > 0:  # as at the extremum
-                        inner = middle
-                    else:
-                        outer = middle
-                roots.append(middle)
+            if bracket is None:
+                continue
+            inner, outer = bracket
+            while (middle := 0.5 * (inner + outer)) not in (inner, outer):
+                if self.evaluate(np.array([middle]))[0] * self.g > 0:  # the sign of the extremum
+                    inner = middle
+                else:
+                    outer = middle
+            roots.append(middle)
         return roots
 
-    def _find_first_step(self, end: float, test: Callable[[Array], BoolArray]) -> tuple[float, float] | None:
+    def _find_first_step(self, end: float, test: Callable[[Array], BoolArray]) -> _Bracket | None:
         """Step from the extremum towards an end of the panel until g passes a test.
 
-        Steps double the distance.
-
-        Returns:
-            s before and after the last step; None if g passes nowhere.
+        Each step doubles the distance from the extremum; the last one ends at the end of the panel. None if g
+        passes the test at no step.
         """
         room = abs(end - self.s)
-        count = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))) + 1
-        distances = np.minimum(FIRST_BRACKET_STEP * 2.0 ** np.arange(count), room)
-        s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)
+        doublings = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0))))
+        distances = np.minimum(FIRST_BRACKET_STEP * 2.0 ** np.arange(doublings + 1), room)
+        s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
-        return (float(s[passing[0]]), float(s[passing[0] + 1])) if len(passing) else None
+        if not len(passing):
+            return None
+        last = passing[0]  # index of the step after which g passes
+        return _Bracket(inner=float(s[last]), outer=float(s[last + 1]))
+
+
+class _Bracket(NamedTuple):
+    """The last step of a search from an extremum outwards."""
+
+    inner: float  # s before the step
+    outer: float  # s after the step
 
 
 def extremum_near(
@@ -289,14 +298,17 @@ def extremum_near(
     size: int,
     scalar: Callable[[Array], Array] = determinant,
 ) -> Extremum:
-    """Find the extremum nearest to s of a scalar function (T,) of blocks G (T, size, size).
+    """Find the extremum nearest to s of a scalar function of the blocks G.
 
-    The series on a panel about s gives an extremum, on which the next panel is centred. Then panels are
+    The series on a panel about s has extrema; the next panel is centred on the nearest one. Then panels are
     halved until the series ends in rounding. If a panel has no extremum, s itself is returned.
 
     Args:
-        matrices: computes the matrices (T, n, n) at s (T,), which are smooth between the `knots` (k,).
-        knots: from 0 to 1.
+        matrices: computes the matrices (T, n, n) at path coordinates (T,).
+        knots: path coordinates (k,) from 0 to 1 between which the matrices are smooth.
+        size: width of the border.
+        scalar: computes the scalar (T,) of blocks G (T, size, size): those at the nodes of the panel, then
+            the block at s.
     """
     k = np.searchsorted(knots[1:-1], s, side="right")
     lowest, highest = knots[k : k + 2]  # between these knots g is smooth
@@ -304,10 +316,10 @@ def extremum_near(
     for k_pass in range(1, CENTRING_PASSES + MAX_HALVINGS + 1):
         start = max(lowest, s - half_width)
         end = min(highest, s + half_width)
-        stack = matrices(np.append(_panel_nodes(start, end), s))  # s last: its border is used for all
-        values = scalar(bordered_solution(stack, -1, size).G)
+        stack = matrices(np.append(_panel_nodes(start, end), s))
+        values = scalar(bordered_solution(stack, border_of=-1, size=size).G)  # at the nodes, then at s
         series = coefficients(values[:-1, None])[:, 0]
-        # the last coefficients are rounding if the series is resolved, else its truncation error
+        # the last third of the coefficients is rounding if g is resolved, else it is the truncation error
         rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)
         local_extrema = extrema(series)  # in [-1, 1]
         if not len(local_extrema):

@@ -47,10 +47,10 @@ class SingularPoint(ReadOnlyArrays):
     """A point of the path at which the motors do not hold the robot, springs at rest.
 
     `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is transversal
-    or tangential. `corank` motions escape at once. `slope` is dg/ds; if several motions escape, it is the
-    least slope of their singular values, without sign. `motion` are the joint rates of the twist. Two
-    singular points closer together than `resolution`, in s, would look like this tangential point; it is None
-    for transversal points, and where it was not measured.
+    or tangential. `corank` is the number of motions that escape at once. `slope` is dg/ds; if several motions
+    escape, it is the least slope of their singular values, without sign. `motion` has the joint rates of the
+    twist. Two singular points closer together than `resolution`, in s, cannot be told from this tangential
+    point. `resolution` is None for transversal points, and where it was not measured.
     """
 
     s: float
@@ -70,7 +70,7 @@ class SearchedPath(NamedTuple):
 
     branch: Branch
     points: tuple[SingularPoint, ...]
-    near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, ends included, below a hundredth of the largest
+    near_misses: tuple[NearMiss, ...] = ()  # minima of |g|, path ends included, below 1 % of the largest |g|
 
     def under(self, wrenches: ExternalWrenches) -> SearchedPath:
         """Return the same path under external wrenches, on which singular points do not depend.
@@ -88,7 +88,9 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
         branch: the path as followed by `track_path`, if known.
 
     Raises:
-        As `locate_singularities`.
+        InvalidInput: `branch` belongs to another path or robot.
+        OutOfReach, Type1Singularity, SingularPath, UncontrolledMotions, NotConverged: see
+            `locate_singularities`.
     """
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
@@ -99,8 +101,8 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     passive = Measured(samples.branch, partial(type2_matrix, robot), power)
     try:
         resolved = resolve_panels(samples, passive)
-        if samples.branch is branch:  # without continuations: the nodes of the panels give better guesses
-            edges = np.array([resolved[0].start, *(panel.end for panel in resolved)])
+        if samples.branch is branch:  # without continuations the nodes of the panels give better guesses
+            edges = np.array([0.0, *(panel.end for panel in resolved)])
             q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
             passive = passive._replace(branch=branch)
@@ -131,18 +133,18 @@ def locate_singularities(
     Raises:
         OutOfReach, Type1Singularity: the path cannot be followed, or meets a stretched or folded leg.
         SingularPath: the path runs along the singular locus.
-        UncontrolledMotions: several motions escape too close to one another to be distinguished, or where the
-            path starts or ends.
+        UncontrolledMotions: several motions escape too close to one another to be told apart, or at an end of
+            the path.
         NotConverged: g cannot be resolved, or dropped loop equations are needed; the message says where.
     """
     return search_path(robot, path, branch=branch).points
 
 
 def _continue_branch(branch: Branch) -> Samples:
-    """Continue the branch wherever the inverse kinematics is singular and the branch smooth.
+    """Add continuations to the branch where the inverse kinematics is singular but the branch smooth.
 
     Raises:
-        Type1Singularity: it is singular and the branch not smooth, at a stretched or folded leg.
+        Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_CONTINUATIONS):
         samples = Samples(branch, {})
@@ -163,7 +165,7 @@ def _continue_branch(branch: Branch) -> Samples:
 
 
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
-    """Continue the branch at the first of several s where this succeeds; None if at none."""
+    """Add a continuation at the first of several s where one succeeds; None if none does."""
     for s in parameters:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
@@ -174,7 +176,7 @@ def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None
 
 def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
     """Raise Type1Singularity for the first s at which a leg is stretched or folded."""
-    if isinstance(panels, Unresolved):  # the branch has a kink, or meets another one
+    if isinstance(panels, Unresolved):  # the branch has a kink, or meets another branch
         singular = [_most_singular_s(type1, panels.s)]
     else:
         singular = [contact.s for contact in find_contacts(type1, panels) if _is_type_1(type1, contact.s)]
@@ -195,10 +197,11 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
 
 
 def _most_singular_s(type1: Measured, s: float) -> float:
-    """Find the s of the least singular value among the branch's knots about s, and s to three digits.
+    """Find the s of the least singular value among knots near s, and s rounded to three digits.
 
-    A knot on the singularity itself may be on another branch. Then the guesses are wrong up to the
-    neighbouring knots, between which the singularity lies.
+    A knot on the singularity itself may be on another branch. Then the guesses are wrong between the knots on
+    both sides of it, and the singularity lies between these. Singular points are often at
+    an s of few digits.
     """
     knots = type1.branch.s
     k = int(np.searchsorted(knots, s))
@@ -212,8 +215,8 @@ def _most_singular_s(type1: Measured, s: float) -> float:
 def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
     """Return the error for a measure that is not resolved at some s.
 
-    If several singular values of the matrix vanish at s, as many motions escape together; otherwise the error
-    is `unresolved` itself.
+    If two or more singular values of the matrix vanish at s, as many motions escape together. Otherwise the
+    error is `unresolved` itself.
     """
     branch = passive.branch
     s = unresolved.s
@@ -228,9 +231,9 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
     """Raise NotConverged if dropped loop equations are needed at s.
 
-    The kept equations then have a lower rank than all equations together. In an overconstrained robot the
-    linear dependences of the loop equations change as the robot moves: equations that suffice at the
-    reference need not suffice everywhere.
+    Dropped equations are needed where the independent ones have a lower rank than all equations together. In
+    an overconstrained robot the linear dependences among the loop equations change as the robot moves. So
+    equations that suffice at the reference need not suffice everywhere.
     """
     robot = branch.robot
     if not len(robot.structure.dropped):
@@ -252,15 +255,15 @@ def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -
 def _is_type_1(type1: Measured, s: float) -> bool:
     """Return whether motor joints can move while the platform rests, at s where `type1` is singular.
 
-    The matrix is also singular where passive joints alone can move while the platform rests. This is not Type
-    1, and the matrix of Type 2 loses rank, too.
+    The Type 1 matrix is also singular where only passive joints can move while the platform rests. Such a
+    pose is not of Type 1; the Type 2 matrix loses rank there, too.
     """
     branch = type1.branch
     linearised = branch.close(s).linearised
     _check_dropped_rows(branch, s, linearised)
     type1_value = float(singular_values(type1.matrix(linearised)[0])[-1])
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
-    if type2_value > max(RANK_LOST, 1e2 * type1_value):  # only the matrix of Type 1 is singular
+    if type2_value > max(RANK_LOST, 1e2 * type1_value):  # only the Type 1 matrix is singular
         return True
     return uncontrolled_motion(branch.robot, linearised).kind == "type_2"
 
@@ -271,20 +274,20 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     s = contact.s
     points = stencil(s)
     closed = branch.close(points)
-    linearised = closed.linearised.select(1)  # at s
+    linearised = closed.linearised.select(1)  # at s, the middle of the stencil
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
-    along = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
+    sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,
         contact=contact.kind,
         corank=uncontrolled.corank,
-        twist=along * uncontrolled.twist,
+        twist=sign * uncontrolled.twist,
         platform=branch.path(s),
         slope=_slope_at(passive, s, closed.linearised, uncontrolled.corank),
-        q=closed.q[1],
-        motion=along * uncontrolled.motion,
+        q=linearised.frames.q[0],
+        motion=sign * uncontrolled.motion,
         resolution=contact.resolution,
     )
 
@@ -292,14 +295,14 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
 def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: int) -> float:
     """Compute dg/ds at a singular point from the loops on its `stencil`.
 
-    If several motions escape, it is the least slope of their singular values.
+    If several motions escape, the result is the least slope of their singular values.
     """
     if corank > 1:
         return float(singular_values(block_slopes(passive.evaluate, s, corank).slope)[-1])
     points = stencil(s)
     P = passive.matrix(linearised)  # (3, n_p, n_p)
     local = differentiate_g(P, points)
-    if points[2] == s:  # the end of the path
+    if points[-1] == s:  # the end of the path
         return local.slope
     # with the border of a singular matrix the sign of g is arbitrary: det P beyond the root decides
-    return local.slope * float(np.sign(local.upper) * np.linalg.slogdet(P[2])[0])
+    return local.slope * float(np.sign(local.upper) * np.linalg.slogdet(P[-1]).sign)

@@ -73,7 +73,7 @@ class Classification(ReadOnlyArrays):
     legs: Names  # Type 1: actuators that can move while the platform rests
     twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, of unit size (`twist_norm`)
     corank: int  # independent motions that locked motors do not hold, of platform or joints
-    corank_inverse: int  # independent motions that a locked platform does not hold
+    corank_inverse: int  # independent motions of the joints with the platform locked
     gained: int  # instantaneous freedoms of the loops beyond the platform's n
     contact: str  # of the direction `along` with the locus: transversal or tangential; "" without a direction
     g: float  # signed, zero at Type 2, leg-passive and constraint singularities
@@ -106,9 +106,9 @@ class Classification(ReadOnlyArrays):
 def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = None) -> Classification:
     """Classify the singularities of an assembled configuration, and compute its distances.
 
-    A pose is singular if a singular value, in radians and characteristic lengths, is below 1e-7 of a unit
-    motion. A pose with a value of 4e-5 is near a singularity and regular. Springs keep their deflections in
-    q.
+    A pose is singular if a singular value, in radians and characteristic lengths, is below 1e-7. A pose with
+    a least value of 4e-5, for instance, is regular, although near a singularity. Springs keep the deflections
+    of q.
 
     Args:
         q: an assembled configuration (nq,), or a result of `assemble` or `forward_kinematics`.
@@ -116,15 +116,16 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
             direction crosses the locus (transversal: g changes at first order) or touches it (tangential).
 
     Raises:
-        InvalidInput: q has the wrong length, is not finite, or leaves the loops open; the platform's axes are
-            not as many as the degrees of freedom; or `along` is given at a pose where no path can be
-            followed.
+        InvalidInput: q has the wrong length, is not finite, or leaves the loops open; the number of platform
+            axes differs from that of the degrees of freedom; or `along` is given at a pose where the platform
+            does not determine the joints.
     """
     closed = assembled_at(robot, q)
     require_square(robot)
     linearised = closed.linearised
     escaping = escaping_motions(robot, linearised)
-    at_rest = null_directions(type1_matrix(robot, linearised)[0])  # motions of a locked platform
+    # (c, n + m) unit motions of the joints with the platform locked, motors first
+    at_rest = null_directions(type1_matrix(robot, linearised)[0])
     gained = max(escaping.freedoms - robot.n, 0)
     kinds = set(escaping.kinds)
     legs = _motors_moving_at_rest(robot, at_rest[:, : robot.n_a], gained)
@@ -155,6 +156,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
         length=robot.length,
         pressure_angle=distances.pressure_angle[0],
         transmission_angle=distances.transmission_angle[0],
+        # the distances with one number for each configuration have the same names in both records
         **{name: float(values[0]) for name, values in distances._asdict().items() if values.ndim == 1},
     )
 
@@ -163,20 +165,21 @@ def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> N
     """Return the motors that move while the platform rests; None unless the pose is of Type 1.
 
     Args:
-        rates: (k, n_a) of the motors in the unit motions of a locked platform.
-        gained: number of freedoms that the loops gain at this pose, which are not Type 1.
+        rates: (k, n_a) rates of the motors in k unit motions with the platform locked.
+        gained: number of freedoms that the loops gain at this pose. As many motions do not count as Type 1.
     """
     if np.linalg.matrix_rank(rates, tol=RANK_LOST) <= gained:
         return None
-    moves = np.linalg.norm(rates, axis=0) > RANK_LOST**0.5
+    # null vectors are less accurate than singular values, hence the higher level
+    moves = np.linalg.norm(rates, axis=0) > RANK_LOST**0.5  # (n_a,)
     return tuple(np.array(robot.actuator_names)[moves].tolist())
 
 
 def _is_singular_everywhere(robot: ParallelRobot, q: Array) -> bool:
-    """Return whether P has lost rank at the reference and at random poses about q (nq,) and the reference.
+    """Return whether P has lost rank at the reference and at random poses near the reference and q (nq,).
 
-    g is analytic: if it vanishes at random poses, then with probability one it vanishes at all poses
-    connected to them.
+    g is an analytic function of the pose. If it vanishes at a random pose, then with probability one it
+    vanishes at all poses connected to that pose.
     """
     reference = robot.reference.q
     if _least_singular_value(robot, reference) >= RANK_LOST:
@@ -193,26 +196,27 @@ def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
     """Compute independent unit twists (k, n) that span the same space as twists (c, n)."""
     scale = robot.platform_scale
-    values, right = np.linalg.svd(twists / scale)[1:]
-    basis = right[: np.count_nonzero(values > RANK_LOST)] * scale
-    return np.array([twist / twist_norm(robot, twist) for twist in basis]).reshape(-1, robot.n)
+    _, values, V_rows = np.linalg.svd(twists / scale)
+    basis = V_rows[: np.count_nonzero(values > RANK_LOST)] * scale
+    units = [twist / twist_norm(robot, twist) for twist in basis]
+    return np.array(units).reshape(-1, robot.n)  # (0, n) without any
 
 
 def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
-    """Return the contact, transversal or tangential, of the direction `along` with the locus.
+    """Return the contact, transversal or tangential, of the direction `along` (n,) with the locus.
 
-    It is transversal if all vanishing singular values change at first order. With the border of the pose
-    itself their slopes are the singular values of dG along a unit motion of the joints.
+    The contact is transversal if all `corank` vanishing singular values change at first order. With the
+    border of the pose itself, their slopes are the singular values of dG along a unit motion of the joints.
     """
     dx = finite_numbers(f"along ({', '.join(robot.axis_names)})", along, robot.n)
-    twist = robot.platform.twist(closed.x, dx[None])[0]
+    twist, _ = robot.platform.twist(closed.x, dx[None])
     rates = joint_rates(robot, closed.linearised, twist)[0]
-    size = float(np.linalg.norm(rates / robot.column_scale))
+    size = np.linalg.norm(rates / robot.column_scale)
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
     step = DIFFERENCE_STEP / size * rates  # (nv,)
     poses = integrate(robot, np.repeat(closed.q, 3, axis=0), np.stack([-step, 0.0 * step, step]))
     matrices = type2_matrix(robot, linearised_at(robot, poses, None))
-    G = bordered_solution(matrices, 1, corank).G
-    slope = (G[2] - G[0]) / (2 * DIFFERENCE_STEP)
+    G_back, _, G_ahead = bordered_solution(matrices, border_of=1, size=corank).G
+    slope = (G_ahead - G_back) / (2 * DIFFERENCE_STEP)
     return "transversal" if singular_values(slope)[-1] > TANGENTIAL_SLOPE else "tangential"

@@ -1,8 +1,8 @@
 """All points of a path at which a square matrix loses rank, to rounding, with the kind of contact.
 
-Candidates are the roots and extrema of g on the panels of the path; each is polished on the robot itself.
-Where several singular values vanish at once, all entries of G vanish: the Gauss-Newton method finds the point
-at which the sum of their squares is least.
+Candidates are the roots and extrema of g on the panels of the path. Each is refined with matrices of the
+robot itself. Where several singular values vanish at once, all entries of G vanish: the Gauss-Newton method
+finds the point at which the sum of their squares is least.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from framework.tolerances import (
     TANGENTIAL_SLOPE,
 )
 
-VANISHING_TOGETHER = 1e-3  # smaller singular values may vanish together: the border has as many columns
-ROOT_RESIDUAL = 1e-12  # of the largest |g|; with it a root counts even if Newton's method did not converge
+VANISHING_TOGETHER = 1e-3  # singular values below this may vanish together: the border has a column for each
+ROOT_RESIDUAL = 1e-12  # |g| over its largest value, below which a root counts even without convergence
 SEARCH_RADIUS = 5e-3  # in s, from a candidate to the point at which several singular values vanish
-MAX_ROOT_SHIFT = 1e-3  # of a panel's width; a root farther from its candidate is another one
+MAX_ROOT_SHIFT = 1e-3  # share of a panel's width; a root farther from its candidate is another root
 MAX_COMMON_STEPS = 8  # of the Gauss-Newton method
 CONVERGED_STEP = 1e-11  # in s, of the Gauss-Newton method
 
@@ -46,9 +46,10 @@ CONVERGED_STEP = 1e-11  # in s, of the Gauss-Newton method
 class Contact(NamedTuple):
     """A point of the path at which the matrix loses rank.
 
-    `kind` is transversal if every vanishing singular value has a slope (and, with a sign, changes its sign);
-    it is tangential if one has none. Two roots closer together than `resolution`, in s, would look like this
-    tangential contact; it is None for transversal contacts, and where it was not measured.
+    `kind` is transversal if every vanishing singular value has a nonzero slope along the path, so that its
+    signed value changes sign. Otherwise it is tangential. Two roots closer together than `resolution`, in s,
+    cannot be told from this tangential contact. `resolution` is None for transversal contacts, and where it
+    was not measured.
     """
 
     s: float
@@ -57,22 +58,23 @@ class Contact(NamedTuple):
 
 
 class NearMiss(NamedTuple):
-    """A local minimum of |g| on the path that is not zero, or such an end of the path."""
+    """A nonzero local minimum of |g| on the path, which may be an end of the path."""
 
     s: float
     g: float  # the smallest singular value with the sign of the determinant
-    width: float  # in s, from the minimum to where |det G| has doubled, on the narrower side
-    size: int  # of G: more than 1 if several singular values are small
+    width: float  # in s, from the minimum to the nearer point where |det G| has doubled
+    size: int  # width of the border: more than 1 if several singular values are small
 
 
 def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     """Find all points at which the matrix loses rank, ascending in s; `resolved` are the panels of g.
 
-    Minima of |g| are polished before roots: the roots beside a minimum near zero are found with it, and need
-    not be polished again. Where several singular values vanish at once, the entries of G take the place of g.
+    Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
+    so they need not be refined again. Where several singular values vanish at once, the entries of G replace
+    g.
     """
-    multiple = list[Contact]()  # several singular values vanish at once
-    single = list[Contact]()
+    multiple = list[Contact]()  # where several singular values vanish at once
+    single = list[Contact]()  # where one singular value vanishes
     stretches = list[RootStretch]()  # about extrema whose roots are known
     residual = max(ROOT_RESIDUAL * bound_measure(resolved), MEASURE_ROUNDING)
     for candidate in sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum):
@@ -103,13 +105,13 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
     """Find the near misses along the path, ascending in s; `known` are the contacts."""
-    smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]
-    level = NEAR_MISS**measured.power * max((values.max() for values in smallest), default=0.0)
+    smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
+    level = NEAR_MISS**measured.power * np.max(smallest)
     misses = list[NearMiss]()
     if smallest[0][0] < level:
-        misses += _miss_at_end(measured, resolved[0], known, 0.0)
+        misses += _miss_at_end(measured, resolved[0], known, s=0.0)
     if smallest[-1][-1] < level:
-        misses += _miss_at_end(measured, resolved[-1], known, 1.0)
+        misses += _miss_at_end(measured, resolved[-1], known, s=1.0)
     for panel in resolved:
         for start in map(float, panel.path_coordinates(panel.extrema)):
             matrix = panel.matrix(start)
@@ -125,29 +127,33 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 def _miss_at_extremum(
     measured: Measured, extremum: Extremum, known: list[Contact], size: int
 ) -> Iterator[NearMiss]:
-    """Yield an extremum of g as a near miss, unless g vanishes or a contact is within reach."""
+    """Yield an extremum of g as a near miss, unless zero or close to a contact.
+
+    A contact is close if it lies between the points where |g| has doubled.
+    """
     lower, upper = extremum.bracket(2 * abs(extremum.g))
-    if extremum.is_touch or extremum.roots() or any(lower <= contact.s <= upper for contact in known):
+    has_contact = any(lower <= contact.s <= upper for contact in known)
+    if extremum.is_touch or extremum.roots() or has_contact:
         return
     matrix = measured.evaluate(np.array([extremum.s]))
-    g = float(bordered_solution(matrix, 0).g[0])
-    yield NearMiss(extremum.s, g, min(extremum.s - lower, upper - extremum.s), size)
+    g = float(bordered_solution(matrix, border_of=0).g[0])
+    yield NearMiss(extremum.s, g, width=min(extremum.s - lower, upper - extremum.s), size=size)
 
 
 def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> Iterator[NearMiss]:
     """Yield the path's end s, 0 or 1, as a near miss if |g| decreases outwards.
 
-    It is none if a contact is within reach.
+    The end is not a near miss if a contact is closer than the distance over which g changes by its own value.
     """
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     value = chebyshev.chebval(outwards, panel.series)
     slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
     if value * slope * outwards >= 0.0:
         return
-    width = float(0.5 * panel.width * abs(value / slope))
+    width = float(0.5 * panel.width * abs(value / slope))  # in s; local coordinates span 2
     if all(abs(contact.s - s) > width for contact in known):
         matrix = panel.matrices[0 if s == 0.0 else -1]
-        g = float(bordered_solution(matrix[None], 0).g[0])
+        g = float(bordered_solution(matrix[None], border_of=0).g[0])
         yield NearMiss(s, g, width, _border_width(measured, matrix))
 
 
@@ -157,7 +163,7 @@ def _is_apart(s: float, points: Sequence[Contact | NearMiss | RootStretch], dist
 
 
 def _border_width(measured: Measured, matrix: Array) -> int:
-    """Return the width of the border of a matrix (n, n): its small singular values, at least 1."""
+    """Return the number of small singular values of a matrix (n, n), at least 1, for its border."""
     return max(1, count_small_values(matrix, VANISHING_TOGETHER**measured.power))
 
 
@@ -174,9 +180,10 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
     if extremum.is_touch:
         if not _loses_rank(measured, s, size):
             return [], 0.0
-        lower, upper = extremum.bracket(extremum.rounding)
-        kind = "transversal" if extremum.changes_sign else "tangential"
-        contact = Contact(s, kind, upper - lower if kind == "tangential" else None)
+        lower, upper = extremum.bracket(extremum.rounding)  # between these, g is zero within rounding
+        contact = Contact(s, "tangential", resolution=upper - lower)
+        if extremum.changes_sign:
+            contact = Contact(s, "transversal")
         return [contact], 2 * max(upper - s, s - lower, 0.5 * DISTINCT_EXTREMA)
     roots = [root for root in _polish_roots(measured, extremum, size) if _loses_rank(measured, root, size)]
     # g has another extremum before any root farther out than 1.5 times the farther of these roots
@@ -185,9 +192,9 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
 
 
 def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
-    """Polish the roots of g beside an extremum by Newton's method, each with its own border.
+    """Refine the roots of g beside an extremum by Newton's method, each with its own border.
 
-    A root from which Newton's method leads elsewhere is returned as it is.
+    A root from which Newton's method leads elsewhere is returned unchanged.
     """
     roots = []
     for root in extremum.roots():
@@ -201,24 +208,25 @@ def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[flo
 def _loses_rank(measured: Measured, s: float, size: int) -> bool:
     """Return whether the least singular value vanishes at a root s of det G.
 
-    If several singular values are small (`size` > 1), a small det G alone does not prove it.
+    If several singular values are small (`size` > 1), det G is small even where none of them vanishes.
     """
     return size == 1 or measured.count_lost_ranks(s) > 0
 
 
 def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
-    """Return whether g vanishes at a root and, inside the path, changes its sign."""
+    """Return whether the matrix loses rank at a root and, inside the path, g changes its sign."""
     s = root.place
     if not _loses_rank(measured, s, size):
         return False
-    h = DISTINCT_EXTREMA  # far more than the rounding of s; roots beside a closer extremum are known already
-    # g(s + h) = slope h + bend h^2 / 2 has the sign of the slope, with a margin for rounding
-    is_steep = abs(root.slope) > abs(root.bend) * h + MEASURE_ROUNDING / h
+    # far above the rounding of s; the roots beside an extremum closer than this are known already
+    h = DISTINCT_EXTREMA
+    # g(s + h) = slope h + second_derivative h^2 / 2 has the sign of the slope, with a margin for rounding
+    is_steep = abs(root.slope) > abs(root.second_derivative) * h + MEASURE_ROUNDING / h
     if not h < s < 1 - h or (root.converged and is_steep):
         return True
     matrices = measured.evaluate(np.array([s - h, s, s + h]))
-    g = bordered_solution(matrices, 1, size).g
-    return bool(g[0] * g[2] <= 0)
+    lower, _, upper = bordered_solution(matrices, border_of=1, size=size).g
+    return bool(lower * upper <= 0)
 
 
 # ------------------------------------------------------------------ several singular values at once
@@ -228,34 +236,37 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
     """Find a contact near `start` where two or more singular values vanish; None without one.
 
     Gauss-Newton minimises |G|, whose entries all vanish at the contact. If they vanish without a slope, the
-    contact is the extremum of their `_common_part`.
+    contact is the extremum of `_product_with_end_blocks`.
     """
     s = start
     for _ in range(MAX_COMMON_STEPS):
-        G, slope, bend = block_slopes(measured.evaluate, s, size)  # (size, size) each
+        G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each
         curvature = max(float(np.sum(slope * slope)), np.finfo(float).tiny)
         step = -float(np.sum(G * slope) / curvature)
         if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
-    slopes = singular_values(slope) / max(float(np.abs(bend).max()), 1.0)
+    slopes = singular_values(slope) / max(float(np.abs(second_derivative).max()), 1.0)
     kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
-    # without any slope Gauss-Newton converges only linearly
+    # where G has no slope, Gauss-Newton converges only linearly
     if slopes[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
-        s = extremum_near(measured.evaluate, measured.knots, s, size, _common_part).s
+        s = extremum_near(measured.evaluate, measured.knots, s, size, _product_with_end_blocks).s
         kind = "tangential"
     if abs(s - start) > SEARCH_RADIUS or measured.count_lost_ranks(s) < 2:  # small values need not vanish
         return None
     return Contact(s, kind)
 
 
-def _common_part(G: Array) -> Array:
-    """Project blocks G (T, size, size) on the sum of the blocks at both ends of a panel, (T,).
+def _product_with_end_blocks(G: Array) -> Array:
+    """Compute the inner products (T,) of blocks G (T, size, size) with a panel's end blocks.
 
-    The last block is at the extremum, whose border all blocks have; the others are at ascending s.
+    The inner product of two blocks is the sum of the products of their entries. Where all entries of G vanish
+    without a slope, every linear function of G has an extremum. This one is sharp, because it weights each
+    entry by its size at both ends of the panel. The last block of G is that of the current estimate of the
+    extremum; the others belong to the ascending nodes of the panel.
     """
-    direction = G[0] + G[-2]
-    return np.sum(G * direction, axis=(1, 2))
+    first_node, last_node = G[0], G[-2]
+    return np.sum(G * (first_node + last_node), axis=(1, 2))
 
 
 class BlockSlopes(NamedTuple):
@@ -263,18 +274,18 @@ class BlockSlopes(NamedTuple):
 
     G: Array
     slope: Array
-    bend: Array  # second derivative
+    second_derivative: Array  # second derivative
 
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> BlockSlopes:
-    """Compute G and its two derivatives at s by central differences, with the border of s.
+    """Compute G and two derivatives by central differences at s, with the border at s.
 
-    Close to an end of the path the stencil stays inside, and the slope is extrapolated to s.
+    Close to an end of the path the stencil stays inside the path, and the slope is extrapolated to s.
     """
     h = STENCIL_HALF_WIDTH
     middle = float(np.clip(s, h, 1.0 - h))
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
-    lower, centre, upper, G = bordered_solution(stack, 3, size).G
-    bend = (lower - 2 * centre + upper) / h**2
-    slope = (upper - lower) / (2 * h) + (s - middle) * bend
-    return BlockSlopes(G, slope, bend)
+    lower, centre, upper, G = bordered_solution(stack, border_of=-1, size=size).G
+    second_derivative = (lower - 2 * centre + upper) / h**2
+    slope = (upper - lower) / (2 * h) + (s - middle) * second_derivative
+    return BlockSlopes(G, slope, second_derivative)

@@ -1,10 +1,11 @@
 """The singular locus of a robot in two of its freedoms, traced curve by curve, over all modes.
 
-A robot with two freedoms is traced as a whole, others in a slice. In a slice the other coordinates of the
-platform are fixed (a 3-RPR at one orientation, a Gough-Stewart platform at one orientation and height, or at
-one position and turn), or the other motors (the sections of joint space in which cusps are drawn). Curves are
-found from starts given by the caller or drawn in joint space with a fixed seed, and from the branch points of
-traced curves. A curve to which no start and no branch leads is missed: completeness is not claimed.
+The locus of a robot with two freedoms is traced as a whole, that of other robots in a slice. In a slice
+either the other coordinates of the platform are fixed (a 3-RPR at one orientation, a Gough-Stewart platform
+at one orientation and height, or at one position and turn), or the other motors (the sections of joint space
+in which cusps are usually drawn). Curves are traced from starts that the caller gives or that are drawn in
+joint space with a fixed seed, and from the branch points of traced curves. A curve to which no start and no
+branch leads is missed: completeness is not claimed.
 
 Curves are followed in a `Region` about a pose, in one working mode or in all. At a cusp the slope of g along
 the escaping motion changes its sign. If det [dF/du ; t'] changes its sign between two points, another curve
@@ -43,20 +44,23 @@ from framework.singularity.curve_tracing import (
 from framework.singularity.locus_equations import LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
 
-RESTING_EXTENT = 1e-7  # [rad, lengths] of resting motors or platforms; points are solved to 1e-12
+RESTING_EXTENT = (
+    1e-7  # [rad, lengths] motion of motors or platform that counts as rest; points are exact to 1e-12
+)
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
 RANDOM_STARTS = 40
 RANDOM_SEED = 0
 MAX_CURVES = 100
-# det [dF/du ; t'] of a located branch point over its neighbours'; closer the corrector loses its digits
+# |det [dF/du ; t']| at a located branch point over that of its neighbours; closer, the corrector loses digits
 BRANCH_POINT_RATIO = 1e-6
 DIFFERENCE_STEP = 1e-3  # [rad, lengths] of second differences at a branch point
 BRANCH_STEP = 0.02  # [rad, lengths] to the first point of the other curve
-ROOT_SIZE, MAX_ROOT_STEPS = 1e-13, 40  # of a dimensionless measure between two points
+ROOT_SIZE, MAX_ROOT_STEPS = 1e-13, 40  # least dimensionless measure that is not zero; steps of false position
 WAY_STEPS = 10  # from the region's centre to a random target
-NEWTON_STEPS, MAX_JOINT_STEP = 6, 0.7  # in each of these steps; [rad, lengths] of a Newton step
+NEWTON_STEPS, MAX_JOINT_STEP = 6, 0.7  # number in each of these steps; [rad, lengths] largest motion in one
 MAX_ROTATION = 3.0  # [rad] of a rotation vector, whose chart ends at pi
-# Least determinant of a leg where a curve is cut at the edge of a working mode, over the last one inside.
+# A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
+# of its value at the last point inside the mode.
 CUT_CLEARANCE_RATIO = 1e-3
 
 
@@ -81,7 +85,7 @@ class LocusCurve(ReadOnlyArrays):
     x: Array  # (m, n)
     motors: Array  # (m, n_a) joint side, continuous over whole turns
     modes: Array  # (m, legs) working mode: the sign of each leg, see `leg_signs`
-    kind: str  # type_2; self_motion: the motors rest all along; joints_only: the platform rests all along
+    kind: str  # type_2; self_motion if the motors rest all along; joints_only if the platform rests all along
     closed: bool
     ends: tuple[str, str]  # closed, left (the region), stalled or long, see `Curve`
     cusps: tuple[LocusPoint, ...]
@@ -92,7 +96,7 @@ class LocusCurve(ReadOnlyArrays):
 class TracedLocus:
     """The traced part of the locus; `curves` are distinct, in the order of tracing.
 
-    Each point is certainly singular; that there is no further curve is not claimed.
+    Each point is singular, but further curves may exist.
     """
 
     robot: ParallelRobot
@@ -102,7 +106,7 @@ class TracedLocus:
 
     @property
     def cusps(self) -> tuple[LocusPoint, ...]:
-        """All cusps, each once."""
+        """All cusps of all curves."""
         return tuple(point for curve in self.curves for point in curve.cusps)
 
 
@@ -137,7 +141,7 @@ def trace_locus(
     mode = leg_signs(robot, closed.linearised)[0] if one_mode else None
     region = Region(equations, closed.q[0], closed.x[0], reach * robot.length, mode)
     if one_mode:
-        guesses = draw_in_mode(region, starts)
+        guesses = draw_in_mode(region, starts)  # (starts, nq)
     else:
         guesses = draw_joints(equations, closed.q[0], starts)
     solutions = find_solutions(equations, np.vstack([guesses, *near]))
@@ -152,10 +156,14 @@ def trace_locus(
 def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace all curves through solutions (S, nq), and curves that cross; return branch points, too."""
+    """Trace the curves through solutions (S, nq), and all curves that branch off.
+
+    Returns:
+        Each curve with its branch points (S = 1 each).
+    """
     curves = list[Curve]()
     crossings = list[list[Points]]()  # the branch points of each curve
-    starts = [curve_points(solutions, equations.evaluate(solutions), None)]
+    starts = [curve_points(solutions, equations.evaluate(solutions), previous=None)]
     while starts and len(curves) < MAX_CURVES:
         new_curves = trace_curves(equations, join(starts), region.contains, longest)
         new_crossings = [_find_branch_points(equations, curve) for curve in new_curves]
@@ -173,12 +181,12 @@ def _trace_branches(
 def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
     """Find the branch points of a curve, where det [dF/du ; t'] changes its sign.
 
-    Where the equations lose rank all along the curve (Type 1 and Type 2 at once), the signs are rounding and
-    do not count.
+    If the equations lose rank all along the curve (Type 1 and Type 2 at once), the signs are mere rounding
+    and are ignored.
     """
     points = curve.points
     branch_points = []
-    for k in np.flatnonzero(points.orientation[1:] * points.orientation[:-1] < 0).tolist():
+    for k in np.flatnonzero(points.determinant[1:] * points.determinant[:-1] < 0):
         ends = select(points, slice(k, k + 2))
         slopes = equations.evaluate(ends.q, ends.border).slopes  # (2, k - 1, k)
         if singular_values(slopes)[:, -1].max() > RANK_LOST:
@@ -188,11 +196,11 @@ def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]
 
 def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
     """Return whether a curve passes through a point (S = 1), by its distance from the chords."""
-    offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point
-    chord = np.diff(offsets, axis=0)
+    offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point to those of the curve
+    chord = np.diff(offsets, axis=0)  # (m - 1, k)
     length = np.linalg.norm(chord, axis=1)
     distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
-    is_step = length < 2 * MAX_STEP  # longer chords are jumps of a hinge by a turn
+    is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
     return bool(((distance < MAX_CURVE_OFFSET * length) & is_step).any())
 
 
@@ -204,13 +212,14 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     x = robot.platform.coordinates(linearised.frames)
     motors = robot.actuated_coordinates(points.q)
     hinges = ~robot.sliding[robot.actuated]
-    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # pieces may differ by whole turns
-    steps = equations.offsets(points.q[:-1], points.q[1:])  # (m - 1, k), motors first
+    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # pieces of a curve may differ by whole turns
+    motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
+    platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
     kind = "type_2"
-    if np.abs(steps[:, : robot.n_a]).max(initial=0.0) < RESTING_EXTENT:
-        kind = "self_motion"
-    if np.ptp(x / robot.platform_scale, axis=0).max() < RESTING_EXTENT:
+    if platform_extent.max() < RESTING_EXTENT:
         kind = "joints_only"
+    elif np.abs(motor_steps).max(initial=0.0) < RESTING_EXTENT:
+        kind = "self_motion"
     return LocusCurve(
         q=points.q,
         x=x,
@@ -227,18 +236,18 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
 def _find_cusps(equations: LocusEquations, points: Points) -> tuple[LocusPoint, ...]:
     """Find the cusps of a curve of m points, where the slope of g along the escaping motion changes sign.
 
-    The sign of the motion itself may differ between neighbours. Where curves cross, a second motion escapes,
-    and the sign of the slope is arbitrary.
+    The motion itself may have opposite signs at two neighbours, which is corrected. Intervals with a branch
+    point are left out: a second motion escapes there, and the sign of the slope is arbitrary.
     """
-    cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)
-    changes = points.cusp[1:] * points.cusp[:-1] * cosine < 0
-    changes &= points.orientation[1:] * points.orientation[:-1] > 0
+    cosine = np.sum(points.eta[1:] * points.eta[:-1], axis=1)  # (m - 1,) between neighbours
+    changes_sign = points.escape_slope[1:] * points.escape_slope[:-1] * cosine < 0
+    has_branch = points.determinant[1:] * points.determinant[:-1] <= 0
     cusps = []
-    for k in np.flatnonzero(changes).tolist():
-        second = points.single(k + 1)
+    for k in np.flatnonzero(changes_sign & ~has_branch):
+        end = points.single(k + 1)
         if cosine[k] < 0:
-            second = second._replace(eta=-second.eta, cusp=-second.cusp)
-        cusp = root_between(equations, points.single(k), second, lambda point: float(point.cusp[0]))
+            end = end._replace(eta=-end.eta, escape_slope=-end.escape_slope)
+        cusp = root_between(equations, points.single(k), end, lambda point: float(point.escape_slope[0]))
         if cusp is not None:
             cusps.append(_locus_point(equations.robot, cusp.q[0]))
     return tuple(cusps)
@@ -252,81 +261,90 @@ def _locus_point(robot: ParallelRobot, q: Array) -> LocusPoint:
 
 def root_between(
     equations: LocusEquations,
-    first: Points,
-    second: Points,
+    start: Points,
+    end: Points,
     measure: Callable[[Points], float],
     *,
     small: float = ROOT_SIZE,
 ) -> Points | None:
     """Find the point between two neighbours (S = 1) of a curve where a measure changes its sign.
 
-    False position (the Illinois variant) on the fraction of the chord, until the measure is `small`. If the
-    corrector fails, as near a branch point, the last point is returned, or None if there is none.
+    False position, in the Illinois variant, finds the share of the chord at which |measure| is below `small`.
+    If the corrector fails, as near a branch point, the last corrected point is returned, or None without any.
     """
-    chord = float(np.linalg.norm(equations.offsets(first.q[0], second.q[0])))
-    bend = (second.tangent - first.tangent) / chord
-    low, value_low = 0.0, measure(first)
-    high, value_high = 1.0, measure(second)
+    chord = np.linalg.norm(equations.offsets(start.q[0], end.q[0]))
+    curvature = (end.tangent - start.tangent) / chord
+    low, value_low = 0.0, measure(start)  # low and high are shares of the chord
+    high, value_high = 1.0, measure(end)
     root = None
-    replaced = 0  # the end replaced in the last step: -1 low, 1 high
+    replaced = ""  # the end of the interval that the last step replaced
     for _ in range(MAX_ROOT_STEPS):
         share = (low * value_high - high * value_low) / (value_high - value_low)
-        point, accepted = advance(equations, first, np.array([share * chord]), bend)
+        point, accepted = advance(equations, start, np.array([share * chord]), curvature)
         if not accepted[0]:
             return root
         root, value = point, measure(point)
         if abs(value) < small or high - low < ROOT_SIZE:
             break
-        # Illinois: halve the value at an end that stays for the second time, or it would stay for ever
+        # Illinois: if the same end is replaced twice running, halve the value at the other end; otherwise
+        # that end might never be replaced
         if value * value_low > 0:
-            value_high *= 0.5 if replaced == -1 else 1.0
-            low, value_low, replaced = share, value, -1
+            if replaced == "low":
+                value_high *= 0.5
+            low, value_low, replaced = share, value, "low"
         else:
-            value_low *= 0.5 if replaced == 1 else 1.0
-            high, value_high, replaced = share, value, 1
+            if replaced == "high":
+                value_low *= 0.5
+            high, value_high, replaced = share, value, "high"
     return root
 
 
-def branch_point(equations: LocusEquations, first: Points, second: Points) -> Points:
-    """Find the point between two neighbours (S = 1) at which another curve crosses."""
+def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
+    """Find the point between two neighbours (S = 1) at which another curve crosses.
+
+    If no point between the two can be computed, the neighbour with the smaller determinant is returned.
+    """
 
     def measure(point: Points) -> float:
-        return float(point.orientation[0])
+        return float(point.determinant[0])
 
-    small = BRANCH_POINT_RATIO * max(abs(measure(first)), abs(measure(second)))
-    root = root_between(equations, first, second, measure, small=small)
-    return min(second, first, key=lambda point: abs(measure(point))) if root is None else root
+    small = BRANCH_POINT_RATIO * max(abs(measure(start)), abs(measure(end)))
+    root = root_between(equations, start, end, measure, small=small)
+    if root is not None:
+        return root
+    return min(end, start, key=lambda point: abs(measure(point)))
 
 
 def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Compute points of the curve that crosses at a `branch_point`, one on each side."""
+    """Compute points of the curve that crosses at a `branch_point`, at most one on each side."""
     tangent = _second_tangent(equations, crossing)
     if tangent is None:
         return []
     starts = join([crossing, crossing])._replace(tangent=np.stack([tangent, -tangent]))
     points, accepted = advance(equations, starts, np.full(2, BRANCH_STEP), np.zeros_like(starts.tangent))
-    return [points.single(k) for k in np.flatnonzero(accepted).tolist()]
+    return [points.single(k) for k in np.flatnonzero(accepted)]
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
     """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
 
-    Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, y the
-    left null vector. With w = tangent + r normal this is along + 2 mixed r + across r^2 = 0, of which r = 0
-    is the curve itself.
+    Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
+    the left null vector of F'. For w = tangent + r normal, with the normal in the null space, this is along +
+    2 mixed r + across r^2 = 0. Its root r = 0 is the curve itself, up to errors; the other root is sought.
     """
     evaluated = equations.evaluate(crossing.q, crossing.border)
-    U, _, V_rows = np.linalg.svd(evaluated.slopes[0])
+    svd = np.linalg.svd(evaluated.slopes[0])
+    left_null = svd.U[:, -1]  # y (k - 1,)
+    null_1, null_2 = svd.Vh[-2:]  # (k,) each, an orthonormal basis of the null space
     tangent = crossing.tangent[0]
-    shares = V_rows[-2:] @ tangent  # components of the tangent in the null space
-    normal = shares[0] * V_rows[-1] - shares[1] * V_rows[-2]  # orthogonal to the tangent in the null space
+    normal = (null_1 @ tangent) * null_2 - (null_2 @ tangent) * null_1  # a right angle from the tangent
     normal /= np.linalg.norm(normal)
 
     def second_derivative(w: Array) -> float:
         """Compute y . F"(w, w) by a central difference along w (k,)."""
         ends = equations.move(crossing.q, DIFFERENCE_STEP * np.stack([w, -w]))
         ahead, back = equations.evaluate(ends, crossing.border).values
-        return float(U[:, -1] @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
+        return float(left_null @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
 
     along = second_derivative(tangent)
     across = second_derivative(normal)
@@ -342,9 +360,9 @@ class Region(NamedTuple):
     """The part of the configuration space in which curves are followed."""
 
     equations: LocusEquations
-    q: Array  # (nq,) centre
-    x: Array  # (n,) centre
-    reach: float  # [m]
+    q: Array  # (nq,) configuration at the centre
+    x: Array  # (n,) platform coordinates at the centre
+    reach: float  # [m] largest offset of each translation from the centre
     mode: Array | None  # (legs,) signs of the working mode; None for all modes
 
     def contains(self, q: Array) -> BoolArray:
@@ -366,7 +384,10 @@ class Region(NamedTuple):
         return inside
 
     def least_determinants(self, q: Array, mode: Array) -> Array:
-        """Compute the least signed determinant of a leg (T,) at q (T, nq): negative outside the mode."""
+        """Compute the least of the legs' determinants (T,) at q (T, nq), positive in the mode.
+
+        Each determinant is multiplied by the sign that it has in the `mode` (legs,).
+        """
         robot = self.equations.robot
         return (leg_determinants(robot, linearised_at(robot, q, None)) * mode).min(axis=1)
 
@@ -375,14 +396,15 @@ class Region(NamedTuple):
         if self.mode is None or len(curve.points.q) < 2:
             return curve
         points = curve.points
-        if curve.ends[0] == "left":
+        first_end, last_end = curve.ends
+        if first_end == "left":
             points = self._clip_end(points.backwards(), self.mode).backwards()
-        if curve.ends[1] == "left":
+        if last_end == "left":
             points = self._clip_end(points, self.mode)
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
-        """Move a last point outside of the working mode to the edge."""
+        """Move a last point outside the working mode back to the edge of the mode."""
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points
@@ -391,8 +413,8 @@ class Region(NamedTuple):
         def excess(point: Points) -> float:
             return float(self.least_determinants(point.q, mode)[0]) - margin
 
-        ends = points.single(-2), points.single(-1)
-        edge = root_between(self.equations, *ends, excess, small=0.1 * margin)
+        inside = points.single(-2)
+        edge = root_between(self.equations, inside, points.single(-1), excess, small=0.1 * margin)
         points = select(points, slice(None, -1))
         return points if edge is None else join([points, edge])
 
@@ -400,18 +422,18 @@ class Region(NamedTuple):
 def draw_in_mode(region: Region, count: int) -> Array:
     """Draw configurations (count, nq) of the region's working mode.
 
-    The platform is moved from the region's centre to random targets in steps; a configuration that cannot
-    take a step stays.
+    The platform moves from the region's centre to random targets in steps. A configuration stays where it is
+    in a step after which the loops do not close or the region is left.
     """
     equations = region.equations
     robot = equations.robot
     axes = list(range(robot.n)) if equations.in_motors else list(equations.free)
     spread = np.where(robot.translations[axes], region.reach, np.pi)
-    whole_way = np.zeros((count, robot.n))  # from the centre to the targets
-    whole_way[:, axes] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(axes)))
+    displacement = np.zeros((count, robot.n))  # from the centre to the targets
+    displacement[:, axes] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(axes)))
     q = np.tile(region.q, (count, 1))
     for k in range(1, WAY_STEPS + 1):
-        x = region.x + k / WAY_STEPS * whole_way
+        x = region.x + k / WAY_STEPS * displacement
         next_q, _, closed = close_each(robot, x, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
         closed[closed] &= region.contains(next_q[closed])
         q = np.where(closed[:, None], next_q, q)
@@ -419,7 +441,10 @@ def draw_in_mode(region: Region, count: int) -> Array:
 
 
 def draw_joints(equations: LocusEquations, q: Array, count: int) -> Array:
-    """Draw configurations (count, nq) with hinges anywhere and slides about q (nq,)."""
+    """Draw configurations (count, nq) about q (nq,), hinges by up to half a turn.
+
+    Slides move by up to a length of the robot. The loops are not closed.
+    """
     robot = equations.robot
     spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)
     steps = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(spread)))

@@ -1,8 +1,7 @@
 """The measure of a Type 2 singularity, and the twist t_s that the motors do not hold.
 
 At a Type 2 singularity the passive columns P of the independent loop equations lose rank, P eta = 0. With
-locked motors the passive joints can move along eta, and the platform along t_s. The measure is that of
-`bordered_system`.
+locked motors the passive joints can move at the rates eta, and the platform along t_s.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import RANK_LOST
 
-# Kinds that no law can cross: the motion of the joints is not a function of the platform's path there.
+# Kinds that no law can cross, because the platform's path does not determine the motion of the joints there.
 UNCROSSABLE = {
     "leg_passive": "a singularity inside a leg, whose passive joints then move without platform and motors",
     "constraint": "a constraint singularity: the platform gains freedoms that it has nowhere else",
@@ -40,36 +39,38 @@ class Uncontrolled(NamedTuple):
     kind: str  # type_2, leg_passive, constraint or closure
     twist: Array  # (n,) unit twist t_s on the platform's axes (see `twist_norm`); zeros if it rests
     motion: Array  # (nv,) joint rates of the twist
-    corank: int  # number of independent motions of this sort
+    corank: int  # number of independent motions with locked motors
 
 
 def uncontrolled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> Uncontrolled:
     """Classify a singular configuration (T = 1) and find its twist t_s.
 
-    type_2: the platform moves along t_s. leg_passive: only passive joints inside a leg move. In the other two
-    kinds the loop equations themselves lose rank, whatever the motors do. constraint: the platform gains
-    freedoms beyond its n (Zlatanov, Bonev and Gosselin 2002). closure: only other bodies gain freedoms.
-    `classify` lists all kinds of a configuration, and decides whether it is singular at all.
+    type_2: the platform moves along t_s. leg_passive: only passive joints inside a leg move. constraint: the
+    platform gains freedoms beyond its n (Zlatanov, Bonev and Gosselin 2002). closure: the loop equations lose
+    rank, whatever the motors do, and only other bodies gain freedoms. Of several kinds the first in
+    `PRECEDENCE` is returned; `classify` lists all of them, and decides whether the configuration is singular
+    at all.
     """
     escaping = escaping_motions(robot, linearised, at_least=1)
     kind = next(kind for kind in PRECEDENCE if kind in escaping.kinds)
     twists = escaping.motions @ linearised.platform[0].T  # (corank, n)
+    twist, motion = twists[-1], escaping.motions[-1]  # those of the least singular value
     if kind != "type_2":
-        return Uncontrolled(kind, 0 * twists[-1], escaping.motions[-1], escaping.corank)
-    k = -1
-    if _count_rank(twists[-1:]) == 0:  # the platform rests in this motion, another one moves it
-        k = int(np.argmax(np.linalg.norm(twists, axis=1)))
-    scale = twist_norm(robot, twists[k])
-    return Uncontrolled(kind, twists[k] / scale, escaping.motions[k] / scale, escaping.corank)
+        return Uncontrolled(kind, np.zeros_like(twist), motion, escaping.corank)
+    if _count_rank(twist[None]) == 0:  # the platform rests in this motion, but another motion moves it
+        k = np.argmax(np.linalg.norm(twists, axis=1))
+        twist, motion = twists[k], escaping.motions[k]
+    scale = twist_norm(robot, twist)
+    return Uncontrolled(kind, twist / scale, motion / scale, escaping.corank)
 
 
 def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
     """Compute the least controlled unit twist (n,) and its joint rates (nv,) (T = 1).
 
-    At a Type 2 singularity of corank 1 they are those of `uncontrolled_motion`.
+    At a Type 2 singularity of corank 1 both equal those of `uncontrolled_motion`.
     """
     P = passive_matrix(robot, linearised)[0]
-    motion = passive_motion(robot, np.linalg.svd(P)[2][-1])
+    motion = passive_motion(robot, np.linalg.svd(P).Vh[-1])  # that of the least singular value
     twist = linearised.platform[0] @ motion
     scale = twist_norm(robot, twist)
     return twist / scale, motion / scale
@@ -85,9 +86,7 @@ class EscapingMotions(NamedTuple):
     kinds: frozenset[str]  # of PRECEDENCE
     motions: Array  # (c, nv) independent joint rates, those of the least singular value last
     corank: int  # c, at least `at_least`
-    freedoms: (
-        int  # instantaneous freedoms of the loops, motors free; more than usual where the loops lose rank
-    )
+    freedoms: int  # instantaneous freedoms with motors free; more than usual where the loops lose rank
 
 
 def escaping_motions(
@@ -96,7 +95,7 @@ def escaping_motions(
     """Compute the motions with locked motors, the null space of P (T = 1), and their kinds.
 
     Args:
-        at_least: number of motions that count however large their singular values are.
+        at_least: least number of motions to return, even if their singular values are not small.
     """
     P = passive_matrix(robot, linearised)[0]
     lost = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
@@ -116,7 +115,9 @@ def escaping_motions(
     elif rank > rank_on_axes:  # the platform leaves its axes
         kinds.add("constraint")
     if len(lost) > gained:  # more motions escape than the loops have gained
-        if rank_on_axes > (0 if "closure" in kinds else gained):
+        # of the motions gained, those of a closure singularity do not move the platform
+        gained_by_platform = 0 if "closure" in kinds else gained
+        if rank_on_axes > gained_by_platform:
             kinds.add("type_2")
         if len(lost) > max(rank, gained):  # the platform rests in some motions
             kinds.add("leg_passive")
@@ -131,7 +132,7 @@ def _count_rank(rows: Array) -> int:
 def twist_norm(robot: ParallelRobot, twist: Array) -> float:
     """Return the speed of the platform's point in a twist (n,), or the turning rate if the point rests.
 
-    Along a unit twist, t_s . W_p is a force [N] (a torque [N m] for a pure turn).
+    With the unit twist t_s, t_s . W_p is a force [N], or a torque [N m] if t_s is a pure turn.
     """
     part = robot.translations if moves_point(robot, twist) else ~robot.translations
     return float(np.linalg.norm(twist[part]))
@@ -147,8 +148,8 @@ def moves_point(robot: ParallelRobot, twist: Array) -> bool:
 def sign_along(twist: Array, direction: Array) -> float:
     """Return the sign, 1 or -1, with which a twist (n,) points along a direction (n,).
 
-    If the two are orthogonal up to rounding, the sign makes the largest component of the twist positive:
-    rounding must not decide.
+    If the two are orthogonal up to rounding, the sign makes the largest component of the twist positive, so
+    that rounding does not decide.
     """
     forward = float(twist @ direction)
     if abs(forward) <= COSINE_ROUNDING * np.linalg.norm(twist) * np.linalg.norm(direction):
@@ -157,7 +158,7 @@ def sign_along(twist: Array, direction: Array) -> float:
 
 
 def has_signed_measure(robot: ParallelRobot) -> bool:
-    """Return whether g has a sign: with passive joints and without redundant motors."""
+    """Return whether g has a sign, with passive joints and no redundant motors."""
     return len(robot.following) > 0 and robot.n_a == robot.n
 
 
@@ -165,21 +166,22 @@ class SingularityMeasure(NamedTuple):
     """The measure g and the least controlled motion, at T configurations."""
 
     g: Array  # (T,) the smallest singular value of P with the sign of det P
-    motion: Array  # (T, nv) joint rates closest to an uncontrolled motion, of unit size
+    motion: Array  # (T, nv) joint rates with locked motors that open the loops least, of unit size
 
 
 def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> SingularityMeasure:
     """Compute g (T,) and the least controlled motion (T, nv) at successive configurations, for figures.
 
-    This g and the sign of the motion are continuous, except for a kink of g and a jump of the motion where
-    the two least singular values are equal. Roots are found on the smooth measures of `bordered_system`.
+    g and the motion are continuous, except that g has a kink and the motion jumps where the two least
+    singular values are equal. So roots are found on the smooth measures of `bordered_system` instead.
     """
     P = type2_matrix(robot, linearised)
     if not P.shape[2]:  # every joint has a motor: det P = 1, no motion escapes
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
-    values, right = np.linalg.svd(P)[1:]
-    eta = right[:, -1]  # (T, n_p) right singular vectors of the least values
-    cosines = np.sum(eta[1:] * eta[:-1], axis=1)
-    flips = np.where(cosines < 0, -1.0, 1.0)  # against the configuration before
+    _, values, V_rows = np.linalg.svd(P)
+    eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values
+    cosines = np.sum(eta[1:] * eta[:-1], axis=1)  # (T - 1,) between successive configurations
+    flips = np.where(cosines < 0, -1.0, 1.0)
     eta[1:] *= np.cumprod(flips)[:, None]
-    return SingularityMeasure(values[:, -1] * np.linalg.slogdet(P)[0], passive_motion(robot, eta))
+    g = values[:, -1] * np.linalg.slogdet(P).sign
+    return SingularityMeasure(g, passive_motion(robot, eta))

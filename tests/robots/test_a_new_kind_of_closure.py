@@ -113,10 +113,10 @@ def test_rows_and_their_derivatives_are_those_of_the_closed_form(kind):
     curvature = loop_curvature(robot, robot.rows, frames, multipliers[None])[0]
     np.testing.assert_allclose(v @ curvature @ v, multipliers @ drift, rtol=1e-12)
     single = SinglePose(robot)
-    single.place(q)
+    single.evaluate_pose(q)
     np.testing.assert_allclose(single.residual, loops.residual[0], atol=1e-15)
     np.testing.assert_allclose(single.jacobian, loops.jacobian[0], atol=1e-15)
-    single.move(q, v)
+    single.evaluate_motion(q, v)
     np.testing.assert_allclose(single.drift(), drift, atol=1e-13)
 
 

@@ -2,12 +2,13 @@
 
 Newton's method converges to the branch from a guess: the cubic between two knots, or a series through closed
 configurations. It fails where the square system of the inverse kinematics is singular although the branch is
-smooth, as at constraint singularities. There a continuation replaces it: a polynomial through closed
-configurations on both sides.
+smooth, as at constraint singularities. There a continuation replaces Newton's method: a polynomial through
+closed configurations on both sides.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,42 +28,44 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid, nodes, tail
 from framework.numerics.ordered_sums import singular_values
 from framework.tolerances import BRANCH_CORRECTION, CONTINUATION_ERROR, CONTINUATION_STEP
 
-HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # of a continuation, in s; the first that resolves it
+HALF_WIDTHS = (0.16, 0.08, 0.04, 0.02, 0.01, 0.005)  # in s, of a continuation; the first accurate one is used
 CONTINUATION_NODES, CONTINUATION_DEGREE = 48, 24  # nodes of a continuation, degree of its polynomial
-# the number of coefficients, plus an eighth of the nodes, whose misfit checks the fit
+# as many nodes as coefficients, plus an eighth of all nodes, whose misfit measures the error of the fit
 MIN_SOUND_NODES = CONTINUATION_DEGREE + 1 + CONTINUATION_NODES // 8
-# Newton's method is trusted at nodes whose least singular value is above this share of the largest one of all
-# nodes: first far from the singular point, then closer to it, with guesses from the first fit
+# Newton's method is trusted at nodes whose least singular value is above this share of its maximum over all
+# nodes: first far from the singular point, then closer to it, with guesses from the first fit.
 SOUND_NODE_RATIOS = (0.2, 0.03)
 
 
 @dataclass(frozen=True, eq=False)
 class Continuation(ReadOnlyArrays):
-    """The branch between `start` and `end` as a Chebyshev series; Newton's method fails in the `core`."""
+    """The branch between two path coordinates as a Chebyshev series."""
 
-    start: float
+    start: float  # s
     end: float
-    core: tuple[float, float]
+    core: tuple[float, float]  # interval of s in which Newton's method fails
     series: Array  # (DEGREE + 1, nv) of the offset from the branch's origin
     error: float  # estimate [rad, lengths]
 
     def offset(self, s: Array) -> Array:
-        """Compute the offset (T, nv) from the branch's origin."""
-        return _chebyshev_values(self.series, self.start, self.end, s)
+        """Compute the offset (T, nv) from the branch's origin at s (T,)."""
+        return _chebyshev_values(self.series, (self.start, self.end), s)
 
 
-def _chebyshev_values(series: Array, start: float, end: float, s: Array) -> Array:
-    """Evaluate a series (degree + 1, nv) on [start, end] at s (T,), also outside: (T, nv)."""
+def _chebyshev_values(series: Array, interval: Iterable[float], s: Array) -> Array:
+    """Evaluate a series (degree + 1, nv) on an interval at s (T,), also outside: (T, nv)."""
+    start, end = interval
     local = (2 * s - start - end) / (end - start)
     return np.asarray(chebyshev.chebval(local, series), dtype=float).T
 
 
 @dataclass(frozen=True, eq=False)
 class Branch(ReadOnlyArrays):
-    """A path with the branch of its inverse kinematics, springs at rest, and the world's wrenches.
+    """A path with the branch of its inverse kinematics, springs at rest, and the external wrenches.
 
-    Guesses are cubics in the offset `u` from `origin` between the knots `s` (K,), or the series of `through`.
-    From these Newton's method converges to the branch: `close` returns poses on the branch to rounding.
+    Guesses for the offset from `origin` are cubics between the knots `s` (K,), or the series of `through`.
+    From these guesses Newton's method converges to the branch: the poses of `close` are on the branch to
+    rounding.
     """
 
     robot: ParallelRobot
@@ -71,22 +74,22 @@ class Branch(ReadOnlyArrays):
     s: Array  # (K,)
     u: Array  # (K, nv) offset from origin
     du: Array  # (K, nv) derivative with respect to s
-    continuations: tuple[Continuation, ...] = ()  # the later one applies where two overlap
+    continuations: tuple[Continuation, ...] = ()  # where two overlap, the later one applies
     wrenches: ExternalWrenches = NO_WRENCHES
-    series: TimeFunction | None = None  # u as a function of s, for better guesses, see `through`
+    series: TimeFunction | None = None  # u as a function of s, for more accurate guesses, see `through`
 
     @property
     def knots(self) -> Array:
-        """The path coordinates (k,) between which path and wrenches are smooth."""
+        """Path coordinates (k,) between which path and wrenches are smooth."""
         if not self.wrenches.entries:
             return self.path.knots
         return np.unique(np.concatenate([self.path.knots, self.wrenches.knots]))
 
     def with_wrenches(self, wrenches: ExternalWrenches) -> Branch:
-        """Return the same branch under wrenches of the world.
+        """Return the same branch under external wrenches.
 
         Raises:
-            InvalidInput: the robot has no such frame.
+            InvalidInput: the robot has no frame of the name of a wrench.
         """
         wrenches.check_frames(self.robot)
         return replace(self, wrenches=wrenches) if wrenches.entries else self
@@ -94,12 +97,12 @@ class Branch(ReadOnlyArrays):
     def through(self, edges: Array, q: Array) -> Branch:
         """Return the same branch with a Chebyshev series through configurations q for guesses.
 
-        The series is not used if its error at a knot is too large for a correction: it does not resolve all
-        joints then.
+        The series is not used if its error at a knot is larger than a correction may be. In this case it does
+        not resolve all joints.
 
         Args:
-            edges: (panels + 1,) of s, from 0 to 1.
-            q: (panels * size, nq) on the nodes of the panels, see `TimeGrid`.
+            edges: (panels + 1,) path coordinates of the panels' edges, from 0 to 1.
+            q: (panels * size, nq) configurations at the `size` nodes of each panel, see `TimeGrid`.
         """
         grid = TimeGrid(edges, len(q) // (len(edges) - 1))
         series = grid.fit(difference(self.robot, self.origin, q))
@@ -107,7 +110,7 @@ class Branch(ReadOnlyArrays):
         return replace(self, series=series) if error < BRANCH_CORRECTION else self
 
     def load_motion(self, motion: Motion, s: Array) -> Motion:
-        """Return a motion of the robot at s (T,) under the wrenches of the world."""
+        """Return a motion of the robot at s (T,) under the external wrenches."""
         return motion.with_wrenches(self.wrenches.evaluate(self.robot, motion.linearised.frames, s))
 
     def guess(self, s: Array) -> Array:
@@ -122,11 +125,9 @@ class Branch(ReadOnlyArrays):
     def _series_offsets(series: TimeFunction, s: Array) -> Array:
         """Compute offsets (T, nv) from the origin at s (T,) by the series, also outside [0, 1]."""
         u = series(np.clip(s, 0.0, 1.0))
-        for panel, (start, end), is_outside in (
-            (0, series.edges[:2], s < 0.0),
-            (-1, series.edges[-2:], s > 1.0),
-        ):
-            u[is_outside] = _chebyshev_values(series.coefficients[panel], start, end, s[is_outside])
+        before, beyond = s < 0.0, s > 1.0
+        u[before] = _chebyshev_values(series.coefficients[0], series.edges[:2], s[before])  # the first panel
+        u[beyond] = _chebyshev_values(series.coefficients[-1], series.edges[-2:], s[beyond])  # the last panel
         return u
 
     def _cubic_offsets(self, s: Array) -> Array:
@@ -157,7 +158,7 @@ class Branch(ReadOnlyArrays):
         return ClosedStack(q, x, linearised_at(self.robot, q, x))
 
     def is_continued(self, s: Array) -> BoolArray:
-        """Whether each s (T,) lies in the core of a continuation, (T,)."""
+        """Return whether each s (T,) lies in the core of a continuation, (T,)."""
         inside = np.zeros(len(s), dtype=bool)
         for continuation in self.continuations:
             inside |= (s >= continuation.core[0]) & (s <= continuation.core[1])
@@ -165,13 +166,13 @@ class Branch(ReadOnlyArrays):
 
 
 def with_continuation(branch: Branch, s: float) -> Branch | None:
-    """Return the branch with a continuation about s; None where not smooth.
+    """Return the branch with a continuation about s; None if the branch is not smooth at s.
 
-    Continuations are tried from wide to narrow, within the smooth piece of the path about s. A wider one that
-    is not accurate enough still gives the guesses for the next narrower one.
+    Continuations are tried from wide to narrow, within the smooth piece of the path that contains s. One that
+    is not accurate enough still gives the guesses for the next, narrower one.
     """
     piece = np.searchsorted(branch.path.knots, s, side="right")
-    lowest, highest = np.concatenate(([0.0], branch.path.knots, [1.0]))[piece : piece + 2].tolist()
+    lowest, highest = [0.0, *branch.path.knots, 1.0][piece : piece + 2]
     guessed = branch
     for half_width in HALF_WIDTHS:
         start, end = np.clip([s - half_width, s + half_width], lowest, highest).tolist()
@@ -185,11 +186,11 @@ def with_continuation(branch: Branch, s: float) -> Branch | None:
 
 
 def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Continuation | None:
-    """Fit a continuation about s between start and end; None with too few sound nodes.
+    """Fit a continuation about s between start and end; None if too few nodes are sound.
 
-    The series is fitted to closed configurations at sound nodes. First these are far from the singularity;
-    then the fitted series provides guesses closer to it. The error is the largest of misfit, residual and
-    truncation error.
+    A node is sound if Newton's method is trusted there, see `_trusted_offsets`. The series is fitted to the
+    closed configurations at sound nodes, at first only far from the singularity. Then the fitted series
+    provides guesses closer to it. The error is the largest of misfit, residual and truncation error.
     """
     robot, lengths = branch.robot, branch.robot.column_scale
     parameters = start + 0.5 * (end - start) * (nodes(CONTINUATION_NODES) + 1.0)
@@ -211,10 +212,10 @@ def _fit_continuation(branch: Branch, s: float, start: float, end: float) -> Con
 
 
 def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tuple[IntArray, Array]:
-    """Find the nodes (k,) where Newton's method is trusted; return their offsets too.
+    """Find the nodes (k,) where Newton's method is trusted; return their offsets, too.
 
-    The least singular value of the Type 1 matrix at such a node is above a `share` of its largest value over
-    all nodes, and the correction of the guess is small compared with this singular value.
+    At such a node the least singular value of the Type 1 matrix is above a `share` of its maximum over all
+    nodes, and the correction of the guess is small compared with this singular value.
 
     Args:
         guess: configurations (nodes, nq) from which Newton's method starts.
@@ -238,11 +239,13 @@ def _trusted_offsets(branch: Branch, guess: Array, x: Array, share: float) -> tu
 
 
 def _core_interval(parameters: Array, sound: IntArray, s: float) -> tuple[float, float]:
-    """Return the least interval between sound nodes (k,) that contains s and all unsound nodes."""
+    """Return the least interval between sound nodes (k,) that contains s and all unsound nodes.
+
+    Without a sound node on one side, the interval extends to the last of all nodes, `parameters`, on that
+    side.
+    """
     to_cover = np.append(np.delete(parameters, sound), s)
-    sound_nodes = parameters[sound]  # ascending
-    below = sound_nodes[sound_nodes < to_cover.min()]
-    above = sound_nodes[sound_nodes > to_cover.max()]
-    start = below[-1] if len(below) else parameters[0]
-    end = above[0] if len(above) else parameters[-1]
+    sound_nodes = parameters[sound]
+    start = sound_nodes[sound_nodes < to_cover.min()].max(initial=parameters[0])
+    end = sound_nodes[sound_nodes > to_cover.max()].min(initial=parameters[-1])
     return float(start), float(end)

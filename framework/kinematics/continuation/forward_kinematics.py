@@ -2,8 +2,9 @@
 
 The motors turn from the start to the target (`motor_curves`). Away from Type 2 singularities the matrix P of
 the passive columns of the loop equations is regular, and the branch leads to the pose in the assembly mode of
-the start. Where P loses rank the motors no longer determine the motion, and the branch ends. This is Type 2
-in the wide sense: `singularity.pose_classes` tells whether the platform escapes or only joints inside a leg.
+the start. Where P loses rank the motors no longer determine the motion, and the branch ends. This is called
+Type 2 here, whether the platform escapes or only joints inside a leg; `singularity.pose_classes`
+distinguishes the two.
 """
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike, freeze
 
-TYPE_2_END_RATIO = 0.05  # of the usual clearance: a curve that ends below this ends at Type 2
+TYPE_2_END_RATIO = 0.05  # share of the usual clearance; a curve that ends with less ends at Type 2
 
 
 @dataclass(frozen=True, eq=False)
 class ForwardPose(Configuration):
     """The pose at prescribed motor joints, with its certificate.
 
-    `x` (n,) counts the platform's turns on from the start. `residual` is the largest of all loop equations [m
-    or rad], redundant ones included; `iterations` are the steps taken. `clearance` is the least singular
-    value of P on the curve (radians, robot lengths): 0 at a Type 2 singularity, infinite without passive
-    joints. With `robot`, `curve` and `linearised` the next pose of a stream of motor angles starts from this
-    one without a new check that its loops are closed.
+    `x` (n,) includes whole turns of the platform since the start. `residual` is the largest of all loop
+    equations [m or rad], redundant ones included; `iterations` is the number of steps taken. `clearance` is
+    the least singular value of P on the curve (radians, robot lengths): 0 at a Type 2 singularity, infinite
+    without passive joints. From `robot`, `curve` and `linearised` the next pose of a stream of motor angles
+    starts without another check that the loops are closed.
     """
 
     clearance: float
@@ -52,13 +53,13 @@ def forward_kinematics(
 
     Args:
         q_a: actuated joints (n_a,), joint side of the gears [rad, m], in the order of the robot file. Full
-            turns of hinges count: a target one turn away is reached by a full turn.
+            turns of hinges count: to a target one turn away the motor makes a full turn.
         near: an assembled configuration (nq,) to start from, the reference by default. For a stream of angles
             give the previous result of this function. Springs keep the deflections of this configuration.
 
     Raises:
-        InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or the
-            motors depend on one another.
+        InvalidInput: q_a or near has the wrong length or is not finite, the loops are open at near, or no
+            motor can move alone.
         Type2Singularity: a singularity lies on the curve or at its start; carries its configuration.
         NotAssembled: the curve cannot be followed for another reason.
     """
@@ -115,7 +116,7 @@ def check_motors_are_free(robot: ParallelRobot) -> None:
 
 
 def motors_are_free(robot: ParallelRobot) -> bool:
-    """Whether each motor can move while the others rest: P is square and n_a = n."""
+    """Return whether each motor can move while all others rest: P is square and n_a = n."""
     return robot.n_a == robot.n and len(robot.following) == len(robot.loops.names)
 
 

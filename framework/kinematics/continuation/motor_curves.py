@@ -1,9 +1,9 @@
 """Curves of poses along which the motors turn from one pose to prescribed angles, many targets at once.
 
 All motors turn in proportion, and the loops move the passive joints: P dq_p = -J_a dq_a, with P and J_a the
-passive and the actuated columns of the loop equations. Every target has its own curve with its own steps. A
-step leads along the tangent dq/ds, with s the share of the turn, and back to closed loops by Newton's method.
-It is accepted if it passes the tests of `predictor_corrector` and det P keeps its sign; else it is halved.
+passive and the actuated columns of the loop equations. Each target has its own curve with its own steps. With
+s the share of the turn, a step follows the tangent dq/ds; then Newton's method closes the loops. A step is
+accepted if it passes the tests of `predictor_corrector` and det P keeps its sign; otherwise it is halved.
 Where P loses rank, assembly modes meet and the curve ends. It ends at a turning point, which is found as a
 root, or where branches cross, near which steps become ever shorter.
 """
@@ -34,39 +34,39 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, assign, select
 from framework.tolerances import BRANCHES_CROSS, BRANCHES_MEET, RANK_LOST
 
 MAX_SINGLE_STEP = 0.05  # [rad, lengths] a curve on which no joint moves farther is tried in a single step
-MAX_STEP_ITERATIONS = 10  # of Newton's method; a step that needs more is refused
+MAX_STEP_ITERATIONS = 10  # of Newton's method; a step that needs more iterations is refused
 
 
 class MotorCurves(NamedTuple):
     """The last poses on T motor curves."""
 
     q: Array  # (T, nq)
-    x: Array  # (T, n) of the platform, turns counted on from the start
+    x: Array  # (T, n) platform coordinates, with whole turns since the start
     rate: Array  # (T, nv) dq/ds
     share: Array  # (T,) s; 1 where the motors have arrived
     steps: IntArray  # (T,) number of steps taken
     clearance: Array  # (T,) least singular value of P at q
     least: Array  # (T,) least clearance on the curve
     largest: Array  # (T,) largest clearance on the curve
-    sign: Array  # (T,) of det P
-    size: Array  # (T,) log |det P|
+    determinant_sign: Array  # (T,) of det P
+    log_determinant: Array  # (T,) log |det P|
 
 
 class _Steps(NamedTuple):
-    """The ends of S out of T steps: of all steps whose loops Newton's method closes."""
+    """Ends of the steps, S of T, whose loops Newton's method closes."""
 
-    rows: IntArray  # (S,) of the T steps
+    rows: IntArray  # (S,) indices among the T steps
     ends: MotorCurves  # (S, ...)
     correction: Array  # (S,) [rad, lengths] by which the predictor was corrected
     on_branch: BoolArray  # (S,) whether the end is on the branch of the start
 
 
 def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> MotorCurves:
-    """Return T curves that begin at assembled poses, turns counted on from x (T, n)."""
+    """Return T curves that begin at assembled poses, with whole turns of the platform as in x (T, n)."""
     frames = linearised.frames
     count = len(frames.q)
     value = clearance(robot, linearised)
-    sign, size = passive_determinants(linearised)
+    sign, logarithm = passive_determinants(linearised)
     return MotorCurves(
         q=frames.q.copy(),
         x=robot.platform.unwrap(robot.platform.coordinates(frames), x),
@@ -74,10 +74,10 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
         clearance=value,
-        least=value.copy(),
-        largest=value.copy(),
-        sign=sign,
-        size=size,
+        least=value,
+        largest=value,
+        determinant_sign=sign,
+        log_determinant=logarithm,
     )
 
 
@@ -86,15 +86,15 @@ def follow_curves(
 ) -> MotorCurves:
     """Turn the motors from one pose towards T targets (T, n_a).
 
-    `start` and `linearised` (T = 1) are of this pose. A curve with a `share` below 1 has ended early, at a
+    `start` and `linearised` (T = 1) describe this pose. A curve with a `share` below 1 has ended early, at a
     Type 2 singularity or where it cannot be followed.
     """
     turn = full_motion(robot, robot.actuated, targets - robot.actuated_coordinates(start.q))  # (T, nv)
     curves = _begin_curves(robot, start, linearised, turn)
     is_short = largest_motion(robot, curves.rate) < MAX_SINGLE_STEP
     step = np.where(is_short, 1.0, FIRST_STEP_RATIO)
-    # near a singularity, where assembly modes meet, a step after which the clearance has grown has passed
-    # the singularity: the curve ends before it
+    # Assembly modes meet at a singularity. If the clearance grows again after a curve has approached one, the
+    # step has passed the singularity, and the curve ends before the step.
     approaching, ended = np.zeros((2, len(turn)), dtype=bool)
     live = np.flatnonzero(curves.clearance >= RANK_LOST)
     while len(live):
@@ -139,9 +139,11 @@ def _begin_curves(
 
 
 def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorCurves, step: Array) -> _Steps:
-    """Take steps (T,) in s along the tangents; tell which ends are on their branches.
+    """Take steps (T,) in s along the tangents; decide which ends are on their branches.
 
-    `turn` (T, nv) is the whole turn of the motors from the start (nq,).
+    Args:
+        start: configuration (nq,) at s = 0.
+        turn: (T, nv) turns of the motors from s = 0 to 1.
     """
     share = current.share + step
     share = np.where(share > 1.0 - END_ROUNDING, 1.0, share)
@@ -163,16 +165,19 @@ def _take_steps(robot: ParallelRobot, start: Array, turn: Array, current: MotorC
     corrections = difference(robot, predicted[rows], ends.q)
     measured = measure_steps(robot, corrections, length * current.rate, length * ends.rate)
     on_branch = measured.small & (measured.straight | (ends.clearance > BRANCHES_CROSS))
-    on_branch &= keeps_sign((current.sign, current.size), (ends.sign, ends.size))  # of det P
+    on_branch &= keeps_sign(
+        (current.determinant_sign, current.log_determinant), (ends.determinant_sign, ends.log_determinant)
+    )  # of det P
     return _Steps(rows, ends, measured.correction, on_branch)
 
 
 def close_at_motors(robot: ParallelRobot, start: Array, turn: Array, guess: Array) -> NewtonResult:
     """Close the loops near guesses (T, nq), with the motors turned by `turn` (T, nv) from start (nq,)."""
-    missing = (turn - difference(robot, start, guess))[:, robot.actuated]  # by rounding of many steps
-    guess = integrate_columns(robot, guess, robot.actuated, missing)
+    # rounding of many steps leaves the motors slightly off their prescribed turn
+    motor_offset = (turn - difference(robot, start, guess))[:, robot.actuated]
+    guess = integrate_columns(robot, guess, robot.actuated, motor_offset)
     if not len(robot.following):
-        return NewtonResult(guess, linearised_at(robot, guess, None), np.ones(len(guess), dtype=bool))
+        return NewtonResult(guess, linearised_at(robot, guess, None), closed=np.full(len(guess), True))
     return close_each(robot, None, guess, iterations=MAX_STEP_ITERATIONS)
 
 
@@ -180,9 +185,9 @@ def motor_driven_rates(robot: ParallelRobot, linearised: LinearisedLoops, turn: 
     """Compute all joint rates (T, nv) for motor rates `turn` (T, nv); None if P is singular."""
     rate, columns = turn.copy(), robot.following
     if len(columns):
-        driven = np.matvec(linearised.closures, turn)
+        gap_rates = np.matvec(linearised.closures, turn)  # (T, m) with the passive joints at rest
         try:
-            rate[:, columns] = -linearised.passive_factors.solve(driven)
+            rate[:, columns] = -linearised.passive_factors.solve(gap_rates)
         except np.linalg.LinAlgError:
             return None
     return rate

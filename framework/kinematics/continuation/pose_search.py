@@ -1,18 +1,18 @@
 """Search for the pose nearest to platform coordinates that may be out of reach, within the joints' ranges.
 
 Sequential quadratic programming minimises half the squared distance, |e|^2 / 2 with e = (x - target) / scale,
-over the joints. With Z a basis of the motions that keep the loops c closed, and with the multipliers lambda
-of the loops, a step Z z solves
+over the joints. Let dx and d2x be the first and second derivatives of x along the joints, c the loop
+equations with multipliers lambda, and Z a basis of the motions that keep the loops closed. A step Z z solves
 
     min  g . z + z' H z / 2,    g = Z' dx' e,    H = Z' (dx' dx + d2x . e - d2c . lambda) Z,
 
 within the ranges of the joints. Two determinants, det(dx Z), zero at Type 1, and det(dq_a Z), zero at Type 2,
-keep the sign that they have at the start, and at least a small share of their size at the reference.
-Differences of gradients along Z give H. After a step Newton's method closes the loops and holds joints at
-the ends of ranges that the step has passed. A step is accepted if its correction is as small as one branch
-allows and every leg stays in its working mode.
+keep the sign that they have at the start, and at least a small share of their size at the reference. Finite
+differences of gradients along Z give H. After a step Newton's method closes the loops, and holds joints that
+the step has moved beyond their range at its end. A step is accepted if its correction is as small as one
+branch allows and every leg stays in its working mode.
 
-The search is local: no pose beside the result is nearer to the target, but a pose elsewhere may be.
+The search is local: no pose near the result is nearer to the target, but a pose elsewhere may be.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ LEAST_DETERMINANTS = np.array([LEAST_TYPE1_SHARE, LEAST_TYPE2_SHARE])
 MAX_STEPS = 30
 MAX_JOINT_STEP = 0.5  # [rad, lengths] of one joint in a step
 DIFFERENCE_STEP = 1e-6  # [rad, lengths] of the joints, for differences of gradients
-LEAST_DECREASE = 1e-8  # share of the squared distance: the search ends when a step promises less
+LEAST_DECREASE = 1e-8  # share of the squared distance; if a step is predicted to gain less, the search ends
 LEAST_CURVATURE = 1e-9  # least eigenvalue of H, to keep it definite
-MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # Newton steps; residual of closed loops [rad, lengths]
-LEAST_PROGRESS = 0.1  # share of the lag behind a better search: the search ends when a step promises less
+MAX_CLOSING_STEPS, CLOSED = 8, 1e-12  # number of Newton steps; residual of closed loops [rad, lengths]
+# Share of the lag behind the best other search; if a step is predicted to gain less, the search ends.
+LEAST_PROGRESS = 0.1
 UNCONVERGED = "the search has not converged"
-SAME_END = 0.1  # [rad, lengths] of the joints: poses nearer to each other count as the same end
+SAME_END = 0.1  # [rad, lengths] of a joint; poses nearer to each other count as the same result
 LEAST_DAMPING = 1e-2  # first damping after a poor step
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75  # actual over predicted decrease of the squared distance
 
@@ -54,8 +55,9 @@ class NearestPose(Configuration):
     """The nearest pose to a target in a local search, see `Configuration`.
 
     `distance` from the target is in `unit`: m if all coordinates are translations, rad if all are turns, else
-    robot lengths and rad. `stops` names what keeps the pose from the target: ranges of joints, legs (Type 1),
-    Type 2, or that the search has not converged. It is empty if the target is reached.
+    robot lengths and rad. `stops` says what keeps the pose from the target: ranges of joints, stretched legs
+    (Type 1), motors that lose hold (Type 2), or a search that has not converged. It is empty if the target is
+    reached.
     """
 
     distance: float
@@ -71,7 +73,7 @@ def distance_unit(robot: ParallelRobot) -> tuple[float, str]:
 
 
 class _Iterate(NamedTuple):
-    """A pose with closed loops and its quadratic model [rad, robot lengths]; f moving joints."""
+    """A pose with closed loops and its quadratic model [rad, robot lengths], for f moving joints."""
 
     q: Array  # (nq,)
     x: Array  # (n,)
@@ -79,8 +81,10 @@ class _Iterate(NamedTuple):
     basis: Array  # Z (f, n)
     gradient: Array  # g (n,)
     hessian: Array  # H (n, n), made definite
-    room: Array  # (2 f + 2,) to each bound: lower, upper ends of ranges; both determinants over their sizes
-    room_slopes: Array  # (2 f + 2, n) along Z
+    # (2 f + 2,) distance from each bound: lower ends of ranges, upper ends, then both determinants, divided
+    # by their sizes at the reference
+    room: Array
+    room_slopes: Array  # (2 f + 2, n) derivatives of `room` along Z
     loops: LinearisedLoops  # T = 1
 
 
@@ -89,16 +93,16 @@ class _Step(NamedTuple):
 
     z: Array  # (n,)
     decrease: float  # of the value, predicted by the model
-    forces: Array  # (2 f + 2,) multipliers of the bounds; zero of inactive ones
+    forces: Array  # (2 f + 2,) multipliers of the bounds; zero for inactive ones
 
     @property
     def range_forces(self) -> Array:
-        """Forces (f,) of the active ends of ranges on the joints."""
+        """Forces (f,) on the joints from the ends of their ranges; zero for inactive ones."""
         lower, upper = self.forces[:-2].reshape(2, -1)
         return upper - lower
 
     def is_small(self, iterate: _Iterate) -> bool:
-        """Whether the predicted decrease is negligible."""
+        """Return whether the predicted decrease is negligible."""
         return self.decrease < LEAST_DECREASE * iterate.value
 
 
@@ -121,17 +125,17 @@ class PoseSearch:
         self._row_sizes = robot.loop_lengths * robot.structure.row_sizes
         self._unit_length, self._unit = distance_unit(robot)
         self._lower, self._upper = robot.joint_ranges[:, robot.moving] / self._lengths
-        self._determinant_sizes = np.ones(2)  # to evaluate the determinants at the reference
+        self._determinant_sizes = np.ones(2)  # until the determinants at the reference are known
         reference = robot.reference
         iterate = self._evaluate(reference.q, reference.x, reference.x)
-        self._determinant_sizes = iterate.room[-2:] + LEAST_DETERMINANTS
+        self._determinant_sizes = iterate.room[-2:] + LEAST_DETERMINANTS  # see `_bounds`
 
     def find(self, q: Array, x: Array, target: Array, *, earlier: Sequence[NearestPose] = ()) -> NearestPose:
         """Find the nearest pose to a target (n,), starting from the pose q (nq,) at x (n,).
 
         Args:
-            earlier: results of other starts. The search ends early if it will hardly find a nearer pose, or
-                if it arrives at the same pose.
+            earlier: results of searches from other starts. The search ends early if it is unlikely to find a
+                nearer pose, or if it arrives at one of these poses.
         """
         iterate = self._evaluate(q, x, target)
         least = min((pose.distance for pose in earlier), default=np.inf)
@@ -143,9 +147,10 @@ class PoseSearch:
             if count == MAX_STEPS or self._has_ended(iterate, step, least_value, ends):
                 break
             following = self._follow(iterate, step, target)
-            gain = 0.0 if following is None else (iterate.value - following.value) / step.decrease
-            if following is not None and gain > 0.0:
-                iterate = following
+            gain = 0.0  # actual over predicted decrease; 0 if the step is refused
+            if following is not None:
+                gain = (iterate.value - following.value) / step.decrease
+                iterate = following if gain > 0.0 else iterate
             if gain > GOOD_GAIN:
                 damping = damping / 4.0 if damping > LEAST_DAMPING else 0.0
             elif gain < POOR_GAIN:
@@ -153,7 +158,7 @@ class PoseSearch:
         return self._result(iterate, step, count)
 
     def _has_ended(self, iterate: _Iterate, step: _Step, least_value: float, ends: Array) -> bool:
-        """Whether the target is reached, little decrease is left, or other starts are better.
+        """Return whether the target is reached, little decrease is left, or another start is better.
 
         Args:
             least_value: |e|^2 / 2 of the nearest pose from other starts.
@@ -161,20 +166,21 @@ class PoseSearch:
         """
         is_reached = iterate.value < 0.5 * REACHED_PLATFORM**2
         is_behind = step.decrease < LEAST_PROGRESS * (iterate.value - least_value)
-        from_ends = largest_motion(self.robot, difference(self.robot, iterate.q, ends))
-        repeats = from_ends.min(initial=np.inf) < SAME_END and iterate.value > least_value
+        distances = largest_motion(self.robot, difference(self.robot, iterate.q, ends))  # (k,)
+        repeats = distances.min(initial=np.inf) < SAME_END and iterate.value > least_value
         return bool(is_reached or step.is_small(iterate) or is_behind or repeats)
 
     def _result(self, iterate: _Iterate, step: _Step, count: int) -> NearestPose:
-        """Return the pose of the last iterate; forces of the next step tell its stops."""
+        """Return the pose of the last iterate, with its stops by the forces of the next `step`."""
         distance = float(np.sqrt(2.0 * iterate.value))
         names = map(self.robot.coordinates.name_of, self.robot.moving)
         ranges = [f"{name} ends its range" for name in names]
         bounds = [*ranges, *ranges, "a leg is stretched or folded (Type 1)", "the motors lose hold (Type 2)"]
         rounding = np.append(np.full(2 * len(ranges), REACHED_PLATFORM), LEAST_DETERMINANTS)
         is_met = (iterate.room < rounding) | step.is_small(iterate)
-        stops = [bounds[k] for k in np.flatnonzero(is_met & (step.forces > 0.0))] or [UNCONVERGED]
-        self._pose.place(iterate.q)
+        active = np.flatnonzero(is_met & (step.forces > 0.0))
+        stops = [bounds[k] for k in active] or [UNCONVERGED]
+        self._pose.evaluate_pose(iterate.q)
         return NearestPose(
             q=iterate.q,
             x=iterate.x,
@@ -188,27 +194,29 @@ class PoseSearch:
     def _bounded_step(self, iterate: _Iterate, damping: float) -> _Step:
         """Solve the quadratic program of a step within the bounds.
 
-        With H = R' R and y = R z + R'^-1 g the program asks for the least |y| that satisfies G z >= -room.
-        Lawson and Hanson (1974, chapter 23) solve this least-distance problem by nonnegative least squares.
+        Let H = R' R, w = R'^-1 g and y = R z + w. The program minimises |y| subject to G y >= G w - room,
+        with G the slopes of the room along y. Lawson and Hanson (1974, chapter 23) solve this least-distance
+        problem by nonnegative least squares: y = -r / r_0 with the residual (r, r_0) of [G' ; (G w - room)']
+        multipliers = [0 ; 1].
         """
         from scipy.optimize import nnls
 
         g, H = iterate.gradient, iterate.hessian
-        # bounds that a step may reach at all; the others would only slow down the solver
-        near = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_JOINT_STEP > iterate.room
+        # bounds that a step can reach; the others would only slow down the solver
+        in_reach = np.linalg.norm(iterate.room_slopes, axis=1) * 2.0 * MAX_JOINT_STEP > iterate.room
         inverse = np.linalg.inv(np.linalg.cholesky(H + damping * np.eye(len(g)))).T  # R^-1
-        free = inverse.T @ g  # R'^-1 g
-        G = iterate.room_slopes[near] @ inverse
-        matrix = np.vstack([G.T, G @ free - iterate.room[near]])
+        w = inverse.T @ g
+        G = iterate.room_slopes[in_reach] @ inverse  # slopes along y
+        matrix = np.vstack([G.T, G @ w - iterate.room[in_reach]])
         right = np.append(np.zeros(len(g)), 1.0)
-        multipliers = nnls(matrix, right)[0] if near.any() else np.zeros(0)
+        multipliers = nnls(matrix, right)[0] if in_reach.any() else np.zeros(0)
         residual = matrix @ multipliers - right
         y = -residual[:-1] / residual[-1]
-        z = inverse @ (y - free)
+        z = inverse @ (y - w)
         z *= min(1.0, MAX_JOINT_STEP / max(np.abs(iterate.basis @ z).max(), LEAST_CURVATURE))
-        forces = np.zeros(len(near))
-        forces[near] = multipliers
-        return _Step(z, float(-g @ z - 0.5 * z @ H @ z), forces)
+        forces = np.zeros(len(in_reach))
+        forces[in_reach] = multipliers
+        return _Step(z, decrease=float(-g @ z - 0.5 * z @ H @ z), forces=forces)
 
     def _follow(self, iterate: _Iterate, step: _Step, target: Array) -> _Iterate | None:
         """Return the iterate after a step; None if the step is refused.
@@ -221,24 +229,26 @@ class PoseSearch:
         if q is None:
             return None
         correction = difference(self.robot, predicted, q)
-        sizes = largest_motion(self.robot, np.array([correction, motion]))
-        if not is_small(*sizes[:, None])[0]:
+        corrected, advance = largest_motion(self.robot, np.array([correction, motion]))[:, None]
+        if not is_small(corrected, advance)[0]:
             return None
         following = self._evaluate(q, iterate.x, target, step.range_forces)
+        # the determinants may fall to half their least values, and no lower unless they were lower before
         least_room = np.minimum(iterate.room[-2:], -0.5 * LEAST_DETERMINANTS)
         if (following.room[-2:] < least_room).any():
             return None
         if not keeps_working_mode(self.robot, iterate.loops, following.loops)[0]:
             return None
-        determinants = map(passive_determinants, (iterate.loops, following.loops))
-        if self._motors_hold and not keeps_sign(*determinants)[0]:
-            return None
+        if self._motors_hold:
+            start, end = map(passive_determinants, (iterate.loops, following.loops))
+            if not keeps_sign(start, end)[0]:
+                return None
         return following
 
     def _close(self, q: Array) -> Array | None:
         """Close the loops near q (nq,) by Newton steps of least norm; None without success.
 
-        A joint that leaves its range is held at the end of the range by a further equation.
+        An additional equation holds a joint that has left its range at the end of the range.
         """
         units = np.eye(len(self._lengths))
         room_slopes = np.vstack([units, -units])  # (2 f, f)
@@ -247,9 +257,11 @@ class PoseSearch:
             residual, J = self._equations(q)
             room = self._range_room(q)
             is_beyond |= room < 0.0
-            gap, K = np.append(residual, room[is_beyond]), np.vstack([J, room_slopes[is_beyond]])
+            gap = np.append(residual, room[is_beyond])
+            K = np.vstack([J, room_slopes[is_beyond]])  # derivatives of the gap
             if np.abs(gap).max(initial=0.0) < CLOSED:
                 return q
+            # the small multiple of the identity allows dependent rows
             step = -K.T @ np.linalg.solve(K @ K.T + CLOSED * np.eye(len(K)), gap)
             if not np.abs(step).max() < MAX_JOINT_STEP:
                 return None
@@ -257,14 +269,14 @@ class PoseSearch:
         return None
 
     def _range_room(self, q: Array) -> Array:
-        """Compute the distances (2 f,) of joints to the lower, then upper ends of their ranges."""
+        """Compute the distances (2 f,) of joints from the lower, then the upper ends of their ranges."""
         position = difference(self.robot, self.robot.neutral, q)[self.robot.moving] / self._lengths
         return np.append(position - self._lower, self._upper - position)
 
     def _equations(self, q: Array) -> tuple[Array, Array]:
         """Compute the loop equations (m,) at q (nq,) and their derivatives (m, f)."""
         independent = self.robot.structure.independent
-        self._pose.place(q)
+        self._pose.evaluate_pose(q)
         residual = self._pose.residual.take(independent) / self._row_sizes
         jacobian = self._pose.jacobian.take(independent, axis=0).take(self.robot.moving, axis=1)
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
@@ -272,17 +284,18 @@ class PoseSearch:
     def _evaluate(self, q: Array, near: Array, target: Array, range_forces: Array | float = 0.0) -> _Iterate:
         """Compute the quadratic model at a pose q (nq,) with closed loops.
 
-        Derivatives are also evaluated at poses one `DIFFERENCE_STEP` away along each motion of Z, T = 1 + n.
+        Derivatives are also evaluated at poses one `DIFFERENCE_STEP` away along each motion of Z, T = 1 + n
+        in all.
 
         Args:
-            near: (n,) platform coordinates, to which turns are counted on.
+            near: (n,) platform coordinates whose whole turns x continues.
             range_forces: (f,) of the last step, which affect the multipliers of the loops.
         """
         Q, R = np.linalg.qr(self._equations(q)[1].T, mode="complete")
         m = R.shape[1]  # number of loop equations
         Z = Q[:, m:]
         linearised = self._linearise_around(q, Z)
-        x, X, loops = self._slopes(linearised, near)
+        x, X, loops = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
         multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0] + range_forces))
         gradients = e @ X - multipliers @ loops  # (1 + n, f)
@@ -302,7 +315,12 @@ class PoseSearch:
         )
 
     def _bounds(self, q: Array, X: Array, loops: Array, Z: Array) -> tuple[Array, Array]:
-        """Compute room (2 f + 2,) and slopes (2 f + 2, n) of an `_Iterate`, see `_determinants`."""
+        """Compute `room` (2 f + 2,) and `room_slopes` (2 f + 2, n) of an `_Iterate`.
+
+        Args:
+            X: (T, n, f) derivatives of x at q and at the poses one step away along each motion of Z.
+            loops: (T, m, f) derivatives of the loops at the same poses.
+        """
         determinants = self._determinants(X, loops, Z) / self._determinant_sizes
         determinants *= np.where(determinants[0] < 0.0, -1.0, 1.0)  # the sign depends on the basis Z
         slopes = (determinants[1:] - determinants[0]).T / DIFFERENCE_STEP  # (2, n)
@@ -327,7 +345,8 @@ class PoseSearch:
         """Compute determinants (T, 2) of dx (T, n, f) and dq_a along motions that loops (T, m, f) allow.
 
         Bases of these motions have the orientation of Z (f, n). The first determinant is zero at Type 1, and
-        keeps its sign where loops lose rank. The second is zero at Type 2, and 1 unless motors have to hold.
+        keeps its sign where the loops lose rank. The second is zero at Type 2; it is 1 if Type 2 does not
+        matter.
         """
         Q = np.linalg.qr(loops.swapaxes(1, 2), mode="complete")[0]  # (T, f, f)
         bases = Q[..., loops.shape[1] :]  # (T, f, n) orthogonal to the loops' derivatives
@@ -341,6 +360,6 @@ class PoseSearch:
 
 
 def _make_definite(matrix: Array) -> Array:
-    """Return a symmetric matrix (n, n) with absolute eigenvalues of at least LEAST_CURVATURE."""
+    """Replace eigenvalues of a symmetric matrix (n, n) by |eigenvalue|, at least LEAST_CURVATURE."""
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * np.maximum(np.abs(values), LEAST_CURVATURE)) @ vectors.T

@@ -30,7 +30,7 @@ from framework.numerics.rotations import whole_turns
 
 @dataclass(frozen=True, eq=False)
 class PoseStack(ReadOnlyArrays):
-    """Poses for T sets of motor angles; rows of `refused` are NaN. See `ForwardPose`."""
+    """Poses for T sets of motor angles, see `ForwardPose`; the rows in `refused` are NaN."""
 
     q: Array  # (T, nq)
     x: Array  # (T, n)
@@ -43,7 +43,8 @@ def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
     """Compute the poses for T sets of motor joints (T, n_a), each from the reference.
 
     Raises:
-        InvalidInput: as `forward_kinematics`, whose other errors are in `refused` of the result.
+        InvalidInput: q_a has the wrong shape or is not finite, or no motor can move alone. The errors of
+            single rows (Type2Singularity, NotAssembled) are in `refused` of the result.
     """
     expect_robot(robot)
     targets = np.atleast_2d(motor_joints_of(robot, q_a, stacks=True))
@@ -55,7 +56,8 @@ def forward_kinematics_stack(robot: ParallelRobot, q_a: ArrayLike) -> PoseStack:
     for k in np.flatnonzero(ends.share < 1.0).tolist():
         end = select(ends, slice(k, k + 1))
         refused[k] = curve_end_error(robot, end, linearised.select(k), targets[k])
-    poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())  # the errors view `ends`
+    # as in `PoseStack`; copies, because the errors refer to the arrays of `ends`
+    poses = (ends.q.copy(), ends.x.copy(), linearised.gap, ends.least.copy())
     for values in poses:
         values[list(refused)] = np.nan
     return PoseStack(*poses, refused=MappingProxyType(refused))
@@ -70,17 +72,17 @@ def follow_motors(
 ) -> Iterator[ForwardPose]:
     """Yield the pose of each sample of the motor joints, starting from the previous pose.
 
-    The platform's turns are counted through the whole stream.
+    The platform's whole turns are counted through the whole stream.
 
     Args:
         samples: motor joints (n_a,), joint side of the gears [rad, m], for instance from encoders.
         near: an assembled configuration (nq,) to start from, the reference by default.
-        single_turn: whether hinges are measured modulo a turn. Each sample is then shifted by whole turns to
-            be nearest to the previous one. Otherwise full turns count.
+        single_turn: whether hinges are measured modulo a turn. If so, each sample is shifted by the whole
+            turns that bring it nearest to the previous one. Otherwise full turns count.
 
     Raises:
-        InvalidInput, Type2Singularity, NotAssembled: of a sample, see `forward_kinematics`. The stream ends
-            after the pose of the previous sample.
+        InvalidInput, Type2Singularity, NotAssembled: a sample has no pose, see `forward_kinematics`. The
+            stream ends after the pose of the previous sample.
     """
     expect_robot(robot)
     turning = ~robot.sliding[robot.actuated]

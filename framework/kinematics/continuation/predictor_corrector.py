@@ -16,12 +16,12 @@ from framework.kinematics.mechanism import Mechanism
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
 from framework.tolerances import BRANCH_CORRECTION, BRANCH_STEP_SHARE, BRANCH_TURN
 
-MIN_STEP_RATIO = 1e-7  # of the curve: if steps as short as this are refused, the branch has ended
-MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step: near a singularity tangents lead far
-FIRST_STEP_RATIO = 1 / 8  # of the curve
+MIN_STEP_RATIO = 1e-7  # share of the curve; if a step shorter than this is refused, the branch has ended
+MAX_PREDICTOR_MOVE = 1.0  # [rad, lengths] of a joint in a step; near a singularity tangents lead far away
+FIRST_STEP_RATIO = 1 / 8  # share of the curve
 BRANCH_GROWTH = 0.2 * BRANCH_CORRECTION  # [rad, lengths] after a smaller correction the step is doubled
-MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # of the curve: largest step
-END_ROUNDING = 1e-12  # of the curve: a pose as near to the end as this is the end
+MAX_STEP_RATIO = 2 * FIRST_STEP_RATIO  # share of the curve in the largest step
+END_ROUNDING = 1e-12  # share of the curve; a pose nearer to the end than this is taken for the end
 
 
 class StepMeasure(NamedTuple):
@@ -29,19 +29,19 @@ class StepMeasure(NamedTuple):
 
     correction: Array  # (T,) [rad, lengths] by which the predictor was corrected
     small: BoolArray  # (T,) whether the correction is small, absolutely or compared with the step
-    straight: BoolArray  # (T,) whether the tangent turned no more than one branch allows
+    straight: BoolArray  # (T,) whether the tangent has turned no more than a single branch allows
 
 
-def measure_steps(robot: Mechanism, correction: Array, predicted: Array, at_end: Array) -> StepMeasure:
+def measure_steps(robot: Mechanism, correction: Array, predicted: Array, end_step: Array) -> StepMeasure:
     """Measure whether T steps stayed on their branches.
 
     Args:
-        correction: (T, nv) from the predicted to the closed configurations.
+        correction: (T, nv) offsets from the predicted to the closed configurations.
         predicted: (T, nv) steps along the tangents at the starts.
-        at_end: (T, nv) steps of the same parameters along the tangents at the ends.
+        end_step: (T, nv) steps of the same parameter lengths along the tangents at the ends.
     """
     corrected, advance = largest_motion(robot, correction), largest_motion(robot, predicted)
-    turned = largest_motion(robot, at_end - predicted)
+    turned = largest_motion(robot, end_step - predicted)
     return StepMeasure(
         correction=corrected,
         small=is_small(corrected, advance),
@@ -50,18 +50,24 @@ def measure_steps(robot: Mechanism, correction: Array, predicted: Array, at_end:
 
 
 def is_small(correction: Array, advance: Array) -> BoolArray:
-    """Whether corrections (T,) of steps by `advance` (T,) are small enough for one branch, (T,)."""
+    """Return which corrections (T,) of steps by `advance` (T,) are small enough for one branch, (T,)."""
     allowed = np.maximum(BRANCH_CORRECTION, BRANCH_STEP_SHARE * advance)
     return (correction <= allowed) & (advance <= MAX_PREDICTOR_MOVE)
 
 
 def is_straight(turned: Array, correction: Array, advance: Array) -> BoolArray:
-    """Whether changes (T,) of steps by the tangents' turn are small enough for one branch, (T,)."""
+    """Return which steps turn so little that both ends are on one branch, (T,).
+
+    Args:
+        turned: (T,) changes of the steps by the turn of the tangent.
+        correction: (T,) corrections of the steps.
+        advance: (T,) lengths of the steps.
+    """
     return turned <= BRANCH_TURN * correction + BRANCH_STEP_SHARE * advance
 
 
 def limit_steps(robot: Mechanism, rate: Array, step: Array) -> Array:
-    """Cut parameter steps (T,) so that no joint moves by `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
+    """Cut parameter steps (T,) so that no joint moves farther than `MAX_PREDICTOR_MOVE` at rates (T, nv)."""
     speed = largest_motion(robot, rate)
     longest = 0.99 * MAX_PREDICTOR_MOVE / np.maximum(speed, LEAST_DIVISOR)  # 0.99 leaves room for rounding
     return np.where(step * speed > MAX_PREDICTOR_MOVE, longest, step)

@@ -51,10 +51,10 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray
 from framework.tolerances import BRANCHES_CROSS, FILE_ROUNDING, NEWTON_STEP
 
 TYPE_1_END_RATIO = 1e-4  # relative singular value below which the loops have lost rank at the end of a branch
-KNOT_NEWTON_STEP = 1e-6  # last Newton step to a knot: guesses between knots are no better than that
-POSES_AT_ONCE = 8  # a stack costs little more than one pose; eight first steps span the path
+KNOT_NEWTON_STEP = 1e-6  # last Newton step to a knot; guesses between knots are not more accurate than this
+POSES_AT_ONCE = 8  # a stack takes little longer than one pose; eight first steps span the path
 SHORT_PATH = 1e-4  # [lengths, rad] a path no longer than this is tried in a single step
-LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s, and [rad or m] from the last configuration
+LOOK_AHEAD, LOOK_AHEAD_NUDGE = (1e-3, 1e-2), 0.02  # in s; motion of joints [rad or m] from the last pose
 LOOP_SINGULARITY = (
     "a singularity of the loop equations, where no configuration can be told from its neighbours"
 )
@@ -78,15 +78,15 @@ class BranchPoses(NamedTuple):
 class FollowedCurve(NamedTuple):
     """The part of a branch that could be followed, as K poses."""
 
-    at: Array  # (K,) parameter, ascending from 0, to 1 if the whole curve was followed
+    s: Array  # (K,) path coordinates, ascending from 0, to 1 if the whole curve was followed
     q: Array  # (K, nq)
-    rate: Array  # (K, nv) joint rates with respect to the parameter
+    rate: Array  # (K, nv) joint rates dq/ds
     last: BranchPoses  # the last pose
 
     @property
     def complete(self) -> bool:
         """Whether the whole curve was followed."""
-        return bool(self.at[-1] == 1.0)
+        return bool(self.s[-1] == 1.0)
 
 
 def assemble(robot: ParallelRobot, x: ArrayLike | None = None) -> Configuration:
@@ -138,19 +138,19 @@ def track_path(robot: ParallelRobot, path: Path) -> Branch:
 def follow_path(
     robot: ParallelRobot, path: Path, q: Array, *, last_step: float = NEWTON_STEP, to_the_end: bool = False
 ) -> FollowedCurve:
-    """Follow the path from the pose q (nq,) at s = 0 to the end of the path or branch.
+    """Follow the path from the pose q (nq,) at s = 0 until path or branch ends.
 
-    The poses stay in one working mode and pass Type 2 singularities. Springs keep the deflections of q. A
-    branch ends at a Type 1 singularity.
+    The poses stay in one working mode; they may pass Type 2 singularities. Springs keep the deflections of q.
+    A branch ends at a Type 1 singularity.
 
     Args:
-        last_step: accuracy of the poses, see `close_each`.
-        to_the_end: whether the last pose is the Type 1 singularity itself, if that is found, instead of a
-            pose just before it.
+        last_step: largest last Newton step to a pose, see `close_each`.
+        to_the_end: whether to add the Type 1 singularity at the end of the branch, if it is found. Otherwise
+            the last pose lies just before it.
     """
-    first = np.zeros(1)
-    pose = _poses_at(robot, path, first, q[None], linearised_at(robot, q[None], path(first)))
-    stretches = [pose]
+    start = np.zeros(1)
+    pose = _poses_at(robot, path, start, q[None], linearised_at(robot, q[None], path(start)))
+    stretches = [pose]  # of poses followed so far, each stretch from one tangent
     is_short = np.abs(path(1.0) - path(0.0)).max() < SHORT_PATH * robot.length
     step = 1.0 if is_short else FIRST_STEP_RATIO
     while pose.s[0] < 1.0:
@@ -172,7 +172,7 @@ def follow_path(
             break
         step *= 0.5
     return FollowedCurve(
-        at=np.concatenate([poses.s for poses in stretches]),
+        s=np.concatenate([poses.s for poses in stretches]),
         q=np.concatenate([poses.q for poses in stretches]),
         rate=np.concatenate([poses.rate for poses in stretches]),
         last=stretches[-1].select(slice(-1, None)),
@@ -186,10 +186,10 @@ def _take_steps(
 
     All ends are predicted from the same pose, but each step is judged from the end of the previous one. A
     step is accepted if the loops close, the correction is small, and its end is in the same working mode. If
-    the tangent turns much, the end must also be away from other branches.
+    the tangent turns much, the loops must also be far from losing rank at the end, where branches cross.
 
     Returns:
-        The poses of accepted steps, up to the first refused, and the correction of the last step; None if
+        The poses of the steps before the first refused one, and the correction of the last of these; None if
         the first step is refused.
     """
     lengths = (s_ahead - start.s)[:, None]
@@ -198,7 +198,7 @@ def _take_steps(
     if ends is None:
         return None
     steps = np.diff(lengths[: len(ends.q)], axis=0, prepend=0.0)
-    q = np.concatenate([start.q, ends.q[:-1]])  # starts of the steps
+    q = np.concatenate([start.q, ends.q[:-1]])  # configurations at the starts of the steps
     predicted = steps * np.concatenate([start.rate, ends.rate[:-1]])
     corrections = difference(robot, integrate(robot, q, predicted), ends.q)
     correction, is_small, is_straight = measure_steps(robot, corrections, predicted, steps * ends.rate)
@@ -206,8 +206,8 @@ def _take_steps(
         return None
     ends = ends.select(slice(_count_leading(is_small)))
     accepted = keeps_working_mode(robot, start.linearised, ends.linearised)
-    bent = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
-    accepted[bent] = count_lost_ranks(robot, ends.linearised.select(bent), BRANCHES_CROSS) == 0
+    curved = np.flatnonzero(accepted & ~is_straight[: len(accepted)])
+    accepted[curved] = count_lost_ranks(robot, ends.linearised.select(curved), BRANCHES_CROSS) == 0
     count = _count_leading(accepted)
     return (ends.select(slice(count)), float(correction[count - 1])) if count else None
 
@@ -215,9 +215,9 @@ def _take_steps(
 def _close_ahead(
     robot: ParallelRobot, path: Path, s: Array, predicted: Array, last_step: float
 ) -> BranchPoses | None:
-    """Close the loops of poses (T, nq) predicted at s (T,), up to the first failure.
+    """Close the loops of poses (T, nq) predicted at s (T,), up to the first that does not close.
 
-    None if the first pose fails.
+    None if the first pose does not close.
     """
     q, linearised, closed = close_each(
         robot, path(s), predicted, last_step=last_step, farthest=MAX_NEWTON_STEP
@@ -240,7 +240,10 @@ def _poses_at(
 
 
 def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> Array:
-    """Return up to POSES_AT_ONCE path coordinates ahead of a pose, within the predictor's range."""
+    """Return up to POSES_AT_ONCE path coordinates ahead of a pose (K = 1), `step` apart.
+
+    Only those are returned to which the tangent may be followed, see `MAX_PREDICTOR_MOVE`, but at least one.
+    """
     lengths = step * np.arange(1, POSES_AT_ONCE + 1)
     speed = largest_motion(robot, pose.rate)[0]
     s_ahead = pose.s + lengths
@@ -251,16 +254,16 @@ def _parameters_ahead(robot: ParallelRobot, pose: BranchPoses, step: float) -> A
 
 
 def _count_leading(flags: BoolArray) -> int:
-    """Count the flags (K,) before the first false one."""
+    """Count the leading true flags of K flags (K,)."""
     return len(flags) if flags.all() else int(np.argmin(flags))
 
 
 def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPoses | None:
     """Find the next Type 1 singularity ahead of a pose (K = 1); None without any."""
-    sizes, still = equation_sizes(robot), np.zeros((1, robot.nv))
+    sizes, at_rest = equation_sizes(robot), np.zeros((1, robot.nv))
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute the equations (T, n + m) and their derivatives at path coordinates `share` (T,)."""
+        """Compute the n + m equations and their derivatives at q (T, nq) and s = `share` (T,)."""
         share = np.clip(share, 0.0, 1.0)
         x = path(share)
         linearised = linearised_at(robot, q, x)
@@ -269,21 +272,23 @@ def _type1_end(robot: ParallelRobot, path: Path, pose: BranchPoses) -> BranchPos
         matrix = type1_matrix(robot, linearised)
         return CurveEquations(matrix, by_share / sizes, linearised.residual / sizes, linearised)
 
-    ahead = Curves(robot, robot.moving, still, evaluate).find_turning_points(pose.q, pose.s)
-    return BranchPoses(ahead.share, ahead.q, ahead.linearised, still) if ahead.found[0] else None
+    ahead = Curves(robot, robot.moving, at_rest, evaluate).find_turning_points(pose.q, pose.s)
+    if not ahead.found[0]:
+        return None
+    return BranchPoses(ahead.share, ahead.q, ahead.linearised, at_rest)  # dq/ds is infinite: none is given
 
 
 def _follow_branch(robot: ParallelRobot, path: Path, q: Array, subject: str) -> Branch:
     """Follow the branch along the path from the pose q (nq,) at s = 0.
 
-    `subject` names the path in errors.
+    `subject` is the name of the path in errors.
     """
     followed = follow_path(robot, path, q, last_step=KNOT_NEWTON_STEP, to_the_end=True)
     if not followed.complete:
         raise _branch_end_error(robot, path, followed, subject)
     offset = difference(robot, q, followed.q)
     rate = difference_rates(robot, q, followed.q, followed.rate)
-    return Branch(robot, path, q, followed.at, offset, rate)
+    return Branch(robot, path, origin=q, s=followed.s, u=offset, du=rate)
 
 
 def _branch_end_error(
@@ -291,7 +296,7 @@ def _branch_end_error(
 ) -> OutOfReach | Type1Singularity | UncontrolledMotions:
     """Return the error for a branch that ends early.
 
-    Either the loops lose rank, or a leg is stretched or folded.
+    At such an end either the loops lose rank, or a leg is stretched or folded.
     """
     last = followed.last
     s, linearised = float(last.s[0]), last.linearised
@@ -326,15 +331,15 @@ def weakest_leg(robot: ParallelRobot, linearised: LinearisedLoops) -> str:
     Of all motors it moves most in the joint motion that moves the platform least.
     """
     matrix = type1_matrix(robot, linearised)[0]
-    motion = np.linalg.svd(matrix)[2][-1]  # (moving,) of the least singular value, motors first
+    motion = np.linalg.svd(matrix).Vh[-1]  # (moving,) of the least singular value, motors first
     motor = np.argmax(np.abs(motion[: robot.n_a]))
     return robot.actuator_names[motor]
 
 
 def _closes_beyond(robot: ParallelRobot, path: Path, last: BranchPoses) -> bool:
-    """Whether the loops close again a little further along the path, on any branch.
+    """Return whether the loops close again a little further along the path, on any branch.
 
-    Newton's method starts from the last pose with all joints moved by a small nudge, in both directions.
+    Newton's method starts from the last pose after all joints have moved slightly, in either direction.
     """
     ahead = last.s + np.array(LOOK_AHEAD)
     ahead = np.repeat(ahead[ahead <= 1.0], 2)  # each twice, for both directions

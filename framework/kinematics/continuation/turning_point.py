@@ -1,12 +1,12 @@
 """The turning point at which a branch ends on a singularity, as the root of an equation.
 
 While the motors turn, or the platform follows its path, the loop equations F(y, s) = 0 define a curve in the
-joints y that follow and the share s of the prescribed motion. If the prescribed motion drives the escaping
+joints y that follow and the share s of the prescribed motion. If the prescribed motion excites the escaping
 motion, the curve remains smooth where M = dF/dy loses rank: only s turns back. So the curve is parametrised
-by t = c . y instead of s, with c along the tangent at the start, and
+by t = c . y instead of s, with the unit vector c along dy/ds at the start, and
 
     [M  b] [dy/dt]   [0]
-    [c' 0] [ds/dt] = [1],    b = dF/ds,
+    [c' 0] [ds/dt] = [1],    b = dF/ds.
 
 The slope ds/dt is the bordered measure of singularity with b as its border (Govaerts 2000, chapter 3). It is
 positive before the turning point and zero at it. The secant method in t finds this root; each iterate also
@@ -28,14 +28,15 @@ from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import solve
 from framework.tolerances import NEWTON_STEP
 
-MAX_BEND, MAX_SKEW = 0.1, 0.25  # relative deviations from a parabola, of its chord and of the gain in s
+# Largest relative deviations from a parabola: of the chord to the turning point, and of the gain in s.
+MAX_CHORD_DEVIATION, MAX_GAIN_DEVIATION = 0.1, 0.25
 FIRST_SECANT_LENGTH = 1e-3  # [rad, lengths] along the curve, for the first secant of ds/dt
-MAX_ARC_LENGTH = 2.0  # [rad, lengths] of all joints together: a farther end needs a nearer start
+MAX_ARC_LENGTH = 2.0  # [rad, lengths] of all joints together; a turning point farther away is not sought
 MAX_SECANTS = 12
 
 
 class CurveEquations(NamedTuple):
-    """F and its derivatives at T points, without dimension (radians, lengths of the robot)."""
+    """F and its derivatives at T points, dimensionless (radians, lengths of the robot)."""
 
     matrix: Array  # (T, k, k) M
     by_share: Array  # (T, k) b
@@ -44,10 +45,10 @@ class CurveEquations(NamedTuple):
 
 
 class CurveEnds(NamedTuple):
-    """The turning points of T curves; unless one is `found` the other values mean nothing."""
+    """The turning points of T curves; the values of a curve are meaningless unless `found`."""
 
-    found: BoolArray  # (T,)
-    share: Array  # (T,) of the prescribed motion
+    found: BoolArray  # (T,) whether the curve has a turning point ahead
+    share: Array  # (T,) s, the share of the prescribed motion
     q: Array  # (T, nq)
     linearised: LinearisedLoops  # at q
     length: Array  # (T,) t along the curve [rad, lengths]
@@ -60,26 +61,29 @@ class Curves:
     """T curves F(y, s) = 0."""
 
     robot: ParallelRobot
-    columns: IntArray  # (k,) of the joints that follow
+    columns: IntArray  # (k,) columns of the joints y that follow
     turn: Array  # (T, nv) prescribed motion of the other joints from s = 0 to 1
-    evaluate: Callable[[Array, Array], CurveEquations]  # at q (T, nq) and s (T,)
+    evaluate: Callable[[Array, Array], CurveEquations]  # evaluates F at q (T, nq) and s (T,)
 
     def find_turning_points(self, q: Array, share: Array) -> CurveEnds:
         """Find the turning points of T curves ahead of configurations q (T, nq) at s = `share` (T,).
 
-        A turning point counts as found only if the curve from q to the point is nearly a parabola in t. Then
-        the chord is t times the mean of both end tangents, and s gains t/2 times its slope at the start.
+        A turning point counts as found only if the curve from q to the point is nearly a parabola in t. On a
+        parabola the chord is t times the mean of both end tangents, and s gains t/2 times its slope at the
+        start.
         """
         with np.errstate(all="ignore"):  # a curve without a turning point ahead diverges
             end = self._follow_to_turn(q, share)
-            first = end.length[:, None] * self._joint_motions(end.first_tangent)  # (T, nv)
-            last = end.length[:, None] * self._joint_motions(end.last_tangent)
-            deviation = difference(self.robot, q, end.q) - 0.5 * (first + last)
-            bend, length = largest_motion(self.robot, deviation), largest_motion(self.robot, first)
-            gain = 0.5 * end.length * end.first_tangent[:, -1]
-            is_turning = end.found & (end.share < 1.0) & (bend <= MAX_BEND * length)
-            is_turning &= np.abs(end.share - share - gain) <= MAX_SKEW * gain
-        return end._replace(found=is_turning)
+            start_motion = end.length[:, None] * self._joint_motions(end.first_tangent)  # (T, nv)
+            end_motion = end.length[:, None] * self._joint_motions(end.last_tangent)
+            chord = difference(self.robot, q, end.q)
+            deviation = largest_motion(self.robot, chord - 0.5 * (start_motion + end_motion))
+            expected_gain = 0.5 * end.length * end.first_tangent[:, -1]
+            gain_error = np.abs(end.share - share - expected_gain)
+            found = end.found & (end.share < 1.0)
+            found &= deviation <= MAX_CHORD_DEVIATION * largest_motion(self.robot, start_motion)
+            found &= gain_error <= MAX_GAIN_DEVIATION * expected_gain
+        return end._replace(found=found)
 
     def _joint_motions(self, step: Array) -> Array:
         """Return joint motions (T, nv) for steps (T, k + 1) in y and s."""
@@ -90,7 +94,7 @@ class Curves:
     def _follow_to_turn(self, q: Array, share: Array) -> CurveEnds:
         """Follow T curves from q (T, nq) at s = `share` (T,) to ds/dt = 0 by the secant method.
 
-        A curve that has converged or has become too long rests while the others go on.
+        A curve that has converged or become too long rests while the others go on.
         """
         equations = self.evaluate(q, share)
         c = solve(equations.matrix, -equations.by_share)  # dy/ds at the start
@@ -120,7 +124,8 @@ class Curves:
 def _newton_step_and_tangent(equations: CurveEquations, c: Array) -> tuple[Array, Array]:
     """Compute Newton's step back to the curve and the tangent d(y, s)/dt, each (T, k + 1).
 
-    The matrix is [M b; c' 0], the right sides are [-F; 0] and [0; 1]: Newton's step does not change c . y.
+    The matrix is [M b; c' 0], with c (T, k); the right sides are [-F; 0] and [0; 1]. So Newton's step does
+    not change c . y.
     """
     count, size = c.shape
     top = [equations.matrix, equations.by_share[:, :, None]]

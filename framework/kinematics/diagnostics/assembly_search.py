@@ -1,14 +1,14 @@
 """Search for closed poses within the joints' limits from several starts, if the reference is not closed.
 
 Loops that share a joint form a group. Groups are closed independently, so that two legs do not have to
-succeed from the same start. The first start of a group is the reference itself; the others are drawn around
-it with a fixed seed, from a quarter, a half and all of the range of each joint in turn. The range is given by
-the limits, or else it is half a turn or a length of the robot either way. From each start bounded
-trust-region least squares (`scipy.optimize`) first nearly closes the loops with joints near the reference,
-then closes them. Of the first few closed poses the nearest to the reference is returned.
+succeed from the same start. The first start of a group is the reference itself. The others are drawn around
+it with a fixed seed, in turn from a quarter, a half and all of the range of each joint. The range is that of
+the limits; without limits it is half a turn or a length of the robot in both directions. From each start
+bounded trust-region least squares (`scipy.optimize`) first nearly closes the loops with joints near the
+reference, then closes them. Of the first few closed poses the nearest to the reference is returned.
 
-The result closes the loops and keeps the limits. But parts may collide, or the robot may be meant to be
-assembled in another way.
+The result closes the loops and keeps the limits. But parts may collide, or the robot may be intended for
+another assembly.
 """
 
 from __future__ import annotations
@@ -36,13 +36,15 @@ from framework.numerics.rotations import wrap_angles
 from framework.tolerances import LOOP_GAP
 
 MAX_STARTS = 32  # for one group of loops
-ENOUGH_POSES = 8  # closed poses of a group to choose from
-START_SPREADS = (0.25, 0.5, 1.0)  # share of each joint's range from which starts are drawn, in turn
+ENOUGH_POSES = 8  # number of closed poses of a group after which the search ends
+START_SPREADS = (0.25, 0.5, 1.0)  # shares of each joint's range from which starts are drawn, in turn
 RANDOM_SEED = 0
-MIN_JOINT_ROOM = 1e-9  # between limits [rad, robot lengths], or relative to their distance from the reference
-GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian from the reference
-# options of `scipy.optimize.least_squares` to nearly close the loops, and to close them: there by steps of
-# least norm (lsmr), because there are more joints than independent equations
+# Least distance between limits [rad, robot lengths], or relative to their distance from the reference if
+# larger.
+MIN_JOINT_ROOM = 1e-9
+GAP_PER_RADIAN = 0.1  # gap of the loops that weighs as much as a joint one radian away from the reference
+# Options of `scipy.optimize.least_squares`, first to nearly close the loops, then to close them. The second
+# solver takes steps of least norm (lsmr), because there are more joints than independent equations.
 NEARLY: dict[str, Any] = {"max_nfev": 100, "xtol": 1e-6, "ftol": 1e-6, "gtol": 1e-6}
 CLOSELY: dict[str, Any] = {
     "max_nfev": 20,
@@ -57,7 +59,7 @@ class ClosedPose(NamedTuple):
     """A configuration with closed loops, and its distance from the reference."""
 
     q: Array  # (nq,)
-    joint: str  # farthest from the reference
+    joint: str  # name of the joint farthest from the reference
     distance: str  # of that joint from the reference, such as "0.6 rad"
 
 
@@ -65,7 +67,8 @@ def find_closed_pose(mechanism: Mechanism) -> ClosedPose:
     """Find a configuration that closes all loops within the joints' limits, springs at rest.
 
     Raises:
-        NotAssembled: no start leads to a closed pose; names a loop equation and the least gap.
+        NotAssembled: no start leads to a closed pose; the message names a loop equation and its least
+            residual.
     """
     lower, upper = _joint_ranges(mechanism)
     u = np.zeros(mechanism.nv)  # offsets from the reference [rad, robot lengths]
@@ -87,13 +90,13 @@ class _Group:
 
     mechanism: Mechanism
     rows: LoopRows
-    directions: LockedDirections  # that tell a closed loop from a flipped one, see `closures`
+    directions: LockedDirections  # directions that tell a closed loop from a flipped one, see `closures`
     columns: IntArray  # (k,)
     lower: Array  # (k,) limits of the joints, else infinite
     upper: Array  # (k,)
 
     def gap(self, u: Array) -> Array:
-        """Compute the loop equations (m,) [robot lengths or rad], then the direction gaps (3 d,)."""
+        """Compute residuals (m + 3 d,): m loop equations [robot lengths or rad], then d direction gaps."""
         frames = self._frames(u)
         residual = loop_equations(self.rows, frames).residual[0]
         equations = row_weights(self.mechanism, self.rows.rotation) * residual
@@ -108,7 +111,7 @@ class _Group:
         return np.concatenate([rows, vectors.reshape(-1, self.mechanism.nv)])[:, self.columns]
 
     def close(self, start: Array) -> tuple[Array, float]:
-        """Find offsets (k,) near a start that close the loops best, and their largest gap."""
+        """Find offsets (k,) near a start that close the loops best, and their largest residual."""
         from scipy.optimize import least_squares
 
         answer = least_squares(self.gap, start, self.slope, bounds=(self.lower, self.upper), **CLOSELY)
@@ -117,7 +120,7 @@ class _Group:
     def nearly_close(self, start: Array) -> Array:
         """Find the smallest offsets u (k,) that nearly close the loops.
 
-        They minimise the sum of squares of gap / `GAP_PER_RADIAN` and of u.
+        They minimise the sum of the squares of u and of gap / `GAP_PER_RADIAN`.
         """
         from scipy.optimize import least_squares
 
@@ -143,7 +146,7 @@ class _Group:
 def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
     """Split the loops of a robot into groups that share no joint, springs at rest.
 
-    A group is a connected component of the graph of rows that share joints.
+    A group is a connected component of the graph whose edges are rows that share a joint.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
@@ -169,7 +172,7 @@ def _joint_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return the limits of all joints as offsets from the reference, (nv,) each [rad, robot lengths]."""
     reference = mechanism.coordinates.positions(mechanism.q_near[None])[0]
     lower, upper = (mechanism.joint_ranges - reference) / mechanism.column_scale
-    # the solver refuses equal bounds: leave a little room between equal limits
+    # the solver refuses equal bounds, so a little room is left between equal limits
     limited = np.isfinite(lower)
     room = MIN_JOINT_ROOM * np.maximum(np.abs(lower[limited]), 1.0)
     upper[limited] = np.maximum(upper[limited], lower[limited] + room)
@@ -184,30 +187,30 @@ def _find_nearest_offsets(group: _Group) -> Array:
     """
     turning = ~group.mechanism.sliding[group.columns]
     limited = np.isfinite(group.lower)
-    reach = np.where(turning, np.pi, 1.0)
-    low = np.where(limited, group.lower, -reach)
-    high = np.where(limited, group.upper, reach)
+    half_range = np.where(turning, np.pi, 1.0)  # of joints without limits
+    low = np.where(limited, group.lower, -half_range)
+    high = np.where(limited, group.upper, half_range)
     reference = np.clip(0.0, low, high)
     rng = np.random.default_rng(RANDOM_SEED)
     poses: list[Array] = []
-    best, least = reference, np.inf  # the offsets with the least gap
+    best_u, least_gap = reference, np.inf  # of all starts so far
     for k in range(MAX_STARTS):
         spread = START_SPREADS[k % len(START_SPREADS)] if k else 0.0  # the first start is the reference
         start = reference + spread * (rng.uniform(low, high) - reference)
         u, gap = group.close(group.nearly_close(start))
-        if gap < least:
-            best, least = u, gap
+        if gap < least_gap:
+            best_u, least_gap = u, gap
         if gap < LOOP_GAP:
             poses.append(np.where(turning & ~limited, wrap_angles(u), u))
             if k == 0 or len(poses) == ENOUGH_POSES:
                 break
     if not poses:
-        raise _still_open_error(group, best)
+        raise _still_open_error(group, best_u)
     return min(poses, key=np.linalg.norm)
 
 
 def _still_open_error(group: _Group, u: Array) -> NotAssembled:
-    """Return the error for a group that no start has closed; offsets `u` (k,) came nearest."""
+    """Return the error for a group that no start has closed; offsets `u` (k,) have the least gap."""
     mechanism, q = group.mechanism, group.configuration(u)
     gap = np.abs(group.gap(u))[: len(group.rows.names)]  # without directions
     row = np.argmax(gap)

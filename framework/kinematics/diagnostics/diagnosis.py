@@ -29,7 +29,9 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.numerics.arrays import Names
 from framework.tolerances import BRANCHES_MEET, HELD_IDLE
 
-MOVED_REFERENCE = 1e-3  # [rad, robot lengths] motion of a joint that rounding to four digits cannot explain
+MOVED_REFERENCE = (
+    1e-3  # [rad, robot lengths] larger motions of a joint are not due to rounding to four digits
+)
 
 
 @dataclass(frozen=True)
@@ -58,10 +60,10 @@ class Diagnosis:
     assembly_mode: int  # sign, which changes at Type 2; 0 unless `square`
     smallest_singular_value: float | None  # of P, dimensionless; None unless `square` and P has columns
     square: bool  # as many platform axes as degrees of freedom, all able to move, and no fewer actuators
-    stuck_axes: str  # along which the platform cannot move; empty without any
-    axes_that_do: tuple[Names, ...]  # sufficient platform axes, if the stated ones are not
+    stuck_axes: str  # axes along which the platform cannot move; empty without any
+    axes_that_do: tuple[Names, ...]  # sets of sufficient platform axes, if the stated axes are not sufficient
     assembled: bool  # whether the loops close near the reference of the file, without a search
-    gap_at_reference: float  # [m or rad] of the loops near the reference of the file; 0 if `assembled`
+    gap_at_reference: float  # [m or rad] residual of the loops near the file's reference; 0 if `assembled`
     advice: tuple[str, ...]
 
 
@@ -120,7 +122,7 @@ def check_robot(mechanism: Mechanism) -> Diagnosis:
         stuck_axes=axes.stuck,
         axes_that_do=axes.proposals,
         assembled=gap is None,
-        gap_at_reference=0.0 if gap is None else gap,
+        gap_at_reference=gap or 0.0,
         advice=tuple(advice),
     )
 
@@ -260,14 +262,15 @@ def _advice_on_reference(robot: ParallelRobot) -> Iterator[str]:
 
 
 def _name_suspect_closures(robot: ParallelRobot, mobility: int) -> str:
-    """Describe the closures without which the freedoms suffice for the platform axes; empty without any."""
+    """Describe closures without which the freedoms suffice for the platform axes; empty without any."""
     if mobility >= robot.n:
         return ""
-    names, loops = [], joint_loops_matrix(robot, robot.reference.q)
+    names = []
+    loops = joint_loops_matrix(robot, robot.reference.q)
     for closure in robot.description.closures:
         others = [k for k, name in enumerate(robot.rows.names) if not name.startswith(f"{closure.name}.")]
         rank = len(independent_rows(loops[others])) if others else 0
-        gained = len(robot.structure.independent) - rank  # freedoms that the closure takes
+        gained = len(robot.structure.independent) - rank  # freedoms gained without the closure
         if mobility + gained >= robot.n:
             names.append(closure.name)
     return f" (look at {', '.join(names)} first: without one of them the freedom is there)" if names else ""

@@ -4,12 +4,12 @@ At a configuration the joints have f freedoms: joints less independent loop equa
 motion that moves neither a motor nor a platform coordinate is of one of two kinds:
 
 * idle: no centre of mass moves, as when a rod turns about its own axis between two balls. Weight does not
-  drive the motion. Planning holds it at rest, or lets damping or armature of the balls drive it;
+  drive the motion. Planning keeps it at rest, or lets damping or armature of the balls drive it;
 * loose: masses move, as with a pendulum on the platform or a linkage without a motor. No plan determines the
   motion.
 
-If the platform cannot move along an axis at one pose only, that is a singularity and no property of the
-mechanism. So an axis counts as stuck only if it is also stuck at neighbouring closed poses.
+If the platform cannot move along an axis at a single pose, the pose is singular; this is not a property of
+the mechanism. So an axis counts as stuck only if it is also stuck at neighbouring closed poses.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MAX_PROPOSALS = 4
 class Mobility(NamedTuple):
     """The freedoms of a robot at its reference."""
 
-    freedoms: int  # all of them, springs locked
+    freedoms: int  # number of all degrees of freedom, springs locked
     idle: Names  # a joint for each motion that moves no centre of mass
     loose: Names  # a joint for each motion that moves masses without any motor or platform coordinate
 
@@ -49,16 +49,16 @@ class Mobility(NamedTuple):
 
 
 class PlatformAxes(NamedTuple):
-    """Platform axes that are stuck, as "x, rz" or "x and rz independently of each other"."""
+    """Platform axes that are stuck, such as "x, rz" or "x and rz independently of each other"."""
 
     stuck: str  # axes stuck at the reference and at nearby poses; empty without any
     stuck_here: str  # axes stuck at the reference
     velocities: int  # number of independent twists of the platform's frame, 0..6
-    proposals: tuple[Names, ...]  # sufficient axes, if the stated ones are not
+    proposals: tuple[Names, ...]  # sets of sufficient axes, if the stated axes are not sufficient
 
 
 def count_freedoms(robot: ParallelRobot) -> Mobility:
-    """Count the degrees of freedom at the assembled reference; name a joint for idle and loose ones."""
+    """Count the degrees of freedom at the reference; name a joint for each idle and loose one."""
     q = robot.reference.q
     motions = _free_motions(robot, q)  # (nv, f)
     driven_rates = np.concatenate([_platform_rates(robot, q), np.eye(robot.nv)[robot.actuated]])
@@ -77,8 +77,11 @@ def count_freedoms(robot: ParallelRobot) -> Mobility:
 def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
     """Find axes along which the platform cannot move, and sets of sufficient axes.
 
-    An axis counts as stuck if the platform cannot move along it at the assembled reference, nor at any of
-    some closed poses nearby. `stuck_here` is about the reference alone.
+    An axis counts as `stuck` if the platform can move along it neither at the assembled reference nor at any
+    nearby closed pose, and as `stuck_here` if the platform cannot move along it at the reference.
+
+    Args:
+        freedoms: number of degrees of freedom that the axes have to describe.
     """
     q, names = robot.reference.q, robot.axis_names
     stuck_here = _immovable_combinations(robot, q)
@@ -98,14 +101,14 @@ def examine_platform_axes(robot: ParallelRobot, freedoms: int) -> PlatformAxes:
 
 
 def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Names, ...]:
-    """Return sets of axes along which a frame can move, by number of turns.
+    """Return sets of axes along which a frame can move, fewest turns first.
 
-    A set is sufficient if the frame can move independently along all of its axes, at one pose at least. Two
-    turns are coordinates in series, and their order matters: if the `stated` axes are two turns that are not
-    sufficient, the reverse order is proposed.
+    A set is sufficient if at one pose at least the frame can move independently along all of its axes. Two
+    turns are coordinates in series, and their order matters. So if the `stated` axes are two turns that are
+    not sufficient, the reverse order is proposed.
 
     Args:
-        twists: (6, f) of the frame at each pose, for the f motions that the loops allow.
+        twists: (6, f) at each pose, twists of the frame in the f motions that the loops allow.
     """
     if not freedoms:
         return ()
@@ -125,8 +128,8 @@ def _propose_axes(twists: list[Array], freedoms: int, stated: Names) -> tuple[Na
 
 def find_free_motions(robot: Mechanism, q: Array, rank: int) -> Array:
     """Compute orthonormal joint motions (nv, f) that loops of a rank allow at q [rad, robot lengths]."""
-    right = np.linalg.svd(joint_loops_matrix(robot, q))[2]
-    return full_motion(robot, robot.joints, right[rank:]).T
+    null_vectors = np.linalg.svd(joint_loops_matrix(robot, q)).Vh[rank:]  # (f, joints)
+    return full_motion(robot, robot.joints, null_vectors).T
 
 
 def _free_motions(robot: ParallelRobot, q: Array) -> Array:
@@ -135,7 +138,7 @@ def _free_motions(robot: ParallelRobot, q: Array) -> Array:
 
 
 def _immovable_combinations(robot: ParallelRobot, q: Array) -> Array:
-    """Compute orthonormal combinations (n, k) of platform coordinates that no motion at q changes."""
+    """Compute orthonormal combinations (n, k) of platform rates that are zero in all motions at q."""
     return null_space((_platform_rates(robot, q) @ _free_motions(robot, q)).T)
 
 
@@ -171,7 +174,8 @@ def mass_centre_jacobian(robot: Mechanism, q: Array) -> Array:
 
 def _name_stuck_axes(stuck: Array, names: Names) -> str:
     """Name the axes of immovable combinations (n, k): single axes first, then the mixed ones."""
-    sizes = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))  # 1 if immovable by itself
+    # 1 if the axis is immovable by itself, 0 if it is in no combination
+    sizes = dict(zip(names, np.linalg.norm(stuck, axis=1), strict=True))
     alone = [name for name, size in sizes.items() if size > 1.0 - FILE_ROUNDING]
     if len(alone) == stuck.shape[1]:
         return ", ".join(alone)
@@ -195,7 +199,7 @@ def row_and_null_space(matrix: Array, level: float) -> tuple[Array, Array]:
 
 
 def _choose_joints(motions: Array, excluded: tuple[int, ...] = ()) -> tuple[int, ...]:
-    """Choose k ascending joints, except excluded ones, whose rates determine k motions (nv, k)."""
+    """Choose k joints, ascending and none of `excluded`, whose rates determine k motions (nv, k)."""
     if not motions.shape[1]:
         return ()
     joints = np.setdiff1d(np.arange(len(motions)), excluded)

@@ -1,11 +1,11 @@
 """Propose platform, axes, motors and reference of a mechanism if its file states none.
 
-Proposals follow from the motions that the loops allow at a closed pose. Motors are those of the file, else
-the joints nearest to the base that determine the motions. The platform is a body that every motor moves. Its
-coordinates are the joints that carry it, if these are as many as the freedoms and have no motor (an ankle's
-pitch and roll). They are its turns if the motors turn it about one point. Otherwise they are the axes of a
-frame on it along which it moves best. Each proposal is tried before it is made: the robot must assemble, its
-platform must move along each axis, and its motors must drive all motions.
+Proposals follow from the motions that the loops allow at a closed pose. The motors are those of the file, or
+else the joints nearest to the base that determine the motions. The platform is a body that every motor moves.
+Its coordinates are the positions of the joints that carry it, if there are as many as freedoms and none has a
+motor (pitch and roll of an ankle). They are its turns if the motors turn it about one point. Otherwise they
+are the axes of one of its frames along which it moves best. Each proposal is tested before it is made: the
+robot must assemble, its platform must move along each axis, and its motors must drive all motions.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ from framework.tolerances import ALIKE_CHOICES, FILE_ROUNDING, NEARLY_AT_REST
 
 MAX_TRIED = 12  # number of platforms that are tried
 MAX_SHOWN = 6  # number of joints that a message names
-MAX_CHOICES = 20_000  # sets of motors that are compared one by one; more are chosen by pivoting
+MAX_CHOICES = 20_000  # number of sets of motors compared one by one; if there are more, pivoting chooses
 IN_NO_LOOP = "in no loop; --motors or --platform say otherwise"
 BESIDE_SINGULARITY = "reference: a pose beside the file's, which is on a singularity of the loops"
-# parts of names that people give to tools and platforms
+# Parts of the usual names of tools and platforms.
 NAMES_OF_TOOLS = ("effector", "tcp", "tool", "tip", "platform", "plate", "foot", "sole", "hand", "eff", "pad")
 
 
@@ -74,7 +74,7 @@ class _Motions(NamedTuple):
         return self.working[velocity_columns(self.mechanism.model, names)]
 
     def choose_independent(self, motions: Array, names: Iterable[str]) -> list[str]:
-        """Choose the first joints by name with independent rates in motions (nv, k)."""
+        """Choose from `names`, in this order, joints with independent rates in motions (nv, k)."""
         chosen: list[str] = []
         for name in names:
             rows = motions[velocity_columns(self.mechanism.model, [*chosen, name])]
@@ -84,7 +84,7 @@ class _Motions(NamedTuple):
 
 
 class _UndrivenMotions(RobotFileError):
-    """Motions that no motor drives; `joints` can be held at the closed pose for the reason `why`."""
+    """The error for motions that no motor drives: `joints` can be held, for the reason `why`."""
 
     def __init__(self, message: str, motions: _Motions, joints: Sequence[str], why: str) -> None:
         """Store the joints to hold, the reason, and the closed pose as reference values by name."""
@@ -96,36 +96,37 @@ class _UndrivenMotions(RobotFileError):
 def propose(options: Options, known: PartialRobot) -> PartialRobot:
     """Complete the description with missing platform, motors and reference; remark on each.
 
-    Free bases are held. So are serial joints that carry no loop (a wrist on a delta), unless the options name
-    them or the platform is on them. If the whole robot cannot be planned, springs and idle turns without a
-    motor are held, too, and, unless options say otherwise, serial joints that carry loops (the hip of a leg).
+    Serial joints are those in no loop. Free bases are held. So are serial joints that carry no loop (a wrist
+    on a delta), unless the options name them or they carry the platform. If nothing can be proposed for the
+    robot then, springs and idle turns without a motor are held, too, and, unless the options exclude it,
+    serial joints that carry loops (the hip of a leg).
 
     Raises:
         NotAssembled: the loops close nowhere.
-        RobotFileError: nothing can be proposed; names sufficient options.
+        RobotFileError: nothing can be proposed; the message names sufficient options.
     """
     known = known._replace(chooses_motors=options.motors is None)
     serial = _serial_joints(known)
     free = [name for name in serial if known.tree.joints[name].kind == "floating"]
     known = _hold_joints(known, free, "a free base, which no motor drives")
-    without_loops, before_loops = _split_serial_joints(known, options)
+    without_loops, carrying_loops = _split_serial_joints(known, options)
     known = _hold_joints(known, without_loops, IN_NO_LOOP)
     if known.platform is not None and options.motors is not None:
         return known.with_platform(known.platform)
 
-    may_hold = bool(before_loops) and options.is_silent  # the serial joints that carry loops
+    may_hold_carriers = bool(carrying_loops) and options.is_silent
     try:
-        return _complete_description(known, by_joints=not may_hold)
+        return _complete_description(known, by_joints=not may_hold_carriers)
     except RobotFileError as error:
-        if may_hold:
-            known = _hold_joints(known, before_loops, IN_NO_LOOP)
+        if may_hold_carriers:
+            known = _hold_joints(known, carrying_loops, IN_NO_LOOP)
         elif not isinstance(error, _UndrivenMotions):
             raise
     return _complete_with_holding(known)
 
 
 def _complete_with_holding(known: PartialRobot) -> PartialRobot:
-    """Complete the description; hold springs and idle turns without a motor."""
+    """Complete the description; hold springs and idle turns that no motor drives."""
     try:
         return _complete_description(known, by_joints=True)
     except _UndrivenMotions as undriven:
@@ -137,7 +138,8 @@ def _complete_with_holding(known: PartialRobot) -> PartialRobot:
 def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRobot:
     """Complete the description as `propose` does, without holding more joints.
 
-    If nothing can be proposed at the file's pose and this is beyond joint limits, a pose within is tried.
+    If nothing can be proposed at the file's pose, and this pose exceeds joint limits, a pose within the
+    limits is tried.
 
     Args:
         by_joints: whether positions of joints may become the platform's coordinates.
@@ -158,7 +160,7 @@ def _complete_description(known: PartialRobot, *, by_joints: bool) -> PartialRob
 
 
 def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool) -> PartialRobot:
-    """Complete the description at a closed pose: motors, then the first proposed platform that is driven."""
+    """Choose the motors at a closed pose, then the first platform that is driven."""
     if not motions.freedoms:
         raise _no_freedom_error(motions, known)
     known = _choose_motors(motions, known)
@@ -174,7 +176,8 @@ def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool
     joint_platforms = list(_joint_platforms(motions, known)) if by_joints else []
     for platform in joint_platforms:
         if _is_driven(known.description, platform):
-            why = f"no body is moved by all of the motors{'; or ' * bool(part)}{part.removesuffix(', ')}"
+            alternative = f"; or {part.removesuffix(', ')}" if part else ""
+            why = f"no body is moved by all of the motors{alternative}"
             remark = f"platform: the joints {', '.join(platform.names)} (proposed: {why})"
             return known.with_platform(platform, remark)
     if joint_platforms:  # the construction of the robot may raise a more precise error
@@ -184,14 +187,15 @@ def _complete_at_pose(known: PartialRobot, motions: _Motions, *, by_joints: bool
     remedy = f"hold joints (such as --lock {' '.join(holding)})" if holding else "give --platform and --axes"
     raise RobotFileError(
         f"no body is moved by all of the motors {', '.join(known.description.motor_joints)} along "
-        f"{motions.freedoms} axes, and by them alone; {part}{'or ' * bool(part)}{remedy}"
+        f"{motions.freedoms} axes, and by them alone; {f'{part}or ' if part else ''}{remedy}"
     )
 
 
 def _choose_motors(motions: _Motions, known: PartialRobot) -> PartialRobot:
     """Return the content of the file with the closed pose as reference and with motors.
 
-    The file's motors are kept if they are no more than the freedoms.
+    If the file has more motors than there are freedoms, the best ones are chosen, unless options name the
+    motors.
     """
     mechanism = motions.mechanism
     description = replace(mechanism.description, reference=mechanism.reference_values(motions.q))
@@ -225,7 +229,8 @@ def _no_freedom_error(motions: _Motions, known: PartialRobot) -> RobotFileError:
 def _advise_on_parts(known: PartialRobot) -> str:
     """Return advice to select one of several parts with loops, such as a leg; empty without several.
 
-    A part is what a joint carries if that includes several motors, but not all, and only whole loops.
+    The links that a joint carries are a part if they have several of the motors but not all, and only whole
+    loops.
     """
     tree, description = known.tree, known.description
     motor_paths = [tree.path_to_base(tree.joints[name].child) for name in description.motor_joints]
@@ -241,7 +246,7 @@ def _advise_on_parts(known: PartialRobot) -> str:
 
 
 def _advise_on_other_loops(known: PartialRobot) -> str:
-    """Return advice to lock all loops that share no joint with the first; empty without any."""
+    """Return advice to lock all loops that share no joint with the first loop; empty without any."""
     tree, description = known.tree, known.description
     first, *others = merge_overlapping(_loop_joints(tree, loop) for loop in description.closures) or [[]]
     other_joints = [name for joints in others for name in joints]
@@ -260,8 +265,7 @@ def _loop_joints(tree: UrdfTree, closure: Closure) -> list[str]:
 def _close_within_limits(description: RobotDescription) -> _Motions | None:
     """Return the motions at the nearest closed pose within the joints' limits.
 
-    Returns:
-        None if the reference of the file is within the limits, or no closed pose within them is found.
+    None if the reference of the file is within the limits, or if no closed pose within them is found.
     """
     mechanism = Mechanism.from_description(description)
     if not positions_beyond_limits(mechanism.limits, mechanism.q_near[None]):
@@ -295,7 +299,7 @@ def _motions_near_reference(description: RobotDescription) -> _Motions:
 def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     """Return the mechanism with a closed pose as `q_near`, and remarks on the pose.
 
-    If the loops do not close near the reference, the nearest closed pose is searched.
+    If the loops do not close near the reference, the nearest closed pose is sought.
     """
     try:
         assembled, closing = assemble_mechanism(mechanism)
@@ -317,7 +321,7 @@ def _assemble(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
 def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
     """Return the motions (nv, w) of a basis (nv, f) that move a mass or a motor.
 
-    Joints of couplings, such as a thread, count as motors unless nothing has mass.
+    Joints of couplings, such as those of a thread, count as motors, unless no body has mass.
     """
     description = mechanism.description
     velocities = mass_centre_jacobian(mechanism, q) @ basis
@@ -333,7 +337,7 @@ def _working_motions(mechanism: Mechanism, q: Array, basis: Array) -> Array:
 def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
     """Choose joints whose rates determine the working motions.
 
-    Joints that the file suggests come first, then those nearest to the base.
+    Joints that the file suggests as motors come first, then those nearest to the base.
     """
     by_depth = sorted(tree.movable, key=lambda name: len(tree.path_to_base(tree.joints[name].child)))
     suggested = [name for name in tree.likely_motors if name in by_depth]
@@ -341,7 +345,7 @@ def _choose_driving_joints(motions: _Motions, tree: UrdfTree) -> list[str]:
 
 
 def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
-    """Choose the set of as many motors as freedoms with the best conditioned rates, out of more names.
+    """Choose as many of the motors `names` as freedoms, with the best conditioned rates.
 
     Raises:
         RobotFileError: two choices are equally good.
@@ -349,8 +353,8 @@ def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
     count = motions.freedoms
     rates = motions.rates(names)  # (n_a, w)
     if comb(len(names), count) > MAX_CHOICES:
-        order = qr(rates.T, pivoting=True)[2][:count]
-        return [names[i] for i in sorted(order)]
+        _, _, pivots = qr(rates.T, pivoting=True)
+        return [names[i] for i in sorted(pivots[:count])]
 
     choices = list(combinations(names, count))
     indices = np.array(list(combinations(range(len(names)), count)))  # (choices, count)
@@ -366,9 +370,10 @@ def _choose_best_motors(motions: _Motions, names: Names) -> list[str]:
 
 
 def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRobot) -> list[str]:
-    """Choose joints to lock that stop all of some unwanted motions (nv, k); empty if none can.
+    """Choose joints that, when locked, stop all unwanted motions (nv, k); empty if no choice does.
 
-    Joints with springs come first, then those far from the base.
+    Passive joints with springs come first, then those far from the base. If these do not suffice, all serial
+    joints are chosen.
     """
     tree, description = known.tree, known.description
     springs = [name for name, joint in description.joints.items() if joint.stiffness]
@@ -386,8 +391,8 @@ def _check_driven(motions: _Motions, known: PartialRobot) -> None:
     """Refuse a mechanism with motions that no motor determines; name joints to hold.
 
     Raises:
-        _UndrivenMotions: with joints to hold. Either these joints have springs; or the undriven motions leave
-            a body at rest that all motors move, and this body can be the platform.
+        _UndrivenMotions: joints can be held. Either these joints have springs, or a body that all motors move
+            is at rest in the undriven motions and can be the platform.
         RobotFileError: no joints can be held for these reasons.
     """
     description = known.description
@@ -402,16 +407,18 @@ def _check_driven(motions: _Motions, known: PartialRobot) -> None:
     advice = f"hold joints (such as --lock {' '.join(to_hold)}), or name" if to_hold else "name"
     message = (
         f"{motions.freedoms} freedoms and {len(motors)} motor{'s' * (len(motors) != 1)} "
-        f"({', '.join(motors)}): nothing says how {undriven.shape[1]} of them go; {advice} more motors"
+        f"({', '.join(motors)}): no motor drives {undriven.shape[1]} of them; {advice} more motors"
     )
     if not to_hold:
         raise RobotFileError(message)
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):
         why = "springs that no motor drives, as if rigid; --motors says otherwise"
         raise _UndrivenMotions(message, motions, to_hold, why)
-    driven = motions.working @ np.linalg.pinv(motions.rates(motors))  # (nv, n_a) by unit rates of motors
+    driven = motions.working @ np.linalg.pinv(
+        motions.rates(motors)
+    )  # (nv, n_a) joint rates for unit motor rates
     for _, twists in _frame_twists(motions, known.tree):
-        speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame by each motor
+        speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame for a unit rate of each motor
         if np.all(speeds > FILE_ROUNDING) and np.abs(twists @ undriven).max() < FILE_ROUNDING:
             why = (
                 "no motor drives them, and what all motors move stands still when they turn; --motors says "
@@ -425,7 +432,7 @@ def _check_driven(motions: _Motions, known: PartialRobot) -> None:
 
 
 def _likely_platforms(motions: _Motions, known: PartialRobot) -> list[Platform]:
-    """Return platforms to try, the likeliest first, on frames that every motor moves."""
+    """Return platforms to try, most likely first, on frames that every motor moves."""
     motions_by_motor = np.linalg.pinv(motions.rates(known.description.motor_joints))  # (w, n_a)
     scored: list[tuple[float, Platform]] = []
     for number, (frame, joint_twists) in enumerate(_frame_twists(motions, known.tree)):
@@ -433,7 +440,7 @@ def _likely_platforms(motions: _Motions, known: PartialRobot) -> list[Platform]:
         speeds = np.linalg.norm(twists @ motions_by_motor, axis=0)  # (n_a,)
         if not np.all(speeds > FILE_ROUNDING):
             continue
-        # frames with the name of a tool come first, otherwise early frames of the file
+        # frames named like a tool come first, then frames in the order of the file
         frame_score = any(tool in frame.lower() for tool in NAMES_OF_TOOLS) - 0.001 * number
         for axes_score, platform in _frame_platforms(twists, frame, motions.freedoms, known):
             scored.append((axes_score + frame_score, platform))
@@ -442,14 +449,15 @@ def _likely_platforms(motions: _Motions, known: PartialRobot) -> list[Platform]:
 
 
 def _joint_platforms(motions: _Motions, known: PartialRobot) -> Iterator[Platform]:
-    """Yield platforms of as many joints as freedoms, first of joints without motors."""
+    """Yield platforms whose coordinates are joints: first joints without motors, then with motors."""
     tree, motors, count = known.tree, known.description.motor_joints, motions.freedoms
     without_motors = [name for name in tree.movable if name not in motors]
     for names in (without_motors, motors):
         if len(names) < count:
             continue
         rates = motions.rates(names)
-        chosen = sorted(qr(rates.T, pivoting=True)[2][:count])  # the joints with the most independent rates
+        _, _, pivots = qr(rates.T, pivoting=True)
+        chosen = sorted(pivots[:count])  # the joints with the most independent rates
         if singular_values(rates[chosen])[-1] > PROPOSED_AXES_CLEARANCE:
             joints = tuple(names[i] for i in chosen)
             yield Platform(tree.joints[joints[-1]].child, (), joints)
@@ -458,11 +466,11 @@ def _joint_platforms(motions: _Motions, known: PartialRobot) -> Iterator[Platfor
 def _frame_platforms(
     twists: Array, frame: str, count: int, known: PartialRobot
 ) -> Iterator[tuple[float, Platform]]:
-    """Yield platforms of `count` coordinates on one frame, each with a score of likelihood.
+    """Yield platforms of `count` coordinates on one frame, each with a score for ranking.
 
-    The joints that carry the frame come first, if passive, with score 3. Then come axes of the frame. Their
-    score is the least singular value of the frame's twists (6, w) along them, at most 1, plus up to 2 for
-    translations.
+    If all joints that carry the frame are passive, their positions come first, with score 3. Then come axes
+    of the frame. Their score is the least singular value of the frame's twists (6, w) along them, at most 1,
+    plus up to 2 for the share of translations among them.
     """
     tree = known.tree
     names = tuple(joint.name for joint in reversed(tree.path_to_base(tree.link_of(frame))) if joint.moves)
@@ -483,11 +491,11 @@ def _frame_platforms(
 
 
 def _turns_about_a_point(twists: Array) -> bool:
-    """Whether all twists (6, w) of a body are turns about the same point."""
+    """Return whether all twists (6, w) of a body are turns about the same point."""
     linear, angular = twists[:3], twists[3:]
     if twists.shape[1] < 2:
         return False
-    # the point p rests in all motions: v + w x p = 0 for all columns, in the sense of least squares
+    # least squares for the point p that is at rest in all motions: v + w x p = 0 for all columns
     cross_matrices = np.concatenate([pin.skew(np.ascontiguousarray(w)) for w in angular.T])  # (3 w, 3)
     v = linear.T.ravel()
     p = np.linalg.lstsq(cross_matrices, -v, rcond=None)[0]
@@ -508,7 +516,7 @@ def _frame_twists(motions: _Motions, tree: UrdfTree) -> Iterator[tuple[str, Arra
 
 
 def _is_driven(description: RobotDescription, platform: Platform) -> bool:
-    """Whether the robot moves along all axes of a platform and in no other way."""
+    """Return whether the robot moves along all axes of a platform and in no other way."""
     try:
         robot = ParallelRobot.from_description(replace(description, platform=platform))
         mobility = count_freedoms(robot)
@@ -542,7 +550,7 @@ def _serial_joints(known: PartialRobot) -> list[str]:
 
 
 def _split_serial_joints(known: PartialRobot, options: Options) -> tuple[list[str], list[str]]:
-    """Return the serial joints without and with loops behind.
+    """Return the serial joints that carry no loop, and the serial joints that carry loops.
 
     Joints that the options name or that carry the platform are left out.
     """

@@ -92,7 +92,7 @@ def test_there_and_back_is_where_it_began(name):
     assert way.complete
     size = 1e-9 * max(robot.length, 1.0)
     np.testing.assert_allclose(way.last.q[0], there.close(0.0).q[0], rtol=0, atol=size)
-    np.testing.assert_allclose(way.q, there.close(1.0 - way.at).q, rtol=0, atol=size)
+    np.testing.assert_allclose(way.q, there.close(1.0 - way.s).q, rtol=0, atol=size)
 
 
 @pytest.mark.slow
@@ -139,12 +139,12 @@ def test_a_way_that_leaves_the_workspace_ends_on_its_edge():
     start = assemble(robot)
     way = follow_path(robot, Line(start.x, [0.0, 1.0]), start.q)
     assert not way.complete
-    end = start.x + way.at[-1] * (np.array([0.0, 1.0]) - start.x)
+    end = start.x + way.s[-1] * (np.array([0.0, 1.0]) - start.x)
     reach = np.linalg.norm(end - MOTORS, axis=1).max()
     assert 0 <= 2 * LINK - reach < 1e-6
     with pytest.raises((OutOfReach, Type1Singularity)) as caught:
         assemble(robot, [0.0, 1.0])
-    assert 0.0 < caught.value.s - way.at[-1] < 1e-6
+    assert 0.0 < caught.value.s - way.s[-1] < 1e-6
     assert np.linalg.norm(caught.value.platform - MOTORS, axis=1).max() == pytest.approx(2 * LINK, abs=1e-13)
 
 

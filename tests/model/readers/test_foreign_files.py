@@ -125,6 +125,6 @@ def test_motions_that_nothing_drives_are_refused_with_joints_to_hold(tmp_path):
     file = tmp_path / "loose.xml"
     file.write_text(text.replace(motors, '<actuator><motor joint="left_elbow"/>'))
     with pytest.raises(
-        RobotFileError, match=r"2 freedoms and 1 motor \(left_elbow\): nothing says .* --lock"
+        RobotFileError, match=r"2 freedoms and 1 motor \(left_elbow\): no motor drives .* --lock"
     ):
         parse_any(file, propose=propose)
