@@ -250,11 +250,12 @@ def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[st
         for name in sorted(stated, key=lambda name: name not in whole_joints):
             entry = {key: value for key, value in stated[name].items() if value is not None}
             if name not in urdf.joints and "armature" in entry:
+                key = below(below(where, name), "armature")
                 raise RobotFileError(
-                    f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
-                    f"under the name of the joint"
+                    f"{key}: a ball has one armature for all directions; give it under the name of the joint"
                 )
-            for coordinate in urdf.joints[name].coordinates if name in whole_joints else (name,):
+            coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
+            for coordinate in coordinates:
                 values.setdefault(coordinate, {}).update(entry)
         return values
 
@@ -271,13 +272,18 @@ def merge_joint_dynamics(
     }
 
 
+def _read_motion(where: str, given: Any) -> tuple[str, ...]:
+    """Read the elastic axes of a spring; none for the motion of its joint."""
+    return () if given == "own" else _read_axes(where, given)
+
+
 def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a virtual spring or a URDF joint's spring."""
+    """Return a reader of a spring: a virtual joint, or a spring that acts along a URDF joint."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
         "after": required(one_of("joint", urdf.joints)),
-        "motion": optional(lambda where, given: () if given == "own" else _read_axes(where, given), ()),
+        "motion": optional(_read_motion, ()),
         "stiffness": required(one_or_list_of(positive)),
     }
     on_joint = {
@@ -352,7 +358,7 @@ def select_path(
 
 
 def _make_scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene of its values, without its name, which `_scenes_reader` adds."""
+    """Make a scene from the values of its keys; `_scenes_reader` adds the name."""
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
         raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")

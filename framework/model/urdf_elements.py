@@ -192,7 +192,7 @@ def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) ->
 
 
 def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
-    """Find the root of the tree of links; refuse joints that make no tree."""
+    """Find the root of the tree of links; refuse joints that do not make a tree."""
     parents: dict[str, str] = {}
     for joint in joints.values():
         if joint.child == joint.parent:
@@ -229,7 +229,7 @@ def unique_names(root: Element, tag: str) -> list[str]:
 
 
 def read_joint(element: Element, links: set[str], impossible: list[tuple[str, str]] | None = None) -> Joint:
-    """Read and check a joint between two links; remove children without a meaning."""
+    """Read and check a joint between two links; remove children that mean nothing for its type."""
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
@@ -257,7 +257,8 @@ def read_joint(element: Element, links: set[str], impossible: list[tuple[str, st
         add_endless_limit(element)
     element.attrib.pop("independent", None)  # a hint of URDF+, which its reader has read already
     origin = read_origin(element.find("origin"), f"{where}: <origin>")
-    return Joint(element, name, kind, ends[0], ends[1], origin, direction)
+    parent, child = ends
+    return Joint(element, name, kind, parent, child, origin, direction)
 
 
 def add_endless_limit(joint: Element) -> Element:

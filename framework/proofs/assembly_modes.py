@@ -149,7 +149,9 @@ def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
 
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
     """Search modes by Newton's method from random starts, with the motors as in q (1, nq)."""
-    poses, closed = close_all_loops(robot, draw_starts(robot, q, RANDOM_STARTS), None)
+    poses, closed = close_all_loops(
+        robot, draw_starts(robot, q, robot.passive, RANDOM_STARTS), robot.following
+    )
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
     modes = list[AssemblyMode]()
     for pose in candidates:

@@ -163,7 +163,7 @@ class _Sampler(NamedTuple):
         """
         data = robot.model.createData()
         placements = []
-        for pose in draw_starts(robot, q[None], SAMPLE_POSES):
+        for pose in draw_starts(robot, q[None], robot.passive, SAMPLE_POSES):
             pin.forwardKinematics(robot.model, data, pose)
             placements.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(robot.model, data, robot.reference.q)

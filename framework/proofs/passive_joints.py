@@ -52,8 +52,8 @@ def find_joints_at_poses(
         turns = _rotation_offsets(frames.rotation[:, 0], target_rotations)
         return np.hstack([offsets, turns]), slopes
 
-    starts = np.tile(draw_starts(robot, q, RANDOM_STARTS), (len(positions), 1))
-    poses, closed = close_all_loops(robot, starts, pose_equations)
+    starts = np.tile(draw_starts(robot, q, robot.passive, RANDOM_STARTS), (len(positions), 1))
+    poses, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     nearest_poses = list[Array | None]()
     for k in range(len(positions)):
         of_target = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
@@ -78,8 +78,8 @@ def _rotation_offsets(rotations: Array, targets: Array) -> Array:
 def close_all_loops(
     robot: ParallelRobot,
     q: Array,
-    extra_equations: Callable[[FrameStack], tuple[Array, Array]] | None,
-    columns: IntArray | None = None,
+    columns: IntArray,
+    extra_equations: Callable[[FrameStack], tuple[Array, Array]] | None = None,
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return q, closed (T,).
 
@@ -87,11 +87,10 @@ def close_all_loops(
     MAX_SEARCH_STEP. One more step after all loops are closed reduces the residuals to rounding.
 
     Args:
+        columns: of the joints that move, in the velocity vector.
         extra_equations: computes e equations (T, e) to solve with the loops, and their slopes (T, e, nv)
             along all joints, dimensionless.
-        columns: the joints that move; the passive ones by default.
     """
-    columns = robot.following if columns is None else columns
     weights = 1.0 / robot.row_lengths
     is_last = False
     for _ in range(MAX_SEARCH_STEPS):
@@ -113,15 +112,13 @@ def close_all_loops(
     return q, size < LOOP_GAP
 
 
-def draw_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
-    """Draw configurations (count, nq): q (1, nq) itself, then q with random joints.
+def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
+    """Draw configurations (count, nq): q (1, nq) itself, then q with the joints `columns` at random.
 
-    Args:
-        columns: of the random joints; the passive ones by default.
+    Hinges turn by up to half a turn, slides move by up to a robot length.
     """
-    columns = robot.passive if columns is None else columns
     spread = np.where(robot.sliding[columns], robot.length, np.pi)
-    steps = np.zeros((count, len(spread)))
+    steps = np.zeros((count, len(columns)))
     steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
     return integrate_columns(robot, q, columns, steps)
 

@@ -152,10 +152,12 @@ def _count_paths(
     is_infinite[proved] = ~_have_no_infinite_point(family.members[0], z[proved], proof.radii[proved])
     is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
     never_arrived = ends.last[ends.infinite & ~ends.arrived]
-    infinite = np.sum(is_new & is_infinite) + np.sum(first_occurrences(never_arrived))
-    multiple = np.sum(ends.multiple) + np.sum(is_new & is_multiple)
-    finite = np.sum(is_new & ~is_infinite & ~is_multiple)
-    return PathCount(len(ends.z), int(finite), int(infinite), int(multiple))
+    return PathCount(
+        paths=len(ends.z),
+        finite=np.count_nonzero(is_new & ~is_infinite & ~is_multiple),
+        infinite=np.count_nonzero(is_new & is_infinite) + np.count_nonzero(first_occurrences(never_arrived)),
+        multiple=np.count_nonzero(ends.multiple) + np.count_nonzero(is_new & is_multiple),
+    )
 
 
 def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:

@@ -122,8 +122,8 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
         offsets = robot.platform.residual(frames, np.tile(x, (len(frames.q), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
-    starts = draw_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
-    q, closed = close_all_loops(robot, starts, platform_equations, columns)
+    starts = draw_starts(robot, robot.reference.q[None], columns, RANDOM_STARTS)
+    q, closed = close_all_loops(robot, starts, columns, platform_equations)
     q = q[closed]
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
     offsets = (_reference_offset(robot, q) / robot.column_scale)[:, columns]

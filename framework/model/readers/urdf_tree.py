@@ -131,7 +131,7 @@ def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
         union = list(dict.fromkeys([*shared, *members]))
         unions.append(union)
         union_of |= dict.fromkeys(union, union)
-    # a union that was merged into a later one is no longer that of its members
+    # the members of a union that was merged into a later one belong to the later one
     return [union for union in unions if union and union_of[union[0]] is union]
 
 
@@ -236,8 +236,10 @@ class UrdfTree(Tree):
                 Axes of other kinds become z.
         """
         letters = "xy" if locked == locked_axes("universal") else "zz"
-        # one axis stands for both ends: the doubled list is cut to two
-        rotations = list(map(rotation_with_axis, letters, 2 * list(axes))) or 2 * [np.eye(3)]
+        rotations = 2 * [np.eye(3)]
+        if axes:
+            end_axes = axes[0], axes[-1]  # one axis stands for both ends
+            rotations = list(map(rotation_with_axis, letters, end_axes))
         frames = []
         for (suffix, link, origin), rotation in zip(ends, rotations, strict=True):
             in_link = origin @ placement(rotation)
@@ -293,8 +295,10 @@ class UrdfTree(Tree):
         from scipy.spatial.transform import Rotation
 
         others = "xyz".replace(axis, "")
-        locked_angle, *angles = Rotation.from_rotvec(rotation_vector).as_euler(f"{axis}{others}".upper())
-        locked_angle = locked_angle if value is None else value
+        sequence = f"{axis}{others}".upper()  # capitals: about the axes of the turned body
+        locked_angle, *angles = Rotation.from_rotvec(rotation_vector).as_euler(sequence)
+        if value is not None:
+            locked_angle = value
         ball.origin = ball.origin @ placement(rotation_about(unit_vector(axis), locked_angle))
         names = [f"{ball.name}_r{other}" for other in others]
         self.replace_by_turns(ball, others, names)
@@ -337,7 +341,7 @@ class UrdfTree(Tree):
             axes.append(axis / np.linalg.norm(axis))
         if not axes or any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
-        # frames on the links with the axes of the base, in which `axes` are
+        # `axes` are in the base, so the frames on the links have the axes of the base
         ends = [
             (end, link, placement(self.zero_pose(link)[:3, :3].T))
             for end, link in (("first", first), ("second", second))
