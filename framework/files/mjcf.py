@@ -233,10 +233,11 @@ def _add_site(bodies: list[Element], name: str, frame: pin.Frame, offset: Array)
 
 
 def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
-    """Return a placement as attributes `pos` and `quat`."""
-    rotation = pin.Quaternion(placement.rotation)
-    quaternion = vector_text([rotation.w, rotation.x, rotation.y, rotation.z])
-    return {"pos": vector_text(placement.translation), "quat": quaternion}
+    """Return a placement as MuJoCo's attributes `pos` and `quat`."""
+    quaternion = np.roll(
+        pin.Quaternion(placement.rotation).coeffs(), 1
+    )  # pinocchio puts w last, MuJoCo first
+    return {"pos": vector_text(placement.translation), "quat": vector_text(quaternion)}
 
 
 # The sets of locked axes that equalities can express, each with the axes on which the equalities need points
@@ -258,14 +259,12 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
     Raises:
         InvalidInput: no equality locks the axes of a closure; the message has the axes along which it moves.
     """
-    locked = {}
-    poses = None
-    for closure in robot.description.closures:
-        if closure.axes in OFF_ORIGIN:
-            locked[closure.name] = closure.axes
-            continue
-        poses = _nearby_poses(robot) if poses is None else poses
-        locked[closure.name] = _choose_wider_axes(robot, closure, poses)
+    closures = robot.description.closures
+    locked = {closure.name: closure.axes for closure in closures}
+    unexpressed = [closure for closure in closures if closure.axes not in OFF_ORIGIN]
+    if unexpressed:
+        poses = _nearby_poses(robot)
+        locked |= {closure.name: _choose_wider_axes(robot, closure, poses) for closure in unexpressed}
     return locked
 
 

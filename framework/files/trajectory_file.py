@@ -59,7 +59,7 @@ def joint_trajectory(
     }
 
 
-def describe_side(plan: CrossingPlan, side: str = "joint") -> str:
+def describe_side(plan: CrossingPlan, side: str) -> str:
     """Describe which side of gears and springs the trajectory refers to."""
     return SIDES[side] + ("; before the springs of drives and links" if plan.robot.n_e else "")
 

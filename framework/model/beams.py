@@ -192,9 +192,9 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
         root = fromstring(urdf_text)
     except ParseError as error:
         raise InvalidInput(f"urdf_text: not well-formed XML: {error}") from None
-    fixed = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "fixed"}
-    check_name("tip", "fixed joint", tip, fixed)
-    joint = fixed[tip]
+    fixed_joints = {joint.get("name", ""): joint for joint in root.findall("joint[@type='fixed']")}
+    check_name("tip", "fixed joint", tip, fixed_joints)
+    joint = fixed_joints[tip]
     middle = f"{tip}_middle"
     taken = {element.get("name") for tag in ("link", "joint") for element in root.findall(tag)}
     if middle in taken or f"{middle}_link" in taken:

@@ -33,7 +33,7 @@ class FrameWrench(ReadOnlyArrays):
 
     frame: str
     rows: Array
-    axes: str = AXES_OF_WRENCHES[0]
+    axes: str  # one of AXES_OF_WRENCHES
 
     def __call__(self, s: Array) -> Array:
         """Compute the wrench (T, 6) at path coordinates s (T,), along `axes`."""

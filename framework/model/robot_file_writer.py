@@ -106,7 +106,7 @@ def _dynamics_entry(dynamics: JointDynamics) -> dict[str, float]:
 
 
 def _closure_entry(closure: Closure) -> Document:
-    """Return the entry of a closure, with its kind if any locks exactly these axes."""
+    """Return the entry of a closure, with a kind in place of axes if possible."""
     entry = record_entry(closure)
     for kind in ("fixed", "spherical", *kinds_with_length()):  # the kinds without an axis
         if closure.axes == locked_axes(kind):

@@ -114,7 +114,7 @@ def chain_elements(
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Append underscores to a name until it is not `taken`; add the result."""
+    """Append underscores to a name until free; add the name to `taken`."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)
@@ -135,8 +135,8 @@ def inertial_element(mass: float, centre: Array, inertia: Array) -> Element:
     SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
     SubElement(inertial, "mass", value=repr(float(mass)))
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    pairs = zip(names, inertia[np.triu_indices(3)].tolist(), strict=True)
-    SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
+    entries = map(repr, inertia[np.triu_indices(3)].tolist())
+    SubElement(inertial, "inertia", dict(zip(names, entries, strict=True)))
     return inertial
 
 
@@ -243,11 +243,10 @@ def make_continuous_joints_revolute(root: Element) -> None:
     Pinocchio's coordinates of a continuous joint are the cosine and sine of the angle. A motor behind a gear
     needs the angle itself, with full turns.
     """
-    for joint in root.findall("joint"):
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
-            remove_children(joint, "limit")
-            add_endless_limit(joint)
+    for joint in root.findall("joint[@type='continuous']"):
+        joint.set("type", "revolute")
+        remove_children(joint, "limit")
+        add_endless_limit(joint)
 
 
 # ------------------------------------------------------------------ springs

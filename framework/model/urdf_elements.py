@@ -274,11 +274,11 @@ def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
     if is_needed:
         for key in ("effort", "velocity"):
             attribute(limit, f"{where}: <limit>", key)
-    lower, upper, effort, velocity = (
+    numbers: list[float] = []
+    for key in ("lower", "upper", "effort", "velocity"):
         # some files write 1.8e308 for no limit
-        parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
-        for key in ("lower", "upper", "effort", "velocity")
-    )
+        numbers += parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)
+    lower, upper, effort, velocity = numbers
     if is_needed and (lower > upper or effort < 0 or velocity < 0):
         raise RobotFileError(
             f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "

@@ -119,16 +119,15 @@ def _modes_at_displacements(
     """Find the modes at the platform displacements that solve the leg conditions.
 
     The motors stay as in q (1, nq). A displacement (R, p) moves the platform's frame from its reference pose
-    (position, rotation) to (R position + p, R rotation); a translation moves its origin to position + p.
+    (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
+    rotation is left free.
     """
     reference_frames = frames_at(robot, robot.reference.q[None])
     position = reference_frames.position[0, 0]
     rotation = reference_frames.rotation[0, 0]
     p = solutions.p * robot.length
-    if conditions.group.only_translates:
-        poses = find_joints_at_poses(robot, q, position + p, None)
-    else:
-        poses = find_joints_at_poses(robot, q, solutions.R @ position + p, solutions.R @ rotation)
+    rotations = None if conditions.group.only_translates else solutions.R @ rotation
+    poses = find_joints_at_poses(robot, q, solutions.R @ position + p, rotations)
     modes = list[AssemblyMode]()
     for pose, proved in zip(poses, solutions.proved, strict=True):
         if pose is not None:

@@ -27,13 +27,13 @@ BASE = -1  # in place of a frame
 
 def moving_balls(robot: ParallelRobot) -> list[str]:
     """Return the names of the ball joints that move with the platform."""
-    model = robot.model
     moving = set(robot.moving.tolist())
-    return [
-        str(name)
-        for name, joint in zip(model.names, model.joints, strict=True)
-        if is_ball(joint) and not moving.isdisjoint(range(joint.idx_v, joint.idx_v + 3))
-    ]
+    names = list[str]()
+    for name, joint in zip(robot.model.names, robot.model.joints, strict=True):
+        columns = range(joint.idx_v, joint.idx_v + joint.nv)
+        if is_ball(joint) and not moving.isdisjoint(columns):
+            names.append(str(name))
+    return names
 
 
 def stretched_length(robot: ParallelRobot, q: Array) -> float:
@@ -43,9 +43,9 @@ def stretched_length(robot: ParallelRobot, q: Array) -> float:
     """
     frame_placements = [robot.model.frames[k].placement for k in robot.frames]
     placements = [*robot.model.jointPlacements, *frame_placements]
-    link_lengths = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
+    link_lengths = sum(np.linalg.norm(placement.translation) for placement in placements)
     slide_lengths = np.abs(difference(robot, robot.neutral, q)[robot.sliding]).sum()
-    return (link_lengths + float(slide_lengths)) / robot.length
+    return float(link_lengths + slide_lengths) / robot.length
 
 
 Ends = tuple[int, int]  # two frames, as indices into Mechanism.frames; the first may be BASE
@@ -72,8 +72,8 @@ class Term(NamedTuple):
     ends: Ends  # of the chain
     kind: str  # point: axis . p; direction: axis . second axis; square: p . p; turn: axis . rotation
     first_axis: int  # of the first frame, 0..2
-    second_axis: int  # of the second frame, 0..2
-    factor: float
+    second_axis: int = 0  # of the second frame, 0..2, in a direction
+    factor: float = 1.0
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
@@ -83,7 +83,7 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
     if isinstance(platform, FramePlatform):
         for coordinate, axis in enumerate(platform.axes.tolist()):
             kind = "point" if robot.translations[coordinate] else "turn"
-            terms.append(Term(coordinate, (BASE, 0), kind, axis % 3, 0, 1.0))
+            terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
     base_axes = _rows_on_base(robot)
     for row in range(len(robot.loops.names)):
         terms.extend(_loop_terms(robot, row, base_axes.get(row)))
@@ -103,8 +103,8 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
     first = int(loops.first[row])
     second = int(loops.second[row])
     if base_axis is not None:
-        yield Term(number, (BASE, second), "point", base_axis, 0, 1.0)
-        yield Term(number, (BASE, first), "point", base_axis, 0, -1.0)
+        yield Term(number, (BASE, second), "point", base_axis)
+        yield Term(number, (BASE, first), "point", base_axis, factor=-1.0)
         return
     kind = "square" if loops.square[row] else "point"
     if loops.rotation[row]:

@@ -188,4 +188,4 @@ def are_apart(z: ComplexArray, radii: Array) -> bool:
     distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N)
     gaps = distances - radii[:, None] - radii
     is_apart = (gaps > 0).any(axis=2)  # (S, S), False on the diagonal
-    return np.count_nonzero(is_apart) == len(z) * (len(z) - 1)
+    return int(is_apart.sum()) == len(z) * (len(z) - 1)

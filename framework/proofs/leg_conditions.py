@@ -75,7 +75,7 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
         table = displacement_functions(*sampler.sample_displacements(chain))[:, group.chosen]
         _, singular_values, V_rows = np.linalg.svd(table)
         rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
-        condition_number = float(singular_values[0] / singular_values[rank - 1])  # of the row space
+        condition_number = singular_values[0] / singular_values[rank - 1]  # of the row space
         rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
         conditions.append(V_rows[rank:])  # the null space
     rows = np.concatenate(conditions)

@@ -53,11 +53,11 @@ def find_joints_at_poses(
         return np.hstack([offsets, turns]), slopes
 
     starts = np.tile(draw_starts(robot, q, robot.passive, RANDOM_STARTS), (len(positions), 1))
-    poses, closed = close_all_loops(robot, starts, robot.following, pose_equations)
+    q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     nearest_poses = list[Array | None]()
-    for k in range(len(positions)):
-        of_target = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
-        candidates = remove_whole_turns(robot, poses[of_target][closed[of_target]])
+    for first in range(0, len(q), RANDOM_STARTS):
+        of_target = slice(first, first + RANDOM_STARTS)
+        candidates = remove_whole_turns(robot, q[of_target][closed[of_target]])
         nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 

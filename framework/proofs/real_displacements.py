@@ -124,9 +124,8 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
         status = "proved"
     elif count.finite + count.infinite == count.paths == family.bound:
         status = "numerically complete"
-    is_solution = is_real & is_new
-    displacements = group.to_displacements(z[is_solution].real)  # R and p
-    return RealSolutions(*displacements, proof.proved[is_solution], count, status)
+    chosen = is_real & is_new
+    return RealSolutions(*group.to_displacements(z[chosen].real), proof.proved[chosen], count, status)
 
 
 def _count_paths(
@@ -154,9 +153,9 @@ def _count_paths(
     never_arrived = ends.last[ends.infinite & ~ends.arrived]
     return PathCount(
         paths=len(ends.z),
-        finite=np.count_nonzero(is_new & ~is_infinite & ~is_multiple),
-        infinite=np.count_nonzero(is_new & is_infinite) + np.count_nonzero(first_occurrences(never_arrived)),
-        multiple=np.count_nonzero(ends.multiple) + np.count_nonzero(is_new & is_multiple),
+        finite=int(np.sum(is_new & ~is_infinite & ~is_multiple)),
+        infinite=int(np.sum(is_new & is_infinite) + np.sum(first_occurrences(never_arrived))),
+        multiple=int(np.sum(ends.multiple) + np.sum(is_new & is_multiple)),
     )
 
 

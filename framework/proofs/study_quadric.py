@@ -75,7 +75,7 @@ class QuadricFamily:
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """Find a random point (N,) on all fixed quadrics, by Newton's method."""
         z = complex_normal(rng, self.size)
-        for _ in range(NEWTON_STEPS if len(self.fixed) else 0):
+        for _ in range(NEWTON_STEPS):  # without fixed quadrics a step is zero
             slopes = 2 * self.fixed @ z
             z = z - np.linalg.pinv(slopes) @ (slopes @ z / 2)
         return z / np.linalg.norm(z)

@@ -163,8 +163,7 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
     if not len(q):
         if len(previous) or not robot.platform.is_point:
             return False
-        no_solutions = solutions[:0]
-        return are_leg_solutions_complete(robot, columns, fixed, robot.reference.q, no_solutions, x)
+        return are_leg_solutions_complete(robot, columns, fixed, robot.reference.q, solutions[:0], x)
     offsets = _reference_offset(robot, q) / robot.column_scale
     return all(
         are_leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)

@@ -386,7 +386,7 @@ class _Model:
         model = self.compiled
         effects = []
         if self._moment_arms("tendon", k) is None:
-            for key in ("stiffness", "damping", "frictionloss", "armature"):
+            for key in _ACTING:
                 if value := getattr(model, f"tendon_{key}")[k]:
                     effects.append(f"{key} {value:g}")
         elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):

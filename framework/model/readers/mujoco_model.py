@@ -180,10 +180,9 @@ def _make_principal(body: Any) -> None:
     """Replace the inertia matrix of a body by principal moments [kg m^2] and axes."""
     moments, axes = np.linalg.eigh(symmetric_matrix(*body.fullinertia))
     axes[:, 0] *= np.linalg.det(axes)  # makes the axes right-handed
-    rotation = pin.Quaternion(axes)
     body.fullinertia = [np.nan, 0, 0, 0, 0, 0]  # MuJoCo's mark for no inertia matrix
     body.inertia = moments
-    body.iquat = [rotation.w, rotation.x, rotation.y, rotation.z]
+    body.iquat = np.roll(pin.Quaternion(axes).coeffs(), 1)  # w first, as MuJoCo has it
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:

@@ -122,7 +122,9 @@ class _Joint(NamedTuple):
                 motion if motion.axis is None else motion._replace(axis=-motion.axis)
                 for motion in reversed(motions)
             ]
-        return [motions[0]._replace(origin=self.placements[is_reversed]), *motions[1:]]
+        on_parent, on_child = self.placements
+        origin = on_child if is_reversed else on_parent
+        return [motions[0]._replace(origin=origin), *motions[1:]]
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -412,7 +414,7 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
 
 
 def _has_property(joint: Element, *properties: str) -> bool:
-    """Return whether the first axis of a joint has any of these children."""
+    """Return whether the first axis of a joint has a child with a tag in `properties`."""
     return any(joint.find(f"axis/{tag}") is not None for tag in properties)
 
 
@@ -499,7 +501,9 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
             outer = parent if is_reversed else child
             if link not in joint.links or outer in reached:
                 continue
-            end = invert_placement(joint.placements[not is_reversed])
+            end = invert_placement(
+                joint.placements[0 if is_reversed else 1]
+            )  # of the outer link in the joint
             root.extend(chain_elements(link, joint.chain(is_reversed=is_reversed), outer, end, taken))
             reached.append(outer)
     return root
