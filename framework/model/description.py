@@ -16,6 +16,7 @@ FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 GOALS = ("time", "peak_torque", "energy")  # of an optimal law
 SMALLEST_LENGTH = 1e-30  # [m] powers of smaller lengths underflow to zero
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+Points = tuple[tuple[float, ...], ...]  # of a path, each in the platform's coordinates
 
 # The axes that each kind of closure locks, in the frame of the first body, for a joint with axis z. A kind
 # that needs the closure's `length` has rows of `loop_rows.ROW_KINDS` instead.
@@ -237,7 +238,7 @@ class Scene:
 
     name: str
     kind: str
-    points: tuple[tuple[float, ...], ...]
+    points: Points
     duration: float | None
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None

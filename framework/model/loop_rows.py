@@ -209,7 +209,7 @@ def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:
     x_k . (R x_j) = +phi_i. The weight -1 or 1 makes the product phi_i.
     """
     following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
-    free = [k for k in range(3) if AXES[3 + k] not in closure.axes]
+    free = _free_turns(closure)
     axes = following, preceding
     if free == [following]:  # the second frame carries the free axis
         axes = preceding, following
@@ -217,6 +217,11 @@ def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:
         axes = free[0], free[1]
     weight = -1.0 if axes == (following, preceding) else 1.0
     return _RowProduct(False, True, *axes, weight)
+
+
+def _free_turns(closure: Closure) -> list[int]:
+    """Return the axes (0..2) about which a closure lets the second frame turn."""
+    return [k for k, name in enumerate(AXES[3:]) if name not in closure.axes]
 
 
 class LockedDirections(NamedTuple):
@@ -237,7 +242,7 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
     """Return the axes kept parallel: one if two rotations are locked, two if all."""
     pairs, names = [], []
     for closure in closures:
-        free = [k for k in range(3) if AXES[3 + k] not in closure.axes]
+        free = _free_turns(closure)
         if len(free) > 1:
             continue
         for k in free or (0, 1):  # if two axes of the frames are parallel, so are the third ones

@@ -23,6 +23,7 @@ from framework.model.description import (
     JointDynamics,
     KeptLevel,
     Platform,
+    Points,
     Scene,
     Spring,
     kinds_with_length,
@@ -30,7 +31,7 @@ from framework.model.description import (
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
-from framework.model.urdf_elements import SEVERAL, Tree, check_inertia
+from framework.model.urdf_elements import SEVERAL, JointValues, Tree, check_inertia
 from framework.numerics.fields import (
     Reader,
     Table,
@@ -234,18 +235,18 @@ _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
 )
 
 
-def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
+def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
     """Return a reader of joint dynamics, by coordinate or whole joint."""
     whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
-    def read(where: str, given: Any) -> dict[str, dict[str, float]]:
+    def read(where: str, given: Any) -> JointValues:
         """Read the entries of joints as entries of coordinates.
 
         An entry under the name of a ball is for its three coordinates; the values of an entry for one of
         these coordinates override it.
         """
         stated = mapping_of(record(_JOINT), one_of("joint", [*names, *whole_joints]))(where, given)
-        values: dict[str, dict[str, float]] = {}
+        values: JointValues = {}
         # whole joints first, so that the entry of a coordinate overrides
         for name in sorted(stated, key=lambda name: name not in whole_joints):
             entry = {key: value for key, value in stated[name].items() if value is not None}
@@ -262,9 +263,7 @@ def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[st
     return read
 
 
-def merge_joint_dynamics(
-    declared: Mapping[str, Mapping[str, float]], overriding: Mapping[str, Mapping[str, float]]
-) -> dict[str, JointDynamics]:
+def merge_joint_dynamics(declared: JointValues, overriding: JointValues) -> dict[str, JointDynamics]:
     """Merge the URDF's joint dynamics with overriding ones, by coordinate."""
     return {
         name: JointDynamics(**{**declared.get(name, {}), **overriding.get(name, {})})
@@ -331,9 +330,7 @@ _MOTION: Table = {
 }
 
 
-def select_path(
-    where: str, paths: Mapping[str, Any]
-) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
+def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, float | None]:
     """Return kind, points and blend [m] of the only path in the values of PATHS.
 
     Raises:

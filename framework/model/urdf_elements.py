@@ -41,6 +41,8 @@ MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
 PACKAGE = "package://"
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
+JointValues = dict[str, dict[str, float]]  # for each coordinate, values of fields of JointDynamics
+Complaints = list[tuple[str, str]]  # the name of a link or joint, and what is impossible about it
 
 
 @dataclass(eq=False)
@@ -149,7 +151,7 @@ def coordinates_of(name: str, kind: str) -> Names:
     return tuple(f"{name}{suffix}" for suffix in suffixes.get(kind, ()))
 
 
-def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
+def read_tree(root: Element, impossible: Complaints | None = None) -> Tree:
     """Read and check the links and joints below `<robot>`.
 
     Impossible inertias of links and impossible limits of joints are errors. With a list `impossible` they are
@@ -228,7 +230,7 @@ def unique_names(root: Element, tag: str) -> list[str]:
     return names
 
 
-def read_joint(element: Element, links: set[str], impossible: list[tuple[str, str]] | None = None) -> Joint:
+def read_joint(element: Element, links: set[str], impossible: Complaints | None = None) -> Joint:
     """Read and check a joint between two links; remove children that mean nothing for its type."""
     name = str(element.get("name"))
     where = f"joint {name!r}"
@@ -342,20 +344,21 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         )
 
 
-def declared_dynamics(root: Element) -> dict[str, dict[str, float]]:
+def declared_dynamics(root: Element) -> JointValues:
     """Return positive damping and dry friction of <dynamics>, by coordinate."""
     declared = {}
-    for joint in root.findall("joint"):
+    for joint in root.findall("joint[dynamics]"):
         name = joint.get("name", "")
-        element = joint.find("dynamics")
         coordinates = coordinates_of(name, joint.get("type", ""))
-        if element is None or not coordinates:
+        if not coordinates:
             continue
+        where = f"joint {name!r}: <dynamics>"
+        element = child_element(joint, "", "dynamics")
         values = {}
         for key in ("damping", "friction"):
-            value = read_number(element, f"joint {name!r}: <dynamics>", key, "0")
+            value = read_number(element, where, key, "0")
             if value < 0:
-                raise RobotFileError(f"joint {name!r}: <dynamics> {key}: must not be negative, got {value:g}")
+                raise RobotFileError(f"{where} {key}: must not be negative, got {value:g}")
             if value:
                 values[key] = value
         if values:
@@ -370,11 +373,9 @@ def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupli
     """
     movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
     couplings = []
-    for joint in root.findall("joint"):
+    for joint in root.findall("joint[mimic]"):
         name = joint.get("name", "")
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
+        mimic = child_element(joint, "", "mimic")
         joint.remove(mimic)
         if name not in movable:
             continue  # fixed joints follow no other

@@ -85,7 +85,7 @@ class AssemblyModes:
         count = f"{len(self.modes)} real{bound}"
         if self.status == "at least":
             count = f"at least {proved} real{bound}"
-        if self.status == "numerically complete":
+        elif self.status == "numerically complete":
             count += ", complete up to numerical path tracking"
         unproved = "" if proved == len(self.modes) else f", {len(self.modes) - proved} found and not proved"
         return f"{count}, each proved to exist and to be single{unproved}; {self.method}"

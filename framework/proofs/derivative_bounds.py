@@ -89,7 +89,7 @@ class DerivativeBounds:
                 f"{excluded[0]}"
             )
         max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])  # of all slides together
-        max_length = stretched_length(robot, robot.reference.q) + 1.0 + float(max_slide)
+        max_length = stretched_length(robot, robot.reference.q) + 1.0 + max_slide
         terms = collect_terms(robot)
         return DerivativeBounds(
             robot=robot,

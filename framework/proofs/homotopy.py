@@ -228,10 +228,9 @@ def _endgame(
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
     """Return whether the exponents w (A, S) of A segments agree and sizes are large, (S,)."""
-    least = w.min(axis=0)
-    largest = w.max(axis=0)
-    agree = largest - least < MAX_EXPONENT_SPREAD * largest
-    return (least > ENDGAME_MIN_EXPONENT) & agree & (log_size > np.log(MIN_INFINITE_SIZE))
+    agree = np.ptp(w, axis=0) < MAX_EXPONENT_SPREAD * w.max(axis=0)
+    is_large = log_size > np.log(MIN_INFINITE_SIZE)
+    return (w.min(axis=0) > ENDGAME_MIN_EXPONENT) & agree & is_large
 
 
 class _LinearHomotopy(NamedTuple):

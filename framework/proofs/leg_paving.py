@@ -41,7 +41,7 @@ RANDOM_SEED = 5
 def are_leg_solutions_complete(
     robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, candidates: Array, x: Array | None
 ) -> bool:
-    """Return whether a leg provably has no solutions but the candidates; False if undecided.
+    """Return whether a leg provably has no solutions but candidates; False if undecided.
 
     Args:
         own: (k,) columns of the velocity vector of the leg's joints.
@@ -86,10 +86,10 @@ def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
 
 
 def _joint_region(equations: LegEquations) -> Boxes | None:
-    """Return boxes of all hinge angles, and of all slide lengths at which the chain can close.
+    """Return boxes that cover all hinge angles, and all slide lengths at which the chain can close.
 
-    The whole turn of each hinge is cut in INITIAL_PARTS. A slide reaches from its zero to the bound of
-    `bound_slide`; None without such a bound.
+    The whole turn of each hinge is cut into INITIAL_PARTS. A slide reaches from its zero to the bound of
+    `bound_slide`, in both directions. Without such a bound the result is None.
     """
     robot = equations.robot
     own = equations.own
@@ -263,7 +263,8 @@ class ChainBounds(NamedTuple):
 class LeverChain(NamedTuple):
     """The joints between a carried point and the observing frame, with their levers.
 
-    A length [m] is a row (1 + nv,): the sum of the links, then 1 for each slide that adds to the sum.
+    Slides change lengths. A length [m] is therefore stored as a row (1 + nv,): first the sum of the links,
+    then, for each column of the velocity vector, 1 if this slide adds its own length.
     """
 
     robot_length: float  # [m]
@@ -284,11 +285,12 @@ class LeverChain(NamedTuple):
             joint = model.joints[number]
             is_joint = columns == joint.idx_v
             is_inside |= is_joint
+            # the chain up to this joint, with its link and its slide
             longer = length.copy()
             longer[0] += _offset_length(model.jointPlacements[number])
             span = joint.idx_v + np.arange(joint.nv)
             longer[1 + span] = robot.sliding[span]
-            # a joint that carries the first frame stands at the other end of its link
+            # a joint that carries the first frame is at the far end of its link
             levers[is_joint] = length if sign > 0.0 else longer
             length = longer
         if first != BASE:

@@ -298,7 +298,7 @@ class _JointBoxes(NamedTuple):
 
 
 def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
-    """Bound |slopes . dz| (S, ..) over cells or balls, slopes (S, .., n).
+    """Bound |slopes . dz| (S, ..) over changes dz (S, n) in cells or balls, slopes (S, .., n).
 
     Over balls of radius `half` (S,) the Cauchy-Schwarz inequality gives the bound, over cubes of half width
     `half` the triangle inequality.

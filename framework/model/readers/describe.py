@@ -139,7 +139,7 @@ def _remarks_on_omissions(tree: UrdfTree) -> Iterator[str]:
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:
-    """Refuse too many closures, repeated names, and a frame joined with itself."""
+    """Refuse too many closures, repeated names, and closures of a frame with itself."""
     if len(closures) > MAX_LOOPS:
         raise RobotFileError(f"{len(closures)} loops; at most {MAX_LOOPS} are read")
     check_unique("closures", [closure.name for closure in closures])

@@ -489,9 +489,10 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
     ends = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in ends]
-    base = WORLD if WORLD in ends else next((link for link in links if link not in children), links[0])
-    reached = [base]
     taken = {*links, WORLD}
+    reached = [WORLD]
+    if WORLD not in ends:
+        reached = [next((link for link in links if link not in children), links[0])]
     tree_joints = [joint for joint in joints if joint.name in tree_names]
     for link in reached:  # grows during the loop: breadth first
         root.append(_make_link(scope, link))
@@ -501,9 +502,8 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
             outer = parent if is_reversed else child
             if link not in joint.links or outer in reached:
                 continue
-            end = invert_placement(
-                joint.placements[0 if is_reversed else 1]
-            )  # of the outer link in the joint
+            in_outer = joint.placements[0 if is_reversed else 1]  # the joint's placement in the outer link
+            end = invert_placement(in_outer)
             root.extend(chain_elements(link, joint.chain(is_reversed=is_reversed), outer, end, taken))
             reached.append(outer)
     return root

@@ -22,6 +22,7 @@ from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
     SEVERAL,
+    Complaints,
     Joint,
     Tree,
     local_name,
@@ -114,7 +115,7 @@ def _is_xacro(element: Element) -> bool:
 
 
 def _unused_parts(element: Element, tag: str) -> Iterator[str]:
-    """Yield the tags of an element and of its children that are not read."""
+    """Yield the tags that are not read: of an element, and of its children."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
     for child in element if tag in _USED else ():
@@ -161,7 +162,7 @@ class UrdfTree(Tree):
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
 
-        impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
+        impossible: Complaints = []
         tree = read_tree(root, impossible)
         super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
