@@ -56,7 +56,7 @@ def kinds_with_length() -> Names:
 
 @dataclass(frozen=True)
 class Platform:
-    """The prescribed motion: of a frame along base axes, or of joints.
+    """The coordinates of the prescribed motion: of a frame along base axes, or of joints.
 
     The order of two rotations matters, see `framework.kinematics.attitude`.
     """

@@ -22,7 +22,7 @@ MAX_UNIQUE_RADIUS = 0.5  # [rad, lengths] largest radius of a region in which a 
 UNIQUENESS_SHARE = 0.9  # share of the radius at which the Jacobian may lose rank
 MAX_INVERSE_ERROR = 1e-6  # largest row sum of |Y J - 1| for a pseudo-inverse Y that a proof uses
 
-Equations = Callable[[Array, Array], LinearEnclosure]  # of middles and radii (B, n) of boxes
+Equations = Callable[[Array, Array], LinearEnclosure]  # takes the middles and radii (B, n) of boxes
 
 
 class KnownSolutions(NamedTuple):

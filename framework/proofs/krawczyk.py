@@ -40,7 +40,7 @@ MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # of discs, away from underflow and over
 RANDOM_CHARTS = 200
 
 
-Tested = TypeVar("Tested", bound=Any)  # of S boxes: proved (S,), radii (S, k), image (S, k)
+Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), radii (S, k), image (S, k)
 
 
 def widen_until_proved(

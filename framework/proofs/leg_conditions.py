@@ -45,7 +45,7 @@ class LegConditions(ReadOnlyArrays):
 
     group: Displacements
     coefficients: Array  # (K, M) of unit size, lengths in robot lengths
-    rounding: float  # of the coefficients, relative to the largest of their condition
+    rounding: float  # error of the coefficients, relative to the largest coefficient of each condition
 
 
 class _Edge(NamedTuple):

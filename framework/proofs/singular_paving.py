@@ -270,12 +270,12 @@ def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
 
 
 class Arcs(NamedTuple):
-    """B boxes with a proved arc in each, and the platform's coordinates on the arc."""
+    """B boxes with a proved arc in each, and the platform's coordinates along the arcs."""
 
-    x: Array  # (B, n)
-    x_radii: Array  # (B, n)
+    x: Array  # (B, n) at the middles
+    x_radii: Array  # (B, n) the arcs are within these radii
     middle: Array  # (B, k) of the joints
-    along: IntArray  # (B,) the joint that is the parameter
+    along: IntArray  # (B,) index of the joint that is the parameter
 
 
 class _SingularEquations(NamedTuple):
@@ -343,7 +343,7 @@ class SingularBoxTest:
         return Examined(decision.arcs, undecided, pending)
 
     def _drop_unclosable_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
-        """Drop boxes in which the loops cannot close within the window.
+        """Drop boxes in which the loops cannot close, and boxes outside of the window.
 
         Returns:
             The other boxes, the parts of them in which the loops may close, and the derivatives and loop

@@ -150,7 +150,7 @@ def _check_closures(closures: Sequence[Closure]) -> None:
 
 
 def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileError:
-    """Return the error for a file without a loop that moves."""
+    """Return the error for a file in which no loop moves."""
     if options.base is not None:
         return RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
     if not closures or options.locked:

@@ -96,7 +96,7 @@ class _Joint(NamedTuple):
         return self.kind not in SEVERAL
 
     def coordinates_at(self, qpos: Array) -> list[float]:
-        """Convert the joint's part of qpos to coordinates, 0 in MuJoCo's zero pose."""
+        """Convert the joint's part of qpos to its coordinates, which are 0 in MuJoCo's zero pose."""
         zero = self.view.qpos0
         if self.has_one_freedom:
             return list((qpos - zero).tolist())
@@ -148,11 +148,11 @@ class _Model:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element, with the bodies or joints under its action."""
+        """Report an unread element that acts on some bodies or joints."""
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
     def _make_urdf(self, name: str, taken: set[str]) -> Element:
-        """Return the URDF, with a link for each body and between its joints."""
+        """Return the URDF, with a link for each body and a massless link between joints of a body."""
         model = self.compiled
         root = Element("robot", name=name)
         links = [SubElement(root, "link", name=body) for body in self.bodies]
@@ -325,13 +325,13 @@ class _Model:
             self.tree.transmissions.append(motor)
 
     def _read_tendon(self, k: int) -> None:
-        """Read the dynamics of tendon k if fixed."""
+        """Read the dynamics of tendon k; a spatial tendon is not read."""
         model = self.compiled
         arms = self._moment_arms("tendon", k)
         if arms is None:
             return
         low, high = model.tendon_lengthspring[k]
-        rest = low - model.tendon_length0[k] if low == high else None  # between low and high it is slack
+        rest = low - model.tendon_length0[k] if low == high else None  # slack from low to high: not read
         dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _ACTING), rest)
         where = f"tendon {self.name('tendon', k)!r}"
         self.tree.transmissions.append(Transmission(where, arms, 1.0, dynamics, is_motor=False))

@@ -1,8 +1,8 @@
-"""Compile an MJCF file with MuJoCo, without parts that are missing and that no motion needs.
+"""Compile an MJCF file with MuJoCo, without the parts that no motion needs.
 
 MuJoCo resolves defaults, classes, includes, frames, units and the inertia of geoms. Before that, plugins,
-textures, sensors and meshes without mass are removed. MuJoCo refuses bodies without mass; they are given a
-stand-in for the compilation and are massless afterwards.
+textures, sensors and meshes without mass are removed, so that they may be missing. MuJoCo refuses bodies
+without mass; they are given a small mass for the compilation and are massless afterwards.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
 
 
 def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadElement], Counter[str]]:
-    """Compile a specification without parts that MuJoCo refuses or no motion needs."""
+    """Compile a specification without the parts that MuJoCo refuses or that no motion needs."""
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
@@ -186,7 +186,7 @@ def _make_principal(body: Any) -> None:
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Delete meshes without mass and missing meshes; yield missing ones as decisive."""
+    """Delete meshes without mass and missing meshes with mass; yield the latter as decisive."""
     needed = set()
     for geom in list(spec.geoms):
         if not geom.meshname:

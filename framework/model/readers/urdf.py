@@ -81,7 +81,7 @@ _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
 class _Syntax(NamedTuple):
-    """The syntax of a loop element: tags of its ends and axes, and its types."""
+    """The syntax of a loop element: its types, and the tags of its ends and axes."""
 
     ends: tuple[str, str]
     kinds: Mapping[str, str]  # closure kind by type
@@ -288,7 +288,7 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
 
 
 def _find_loop_closures(file: Path) -> Mapping[str, Any]:
-    """Return the content of the loop_closures.yaml near a URDF; empty without one."""
+    """Return the content of the loop_closures.yaml near a URDF; an empty mapping without one."""
     folder = file.parent
     for place in (folder, folder.parent, folder.parent / "config"):
         path = place / LOOP_CLOSURES
