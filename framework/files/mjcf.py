@@ -125,31 +125,33 @@ def _add_motors(robot: ParallelRobot, root: Element) -> None:
 
 def _add_body(robot: ParallelRobot, data: pin.Data, j: int, parent: Element, *, hinges: bool) -> Element:
     """Add the body behind joint j to the parent's body; return the element."""
-    model, inertia = robot.model, robot.model.inertias[j]
+    model = robot.model
+    inertia = model.inertias[j]
     is_split = hinges and is_ball(model.joints[j])
-    # three hinges are zero in the reference, so their placement is that of the ball in the reference
+    # three hinges are zero in the reference, so they stand as the ball does there
     attributes = _placement_attributes(data.liMi[j] if is_split else model.jointPlacements[j])
     body = SubElement(parent, "body", {"name": f"{model.names[j]}_body"} | attributes)
     _add_joints(robot, body, np.asarray(data.joints[j].S), j, is_split=is_split)
 
     matrix = _acceptable_inertia(inertia.inertia)
-    moments, products = matrix.diagonal(), (matrix[0, 1], matrix[0, 2], matrix[1, 2])
+    products = matrix[[0, 0, 1], [1, 2, 2]]  # xy, xz, yz
     SubElement(
         body,
         "inertial",
         pos=vector_text(inertia.lever),
         mass=repr(max(float(inertia.mass), MIN_MASS)),
-        fullinertia=vector_text([*moments, *products]),
+        fullinertia=vector_text([*matrix.diagonal(), *products]),
     )
     return body
 
 
 def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, is_split: bool) -> None:
-    """Add joint j with motion subspace `screws` (6, k), or three hinges."""
-    name, joint = str(robot.model.names[j]), robot.model.joints[j]
+    """Add joint j with motion subspace `screws` (6, k), or three hinges if `is_split`."""
+    name = str(robot.model.names[j])
+    joint = robot.model.joints[j]
     columns = range(joint.idx_v, joint.idx_v + joint.nv)
     if is_split and robot.all_stiffness[columns].any():
-        raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges in turn do not say")
+        raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges cannot represent")
     acting = [_acting_attributes(robot, column) for column in columns]
     if is_split:
         for axis, attributes in zip("xyz", acting, strict=True):
@@ -158,8 +160,8 @@ def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, i
         return
     if any(attributes != acting[0] for attributes in acting):
         raise InvalidInput(
-            f"{robot.name}: what acts about the axes of ball {name!r} differs, which one ball of MuJoCo does "
-            f"not say; write it as hinges (--hinges)"
+            f"{robot.name}: the dynamics of ball {name!r} differ between its axes, which a ball of MuJoCo "
+            f"cannot represent; write it as hinges (--hinges)"
         ).advising({"hinges": True})
     words = {"name": name, "type": "ball"}
     if not is_ball(joint):
@@ -172,7 +174,7 @@ def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, i
 
 
 def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
-    """Return inertia, spring, damping and friction of a velocity coordinate."""
+    """Return armature, spring, damping and friction of a velocity coordinate as attributes."""
     armature = robot.model.armature.copy()
     armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
     values = {
@@ -188,9 +190,9 @@ def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
 def _acceptable_inertia(inertia: Array) -> Array:
     """Return an inertia (3, 3) [kg m^2] that MuJoCo accepts.
 
-    If the largest principal moment exceeds the sum of the others, both others grow by half of the excess. For
-    a thin rod the excess is rounding. In planar robots often one moment is given and the others are zero;
-    each then becomes half of the first, which has no effect on motion in the plane.
+    If the largest principal moment exceeds the sum of the others, half of the excess is added to each of the
+    others. For a thin rod the excess is rounding. In planar robots often one moment is given and the others
+    are zero. Each of these becomes half of the first, without an effect on motion in the plane.
     """
     moments, axes = np.linalg.eigh(inertia)  # ascending
     excess = moments[2] - moments[0] - moments[1]
@@ -231,22 +233,23 @@ def _add_site(bodies: list[Element], name: str, frame: pin.Frame, offset: Array)
 
 
 def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
-    """Return a placement as attributes `pos` and `quat`."""
-    rotation = pin.Quaternion(placement.rotation)
-    quaternion = vector_text([rotation.w, rotation.x, rotation.y, rotation.z])
-    return {"pos": vector_text(placement.translation), "quat": quaternion}
+    """Return a placement as MuJoCo's attributes `pos` and `quat`."""
+    quaternion = np.roll(
+        pin.Quaternion(placement.rotation).coeffs(), 1
+    )  # pinocchio puts w last, MuJoCo first
+    return {"pos": vector_text(placement.translation), "quat": vector_text(quaternion)}
 
 
-# The locked axes that equalities can express, and on which axes they need points besides the origin. MuJoCo's
-# own weld is not used: it weighs couples with the inertia of a body about its centre, and is soft where that
-# inertia is tiny (a rod about its own axis).
+# The sets of locked axes that equalities can express, each with the axes on which the equalities need points
+# besides the origin. MuJoCo's own weld is not used: it weights couples by the inertia of a body about its
+# centre, and is soft where this inertia is tiny (a rod about its own axis).
 OFF_ORIGIN = {
     locked_axes("spherical"): "",
     **{locked_axes("revolute", axis): axis for axis in "xyz"},
     locked_axes("fixed"): "xy",
 }
 TRIED_DEFLECTION = 1e-3  # [rad, robot lengths] of springs at the configurations where closures are tested
-# [rad, robot lengths] A gap along a free axis is of the order TRIED_DEFLECTION^2 or larger, which is above.
+# [rad, robot lengths] below TRIED_DEFLECTION^2: a gap along an axis that moves is of that order or larger
 CLOSED_GAP = 1e-10
 
 
@@ -256,21 +259,19 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
     Raises:
         InvalidInput: no equality locks the axes of a closure; the message has the axes along which it moves.
     """
-    locked = {}
-    poses = None
-    for closure in robot.description.closures:
-        if closure.axes in OFF_ORIGIN:
-            locked[closure.name] = closure.axes
-            continue
-        poses = _configurations_near(robot) if poses is None else poses
-        locked[closure.name] = _choose_wider_axes(robot, closure, poses)
+    closures = robot.description.closures
+    locked = {closure.name: closure.axes for closure in closures}
+    unexpressed = [closure for closure in closures if closure.axes not in OFF_ORIGIN]
+    if unexpressed:
+        poses = _nearby_poses(robot)
+        locked |= {closure.name: _choose_wider_axes(robot, closure, poses) for closure in unexpressed}
     return locked
 
 
 def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
-    """Choose the first axes of OFF_ORIGIN that close a closure and lock no motion.
+    """Choose the first axes in OFF_ORIGIN that include a closure's axes and lock no motion.
 
-    An equality that locks further axes changes nothing if its residual is zero at all of the poses (K, nq).
+    An equality may lock further axes if its residual is zero in all poses (K, nq).
     """
     gaps = dict[tuple[str, ...], float]()
     placements = frames_at(robot, poses)
@@ -293,8 +294,8 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
     )
 
 
-def _configurations_near(robot: ParallelRobot) -> Array:
-    """Return assembled poses (K, nq) near the reference, springs deflected or not."""
+def _nearby_poses(robot: ParallelRobot) -> Array:
+    """Return assembled poses (K, nq) near the reference, with springs at rest and deflected."""
     rest = robot.reference.q
     poses = [rest, *nearby_configurations(robot, rest)]
     if robot.n_e:

@@ -4,9 +4,9 @@ The layout is that of trajectory_msgs/JointTrajectory, with the joints in the or
 motors. On the joint side of the gears, positions are motor angles over gear ratio, as in the URDF, and effort
 is gear ratio times motor torque. On the motor side, angles and torques are those of the motors. The effort
 includes the torque that accelerates the rotor: a simulator without rotor inertia needs less. The spring of a
-drive is behind its joint, so angles and torques of an elastic robot are before the spring, and the link
-differs by the deflection. The controller does not read the header's frame_id; it says which side is meant,
-and whether the values are before springs.
+drive is behind its joint, so angles and torques of an elastic robot are those before the spring, and the
+angle of the link differs by the deflection. The header's frame_id, which the controller does not read, says
+which side of the gears is meant and whether the values are those before springs.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def joint_trajectory(
     }
 
 
-def describe_side(plan: CrossingPlan, side: str = "joint") -> str:
+def describe_side(plan: CrossingPlan, side: str) -> str:
     """Describe which side of gears and springs the trajectory refers to."""
     return SIDES[side] + ("; before the springs of drives and links" if plan.robot.n_e else "")
 

@@ -133,6 +133,7 @@ def beam_stiffness(section: Section, material: Material, length: float) -> dict[
     E, G, L = material.E, material.G, length
 
     def stiffness_across(second_moment: float, shear_factor: float | None) -> float:
+        """Compute the stiffness [N/m] across the beam; bending and shear act in series."""
         bending = L**3 / (12.0 * E * second_moment)
         shearing = 0.0 if shear_factor is None else L / (shear_factor * G * section.A)
         return 1.0 / (bending + shearing)
@@ -191,9 +192,10 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
         root = fromstring(urdf_text)
     except ParseError as error:
         raise InvalidInput(f"urdf_text: not well-formed XML: {error}") from None
-    fixed = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") == "fixed"}
-    check_name("tip", "fixed joint", tip, fixed)
-    joint, middle = fixed[tip], f"{tip}_middle"
+    fixed_joints = {joint.get("name", ""): joint for joint in root.findall("joint[@type='fixed']")}
+    check_name("tip", "fixed joint", tip, fixed_joints)
+    joint = fixed_joints[tip]
+    middle = f"{tip}_middle"
     taken = {element.get("name") for tag in ("link", "joint") for element in root.findall(tag)}
     if middle in taken or f"{middle}_link" in taken:
         raise InvalidInput(f"tip: the name {middle!r} is already there")
@@ -216,14 +218,17 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
 
 
 def _section_axes(along: Array, y: ArrayLike | None) -> Array:
-    """Return a beam's axes as columns (3, 3), from beam and section directions (3,)."""
+    """Return a beam's axes as columns (3, 3): `along` the beam (unit vector), its section's y and z.
+
+    `y` directs the section; without it the axes are those of the least rotation from x to `along`.
+    """
     if y is None:
         if 1.0 + along[0] < 0.5 * BEAM_NEAR_MINUS_X**2:
             raise InvalidInput(
                 "y: required, because the beam runs along -x of its link, where the least turn has no axis; "
                 "give the direction of the section's y axis in the link"
             )
-        # The least rotation from x to `along` takes y to e_y - along_y / (1 + along_x) (e_x + along).
+        # the least rotation from x to `along` takes y to e_y - along_y / (1 + along_x) (e_x + along)
         across = unit_vector("y") - along[1] / (1.0 + along[0]) * (unit_vector("x") + along)
     else:
         width = finite_numbers("y", y, 3)

@@ -16,6 +16,7 @@ FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 GOALS = ("time", "peak_torque", "energy")  # of an optimal law
 SMALLEST_LENGTH = 1e-30  # [m] powers of smaller lengths underflow to zero
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+Points = tuple[tuple[float, ...], ...]  # of a path, each in the platform's coordinates
 
 # The axes that each kind of closure locks, in the frame of the first body, for a joint with axis z. A kind
 # that needs the closure's `length` has rows of `loop_rows.ROW_KINDS` instead.
@@ -55,7 +56,7 @@ def kinds_with_length() -> Names:
 
 @dataclass(frozen=True)
 class Platform:
-    """The prescribed motion: of a frame along base axes, or of joints.
+    """The coordinates of the prescribed motion: of a frame along base axes, or of joints.
 
     The order of two rotations matters, see `framework.kinematics.attitude`.
     """
@@ -98,7 +99,7 @@ class Closure:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse unknown rows, a missing length, and a length without a use."""
+        """Refuse unknown rows, a missing length, and a length that no row needs."""
         valid = set().union(*_LOCKED.values())
         for row in self.axes:
             check_name(f"closure {self.name}", "axis", row, valid)
@@ -126,8 +127,8 @@ class Spring:
 
     def exists_in(self, flexibility: str) -> bool:
         """Return whether a robot of this flexibility has the spring."""
-        first = "flexible_joints" if self.part == "joint" else "flexible_links"
-        return FLEXIBILITIES.index(flexibility) >= FLEXIBILITIES.index(first)
+        least = "flexible_joints" if self.part == "joint" else "flexible_links"
+        return FLEXIBILITIES.index(flexibility) >= FLEXIBILITIES.index(least)
 
     @property
     def coordinates(self) -> Names:
@@ -141,7 +142,7 @@ class Spring:
 class JointDynamics:
     """Armature, spring, damping and friction along one joint coordinate.
 
-    Beside the inertia of the bodies they take the joint torque
+    In addition to the inertia forces of the bodies, moving the joint requires the torque
 
         armature a + damping v + stiffness (q - rest) + friction sign(v)
 
@@ -171,17 +172,17 @@ class JointDynamics:
         stiffness = self.stiffness + other.stiffness
         torque_at_zero = self.stiffness * self.rest + other.stiffness * other.rest
         return JointDynamics(
-            self.armature + other.armature,
-            self.damping + other.damping,
-            self.friction + other.friction,
-            stiffness,
-            torque_at_zero / stiffness if stiffness else 0.0,
+            armature=self.armature + other.armature,
+            damping=self.damping + other.damping,
+            friction=self.friction + other.friction,
+            stiffness=stiffness,
+            rest=torque_at_zero / stiffness if stiffness else 0.0,
         )
 
 
 @dataclass(frozen=True)
 class Coupling:
-    """A loop equation q_joint = ratio q_of + offset of two joints.
+    """A loop equation of two joints, q_joint = ratio q_of + offset.
 
     Each joint has one degree of freedom; `ratio` and `offset` are in the units of the joints [rad, m].
     Couplings describe gears, mirrored fingers and <mimic>.
@@ -199,17 +200,18 @@ class Coupling:
 
 
 def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
-    """Return the positions [rad, m] of joints that couplings lock to locked ones.
+    """Return the positions [rad, m], by name, of joints coupled to locked joints.
 
-    The positions are by name; joints that are two couplings away from a locked one are not among them.
+    `locked` are the positions of the locked joints. Only joints one coupling away from a locked joint are
+    returned.
     """
-    further = {}
+    positions = {}
     for coupling in couplings:
         if coupling.of in locked and coupling.joint not in locked:
-            further[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
+            positions[coupling.joint] = coupling.ratio * locked[coupling.of] + coupling.offset
         elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
-            further[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
-    return further
+            positions[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
+    return positions
 
 
 @dataclass(frozen=True)
@@ -230,13 +232,13 @@ class Scene:
     `kind` is line, arc, spline or polyline, through `points`; `blend` [m] rounds the corners of a polyline.
     The duration is None where `optimize` is time. `times` [s] and `speeds` [1/s] of the crossings are None
     when left open; empty `times` mean a law without crossing conditions. `at` imposes path coordinates of the
-    crossings; without it the singular points are located. `wrenches` of the world are by frame, see
-    `FrameWrench`. `fidelity` is the result of a study of the scene.
+    crossings; without it the singular points are located. `wrenches` are external wrenches by frame, see
+    `FrameWrench`. `fidelity` is the result of a fidelity study of the scene.
     """
 
     name: str
     kind: str
-    points: tuple[tuple[float, ...], ...]
+    points: Points
     duration: float | None
     times: tuple[float, ...] | None = None
     speeds: tuple[float, ...] | None = None
@@ -264,7 +266,7 @@ class RobotDescription:
     reference: Mapping[str, float] = field(default_factory=dict)
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)  # that fill the placeholders of the file
-    left_out: tuple[str, ...] = ()  # effects that the file before conversion had, and this one has not
+    left_out: tuple[str, ...] = ()  # effects in a foreign file that the description cannot express
 
     @property
     def motor_joints(self) -> Names:

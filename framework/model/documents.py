@@ -29,6 +29,9 @@ LEADING_BLANKS = "\ufeff \t\r\n"  # characters that may precede the first elemen
 MAX_XML_ELEMENTS = 200_000
 MAX_YAML_CHARACTERS = 500_000
 MAX_YAML_VALUES = 20_000  # with aliases expanded
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])")  # of an element or attribute
+_TAG = re.compile(r"<[A-Za-z_][\w.:-]*")
 
 
 @contextmanager
@@ -76,12 +79,16 @@ def _mend_xml(text: str) -> str:
 
     Other parsers accept undeclared prefixes and comments with `--` in them.
     """
-    # the line breaks of a comment stay, for the line numbers in messages
-    text = re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.DOTALL)
-    prefixes = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])", text))
-    undeclared = [name for name in sorted(prefixes - {"xml", "xmlns"}) if f"xmlns:{name}" not in text]
+    text = erase_matches(_COMMENT, text)
+    prefixes = set(_PREFIX.findall(text)) - {"xml", "xmlns"}
+    undeclared = [name for name in sorted(prefixes) if f"xmlns:{name}" not in text]
     declarations = "".join(f' xmlns:{name}="{name}"' for name in undeclared)
-    return re.sub(r"<[A-Za-z_][\w.:-]*", lambda tag: tag[0] + declarations, text, count=1)
+    return _TAG.sub(lambda tag: tag[0] + declarations, text, count=1)  # into the root element
+
+
+def erase_matches(pattern: re.Pattern[str], text: str) -> str:
+    """Erase all matches of a pattern except line breaks, so that line numbers stay the same."""
+    return pattern.sub(lambda match: "\n" * match[0].count("\n"), text)
 
 
 class _Builder(TreeBuilder):
@@ -127,8 +134,8 @@ def parse_yaml(text: str) -> Any:
 class _Loader(Composer, CSafeLoader):
     """Safe loader that counts nodes and refuses duplicate keys.
 
-    libyaml parses, which takes a seventh of the time of PyYAML. PyYAML's composer in Python makes the nodes,
-    so that they are counted and have line numbers.
+    libyaml parses the text, in a seventh of the time of PyYAML's own parser. PyYAML's composer in Python
+    makes the nodes, so that they can be counted and have line numbers.
     """
 
     _count = 0  # of nodes
@@ -167,8 +174,8 @@ def _alias_error() -> RobotFileError:
 def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
     """Count the values below a node, aliases expanded.
 
-    `counted` has the counts of nodes that are done, by id. While the count of a node is under way, its entry
-    is above the limit: a node that contains itself would have endlessly many values.
+    `counted` stores the count of each finished node by id. While a node is being counted, its entry exceeds
+    the limit, so that a node that contains itself is refused: it has endlessly many values.
     """
     if id(node) in counted:
         return counted[id(node)]
@@ -192,7 +199,7 @@ def parse_numbers(
     try:
         values = tuple(map(float, (text or "").split()))
     except ValueError:
-        values = (math.nan,)
+        values = (math.nan,)  # refused below
     problem = ""
     if not all(map(math.isfinite, values)):
         problem = "needs finite numbers"
@@ -208,7 +215,8 @@ def parse_numbers(
 def read_number(element: Element, where: str, key: str, default: str | None = None) -> float:
     """Parse the number in an attribute; the attribute is required without `default`."""
     text = attribute(element, where, key) if default is None else element.get(key, default)
-    return parse_numbers(where if key == "value" else f"{where} {key}", text, 1)[0]
+    place_of_number = where if key == "value" else f"{where} {key}"  # `value` is the only attribute
+    return parse_numbers(place_of_number, text, 1)[0]
 
 
 def check_parts(element: Element, where: str, children: Collection[str], attributes: Collection[str]) -> None:
@@ -227,8 +235,8 @@ def child_element(element: Element, where: str, tag: str) -> Element:
     """Return the child with this tag; raise RobotFileError if missing."""
     child = element.find(tag)
     if child is None:
-        given = ", ".join(f"<{other.tag}>" for other in element) or "nothing"
-        raise RobotFileError(f"{where}: <{tag}> is missing (given: {given})")
+        tags = ", ".join(f"<{other.tag}>" for other in element) or "nothing"
+        raise RobotFileError(f"{where}: <{tag}> is missing (given: {tags})")
     return child
 
 
@@ -236,8 +244,8 @@ def attribute(element: Element, where: str, key: str) -> str:
     """Return an attribute; raise RobotFileError if missing or empty."""
     value = element.get(key)
     if not value:
-        given = ", ".join(element.attrib) or "nothing"
-        raise RobotFileError(f"{where}: attribute {key!r} is missing or empty (given: {given})")
+        keys = ", ".join(element.attrib) or "nothing"
+        raise RobotFileError(f"{where}: attribute {key!r} is missing or empty (given: {keys})")
     return value
 
 

@@ -18,8 +18,8 @@ class Level:
 
     bodies: which bodies have mass: none, the payload, or all. Rotors always have their inertia.
     flexibility: which springs exist.
-    geometry: rigid if forces are those of the undeformed robot, deformed if of the deformed one.
-    elastic_inertia: whether rates of deflections cause inertia forces; if not, only deflections count.
+    geometry: rigid if forces are computed on the undeformed robot, deformed if on the deformed robot.
+    elastic_inertia: whether the rates of deflections cause inertia forces.
     """
 
     name: str  # in robot files, tables and JSON

@@ -19,7 +19,7 @@ _TABLE: Table = {
     "wrench": optional(anything),
     "axes": optional(one_of("axes", AXES_OF_WRENCHES), AXES_OF_WRENCHES[0]),
 }
-TABLE_DEGREE = 3  # of the spline through a table; torques of an elastic robot need a continuous w"
+TABLE_DEGREE = 3  # of the spline through a table; elastic robots need a continuous second derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class FrameWrench(ReadOnlyArrays):
 
     frame: str
     rows: Array
-    axes: str = AXES_OF_WRENCHES[0]
+    axes: str  # one of AXES_OF_WRENCHES
 
     def __call__(self, s: Array) -> Array:
         """Compute the wrench (T, 6) at path coordinates s (T,), along `axes`."""
@@ -44,16 +44,16 @@ class FrameWrench(ReadOnlyArrays):
     def times(self, factor: float) -> FrameWrench:
         """Return the wrench multiplied by a number."""
         rows = self.rows.copy()
-        rows[..., -6:] *= factor
+        rows[..., -6:] *= factor  # force and moment; a table has s before them
         return replace(self, rows=rows)
 
     @property
     def knots(self) -> Array:
-        """The path coordinates in (0, 1) where the spline's third derivative jumps."""
+        """Path coordinates in (0, 1) where the spline's highest derivative jumps."""
         if self.rows.ndim == 1:
             return NO_KNOTS
-        degree = self._spline.k
-        return np.unique(self._spline.t[degree + 1 : -degree - 1])
+        repeats = self._spline.k + 1  # number of equal knots at either end
+        return np.unique(self._spline.t[repeats:-repeats])
 
     @property
     def turns(self) -> bool:
@@ -62,13 +62,13 @@ class FrameWrench(ReadOnlyArrays):
 
     @property
     def document(self) -> Any:
-        """The wrench as written in a robot file or plan.json."""
+        """Wrench as written in a robot file or plan.json."""
         numbers = self.rows.tolist()
         return {"wrench": numbers, "axes": self.axes} if self.turns else numbers
 
     @cached_property
     def _spline(self) -> Any:
-        """The spline that interpolates the table over s, of degree `TABLE_DEGREE` at most."""
+        """Spline that interpolates the table over s, of degree TABLE_DEGREE at most."""
         from scipy.interpolate import make_interp_spline
 
         degree = min(TABLE_DEGREE, len(self.rows) - 1)
@@ -88,7 +88,7 @@ class FrameWrench(ReadOnlyArrays):
         if isinstance(given, Mapping):
             values = read_table(name, dict(given), _TABLE)
             given, axes = values["wrench"], values["axes"]
-        # an array of no dimension is an instance of ndarray, but cannot be iterated
+        # an array without dimensions is an ndarray, but is not iterable
         is_list = isinstance(given, list | tuple | np.ndarray) and np.iterable(given)
         if not (is_list and any(map(np.iterable, given))):
             return FrameWrench(frame, finite_numbers(name, given, 6), axes)

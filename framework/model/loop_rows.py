@@ -88,25 +88,25 @@ class LoopRows(ReadOnlyArrays):
 
     @cached_property
     def derivative_weight(self) -> Array:
-        """Factors (m,) in each row's rate, of `first vector . rate of the second`."""
-        return read_only(self.weight * (1.0 + self.square))
+        """Factors (m,) of `first vector . rate of the second vector` in the rate of each row."""
+        return read_only(self.weight * (1.0 + self.square))  # the rate of d.d is 2 d . (rate of d)
 
     @cached_property
     def force_weight(self) -> Array:
-        """Factors (m,) of the first vector in each row's force; 0 for rotations."""
+        """Factors (m,) of the first vector in the force of each row; 0 for rotations."""
         return read_only(np.where(self.rotation, 0.0, self.derivative_weight))
 
     @cached_property
     def couple_weight(self) -> Array:
-        """Factors (m,) of `second vector x first vector` in each row's couple."""
+        """Factors (m,) of `second vector x first vector` in the couple of each row; 0 but for rotations."""
         return read_only(np.where(self.rotation, self.weight, 0.0))
 
     @property
     def reach(self) -> Array:
         """Distances (m,) [m] that rows prescribe between two points; 0 for rotations and couplings."""
-        reach = np.zeros(len(self.names))
         prescribes = ~self.rotation & (self.weight != 0.0)  # the weight of a coupling row is zero
-        reach[prescribes] = np.abs(self.constant[prescribes] / self.weight[prescribes])
+        no_reach = np.zeros_like(self.weight)
+        reach = np.abs(np.divide(self.constant, self.weight, out=no_reach, where=prescribes))
         return np.where(self.square, np.sqrt(reach), reach)  # the product d.d is a distance squared
 
     @cached_property
@@ -164,46 +164,64 @@ def loop_rows(
 ) -> LoopRows:
     """Make a row for each locked axis and each coupling, on a mechanism's frames."""
     rows: list[tuple[Any, ...]] = []  # the fields of LoopRows in their order
-    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)
+    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)  # from `coupled` to `offset`
     for closure in closures:
         ends = [frames.index(frame) for frame in closure.frames]
         for axis in closure.axes:
-            rows.append((f"{closure.name}.{axis}", *ends, *_product_entries(closure, axis), *no_coupling))
+            rows.append((f"{closure.name}.{axis}", *ends, *_product_of_axis(closure, axis), *no_coupling))
     for coupling in couplings:
         # the product always holds: its axes x and y of frame 0 are perpendicular, its weight is 0
-        product = (False, coupling.turns, 0, 1, 0.0, 0.0)
-        rows.append((f"{coupling.name}.q", 0, 0, *product, True, *coupling[1:5]))
+        product = _RowProduct(rotation=coupling.turns, second_axis=1, weight=0.0)
+        joints = coupling.columns, coupling.places
+        rows.append((f"{coupling.name}.q", 0, 0, *product, True, *joints, coupling.ratio, coupling.offset))
     names, *columns = zip(*rows, strict=True)
     arrays: Iterator[Any] = map(np.array, columns)
     return LoopRows(names, *arrays)
 
 
-def _product_entries(closure: Closure, axis: str) -> tuple[Any, ...]:
-    """Return the entries of `LoopRows` from `square` to `constant` for one axis."""
+class _RowProduct(NamedTuple):
+    """The product of one row, in the fields of `LoopRows`."""
+
+    square: bool = False
+    rotation: bool = False
+    first_axis: int = 0
+    second_axis: int = 0
+    weight: float = 1.0
+    constant: float = 0.0
+
+
+def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
+    """Return the product that locks one axis of a closure."""
     if closure.length is not None and axis in ROW_KINDS:
         product, coefficients, _, axes = ROW_KINDS[axis]
-        return product == "d.d", product == "u.w", *axes, *coefficients(closure.length)
+        return _RowProduct(product == "d.d", product == "u.w", *axes, *coefficients(closure.length))
     k = "xyz".index(axis[-1])
     if axis.startswith("r"):
-        return False, True, *_perpendicular_axes(k, closure), 0.0
-    return False, False, k, 0, 1.0, 0.0
+        return _perpendicular_axes(k, closure)
+    return _RowProduct(first_axis=k)
 
 
-def _perpendicular_axes(locked_axis: int, closure: Closure) -> tuple[int, int, float]:
-    """Return the two axes whose product locks a rotation, and the sign.
+def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:
+    """Return the product of two axes that locks a rotation.
 
-    The axes are x_0, x_1, x_2. With i, j, k cyclic, R = 1 + [phi]x gives x_j . (R x_k) = -phi_i and
-    x_k . (R x_j) = +phi_i, where i is the locked axis.
+    Let the locked axis be i, with i, j, k cyclic. Let R = 1 + [phi]x be a small rotation of the second frame
+    with axes R x_0, R x_1, R x_2 from the first with axes x_0, x_1, x_2. Then x_j . (R x_k) = -phi_i and
+    x_k . (R x_j) = +phi_i. The weight -1 or 1 makes the product phi_i.
     """
     following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
-    free = [k for k in range(3) if AXES[3 + k] not in closure.axes]
+    free = _free_turns(closure)
+    axes = following, preceding
     if free == [following]:  # the second frame carries the free axis
-        return preceding, following, 1.0
-    if len(free) < 2:
-        return following, preceding, -1.0
-    # two free axes: a universal joint, its first axis on the first frame, its second on the second
-    first, second = free
-    return first, second, -1.0 if first == following else 1.0
+        axes = preceding, following
+    elif len(free) == 2:  # a universal joint: its first axis on the first frame, its second on the second
+        axes = free[0], free[1]
+    weight = -1.0 if axes == (following, preceding) else 1.0
+    return _RowProduct(False, True, *axes, weight)
+
+
+def _free_turns(closure: Closure) -> list[int]:
+    """Return the axes (0..2) about which a closure lets the second frame turn."""
+    return [k for k, name in enumerate(AXES[3:]) if name not in closure.axes]
 
 
 class LockedDirections(NamedTuple):
@@ -224,10 +242,10 @@ def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> Loc
     """Return the axes kept parallel: one if two rotations are locked, two if all."""
     pairs, names = [], []
     for closure in closures:
-        free = [k for k in range(3) if AXES[3 + k] not in closure.axes]
+        free = _free_turns(closure)
         if len(free) > 1:
             continue
-        for k in free or (0, 1):
+        for k in free or (0, 1):  # if two axes of the frames are parallel, so are the third ones
             pairs.append((*map(frames.index, closure.frames), k))
             names.append(closure.name)
     first, second, axis = map(read_only, np.array(pairs, dtype=np.intp).reshape(-1, 3).T)

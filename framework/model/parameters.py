@@ -66,7 +66,7 @@ def fill_parameters(text: str, given: Mapping[str, float] | None = None) -> tupl
     values = {name: choices[0] for name, choices in declared.items()}
     for name, value in (given or {}).items():
         check_name("parameters", "parameter", name, declared)
-        (values[name],) = _read_values(name, [value])
+        (values[name],) = _read_values(name, [value])  # one value, not a list
     return fill_placeholders(text, values), values
 
 
@@ -76,7 +76,7 @@ def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
 
 
 def _check_parameter_name(name: Any) -> None:
-    """Refuse names that are no identifiers, and names that expressions use."""
+    """Refuse a name that is not an identifier, or that expressions use for a function or pi."""
     if not isinstance(name, str) or not name.isidentifier() or name in (*_FUNCTIONS, "pi"):
         raise RobotFileError(f"parameters: {short(name)} is no name for a parameter: letters, digits and _")
 

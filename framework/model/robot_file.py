@@ -59,8 +59,8 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
-    if further := locked_through_couplings(robot["couplings"], locked):
-        return parse_robot(path, content | {"locked": locked | further}, parameters)
+    if coupled_to_locked := locked_through_couplings(robot["couplings"], locked):  # they are locked, too
+        return parse_robot(path, content | {"locked": locked | coupled_to_locked}, parameters)
     _merge_joint_springs(robot, locked)
     _drop_locked_joints(robot, locked)
 
@@ -97,7 +97,7 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
     """Drop the couplings, springs and entries of locked joints."""
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
-    # a spring without axes of its own has the motion of its joint, which is locked
+    # a spring without axes of its own moves like its joint, and is locked with the joint
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
     for key in ("reference", "joints"):
         robot[key] = {name: value for name, value in robot[key].items() if name not in locked}
@@ -109,7 +109,11 @@ def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> N
 def _read_urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
 ) -> tuple[str, Element, Tree]:
-    """Read the URDF, edited as the robot file says; return text, root and tree."""
+    """Read the URDF, and lock joints, free the root and add frames as the robot file says.
+
+    Returns:
+        The text of the URDF, the root of its XML, and its tree.
+    """
     path = locate_urdf(folder, tree["urdf"])
     text = read_text(path, f"urdf: cannot read {path}", error=RobotFileError).lstrip(LEADING_BLANKS)
     with prefix_errors(f"urdf: {path}"):
@@ -121,7 +125,8 @@ def _read_urdf(
     lock_joints(root, tree["locked"])
     if tree["root"] == "free":
         free_root(root)
-    for frame in list_of(added_frame_reader(read_tree(root)))("frames", tree["frames"]):
+    read_frames = list_of(added_frame_reader(read_tree(root)))
+    for frame in read_frames("frames", tree["frames"]):
         origin = placement(from_rpy(frame.pop("rpy")), frame.pop("xyz"))
         add_frame(root, origin=origin, **frame)
     with prefix_errors(f"urdf: {path}"):  # the name of an added frame may be taken
@@ -144,7 +149,7 @@ def _check_scenes(description: RobotDescription) -> None:
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:
-    """Refuse names that are taken, and motors on joints without exactly one freedom."""
+    """Refuse repeated names and names in use, and motors on joints without exactly one freedom."""
     virtual_joints = [name for spring in description.springs for name in spring.coordinates]
     check_unique("actuators", description.motor_joints)
     check_unique("closures", [closure.name for closure in description.closures])

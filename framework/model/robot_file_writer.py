@@ -38,7 +38,9 @@ def write_robot_file(
         OutputError: the folder cannot be written, or a file would overwrite the one that was read.
         RobotFileError: the files cannot be read back; the folder is unchanged.
     """
-    out, name, source = Path(folder), description.name, description.file
+    out = Path(folder)
+    name = description.name
+    source = description.file
     for suffix in (".yaml", ".urdf"):
         target = out / f"{name}{suffix}"
         if target.exists() and target.resolve() in (source.resolve(), source.with_suffix(suffix).resolve()):
@@ -90,21 +92,21 @@ def _joint_entries(description: RobotDescription) -> Document:
     """Return the entry `joints`, one for a ball with equal dynamics about all axes."""
     dynamics = dict(description.joints)
     for name, joint in read_tree(fromstring(description.urdf_text)).joints.items():
-        of_joint = [dynamics.get(coordinate) for coordinate in joint.coordinates]
-        if len(of_joint) > 1 and of_joint[0] and len(set(of_joint)) == 1:
-            dynamics[name] = of_joint[0]
+        about_axes = [dynamics.get(coordinate) for coordinate in joint.coordinates]
+        if len(about_axes) > 1 and about_axes[0] and len(set(about_axes)) == 1:
+            dynamics[name] = about_axes[0]
             for coordinate in joint.coordinates:
                 del dynamics[coordinate]
     return {name: _dynamics_entry(values) for name, values in dynamics.items()}
 
 
 def _dynamics_entry(dynamics: JointDynamics) -> dict[str, float]:
-    """Return the fields that are not zero, and zeros that override the URDF's."""
+    """Return the fields that are not zero, and zeros that override the URDF."""
     return {key: value for key, value in asdict(dynamics).items() if value or key in ("damping", "friction")}
 
 
 def _closure_entry(closure: Closure) -> Document:
-    """Return the entry of a closure, by kind if a kind locks exactly its axes."""
+    """Return the entry of a closure, with a kind in place of axes if possible."""
     entry = record_entry(closure)
     for kind in ("fixed", "spherical", *kinds_with_length()):  # the kinds without an axis
         if closure.axes == locked_axes(kind):

@@ -23,6 +23,7 @@ from framework.model.description import (
     JointDynamics,
     KeptLevel,
     Platform,
+    Points,
     Scene,
     Spring,
     kinds_with_length,
@@ -30,7 +31,7 @@ from framework.model.description import (
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
-from framework.model.urdf_elements import SEVERAL, Tree, check_inertia
+from framework.model.urdf_elements import SEVERAL, JointValues, Tree, check_inertia
 from framework.numerics.fields import (
     Reader,
     Table,
@@ -234,36 +235,35 @@ _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
 )
 
 
-def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[dict[str, dict[str, float]]]:
+def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
     """Return a reader of joint dynamics, by coordinate or whole joint."""
     whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
 
-    def read(where: str, given: Any) -> dict[str, dict[str, float]]:
+    def read(where: str, given: Any) -> JointValues:
         """Read the entries of joints as entries of coordinates.
 
         An entry under the name of a ball is for its three coordinates; the values of an entry for one of
         these coordinates override it.
         """
         stated = mapping_of(record(_JOINT), one_of("joint", [*names, *whole_joints]))(where, given)
-        values: dict[str, dict[str, float]] = {}
+        values: JointValues = {}
         # whole joints first, so that the entry of a coordinate overrides
         for name in sorted(stated, key=lambda name: name not in whole_joints):
             entry = {key: value for key, value in stated[name].items() if value is not None}
             if name not in urdf.joints and "armature" in entry:
+                key = below(below(where, name), "armature")
                 raise RobotFileError(
-                    f"{below(below(where, name), 'armature')}: a ball has one for all directions; give it "
-                    f"under the name of the joint"
+                    f"{key}: a ball has one armature for all directions; give it under the name of the joint"
                 )
-            for coordinate in urdf.joints[name].coordinates if name in whole_joints else (name,):
+            coordinates = urdf.joints[name].coordinates if name in whole_joints else (name,)
+            for coordinate in coordinates:
                 values.setdefault(coordinate, {}).update(entry)
         return values
 
     return read
 
 
-def merge_joint_dynamics(
-    declared: Mapping[str, Mapping[str, float]], overriding: Mapping[str, Mapping[str, float]]
-) -> dict[str, JointDynamics]:
+def merge_joint_dynamics(declared: JointValues, overriding: JointValues) -> dict[str, JointDynamics]:
     """Merge the URDF's joint dynamics with overriding ones, by coordinate."""
     return {
         name: JointDynamics(**{**declared.get(name, {}), **overriding.get(name, {})})
@@ -271,13 +271,18 @@ def merge_joint_dynamics(
     }
 
 
+def _read_motion(where: str, given: Any) -> tuple[str, ...]:
+    """Read the elastic axes of a spring; none for the motion of its joint."""
+    return () if given == "own" else _read_axes(where, given)
+
+
 def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a virtual spring or a URDF joint's spring."""
+    """Return a reader of a spring: a virtual joint, or a spring that acts along a URDF joint."""
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
         "after": required(one_of("joint", urdf.joints)),
-        "motion": optional(lambda where, given: () if given == "own" else _read_axes(where, given), ()),
+        "motion": optional(_read_motion, ()),
         "stiffness": required(one_or_list_of(positive)),
     }
     on_joint = {
@@ -325,9 +330,7 @@ _MOTION: Table = {
 }
 
 
-def select_path(
-    where: str, paths: Mapping[str, Any]
-) -> tuple[str, tuple[tuple[float, ...], ...], float | None]:
+def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, float | None]:
     """Return kind, points and blend [m] of the only path in the values of PATHS.
 
     Raises:
@@ -352,7 +355,7 @@ def select_path(
 
 
 def _make_scene(where: str, values: dict[str, Any]) -> Scene:
-    """Make a scene of its values, without its name, which `_scenes_reader` adds."""
+    """Make a scene from the values of its keys; `_scenes_reader` adds the name."""
     kind, points, _ = select_path(where, values)
     if values["duration"] is None and values["optimize"] != "time":
         raise InvalidInput(f"{where}.duration: missing; only with `optimize: time` is it found [s]")

@@ -98,13 +98,14 @@ def chain_elements(
     """Yield a chain of joints from `parent` to `body`, and the massless links between.
 
     Args:
-        end: (4, 4) placement of the body behind the last joint; a fixed joint, unless it is the identity.
-        taken: names of links, to which those of the chain are added.
+        end: (4, 4) placement of the body behind the last joint. Unless it is the identity, a fixed joint is
+            added there.
+        taken: names in use, to which the names of the chain are added.
     """
     for motion in motions:
-        is_last = motion is motions[-1] and np.array_equal(end, np.eye(4))
-        child = body if is_last else free_name(f"{motion.name}_link", taken)
-        if not is_last:
+        carries_body = motion is motions[-1] and np.array_equal(end, np.eye(4))
+        child = body if carries_body else free_name(f"{motion.name}_link", taken)
+        if not carries_body:
             yield Element("link", name=child)
         yield joint_element(motion, parent, child)
         parent = child
@@ -113,7 +114,7 @@ def chain_elements(
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Append underscores to a name until free; add the result to `taken`."""
+    """Append underscores to a name until free; add the name to `taken`."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)
@@ -134,8 +135,8 @@ def inertial_element(mass: float, centre: Array, inertia: Array) -> Element:
     SubElement(inertial, "origin", xyz=vector_text(centre), rpy="0 0 0")
     SubElement(inertial, "mass", value=repr(float(mass)))
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    pairs = zip(names, inertia[np.triu_indices(3)].tolist(), strict=True)
-    SubElement(inertial, "inertia", {name: repr(value) for name, value in pairs})
+    entries = map(repr, inertia[np.triu_indices(3)].tolist())
+    SubElement(inertial, "inertia", dict(zip(names, entries, strict=True)))
     return inertial
 
 
@@ -207,7 +208,7 @@ def free_root(root: Element) -> None:
         motions.append(NewJoint(name, kind, np.eye(4), unit_vector(name[-1])))
     SubElement(root, "link", name=GROUND)
     root.extend(chain_elements(GROUND, motions, tree.base, np.eye(4), set(tree.links)))
-    for limit in root.findall("joint/limit")[-len(motions) :]:
+    for limit in root.findall("joint/limit")[-len(motions) :]:  # of the chain, which was added last
         limit.set("effort", "0")  # nothing drives these joints
 
 
@@ -242,11 +243,10 @@ def make_continuous_joints_revolute(root: Element) -> None:
     Pinocchio's coordinates of a continuous joint are the cosine and sine of the angle. A motor behind a gear
     needs the angle itself, with full turns.
     """
-    for joint in root.findall("joint"):
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
-            remove_children(joint, "limit")
-            add_endless_limit(joint)
+    for joint in root.findall("joint[@type='continuous']"):
+        joint.set("type", "revolute")
+        remove_children(joint, "limit")
+        add_endless_limit(joint)
 
 
 # ------------------------------------------------------------------ springs

@@ -41,6 +41,8 @@ MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
 PACKAGE = "package://"
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
+JointValues = dict[str, dict[str, float]]  # for each coordinate, values of fields of JointDynamics
+Complaints = list[tuple[str, str]]  # the name of a link or joint, and what is impossible about it
 
 
 @dataclass(eq=False)
@@ -149,7 +151,7 @@ def coordinates_of(name: str, kind: str) -> Names:
     return tuple(f"{name}{suffix}" for suffix in suffixes.get(kind, ()))
 
 
-def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) -> Tree:
+def read_tree(root: Element, impossible: Complaints | None = None) -> Tree:
     """Read and check the links and joints below `<robot>`.
 
     Impossible inertias of links and impossible limits of joints are errors. With a list `impossible` they are
@@ -192,7 +194,7 @@ def read_tree(root: Element, impossible: list[tuple[str, str]] | None = None) ->
 
 
 def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
-    """Find the root of the tree of links; refuse joints that make no tree."""
+    """Find the root of the tree of links; refuse joints that do not make a tree."""
     parents: dict[str, str] = {}
     for joint in joints.values():
         if joint.child == joint.parent:
@@ -228,8 +230,8 @@ def unique_names(root: Element, tag: str) -> list[str]:
     return names
 
 
-def read_joint(element: Element, links: set[str], impossible: list[tuple[str, str]] | None = None) -> Joint:
-    """Read and check a joint between two links; remove children without a meaning."""
+def read_joint(element: Element, links: set[str], impossible: Complaints | None = None) -> Joint:
+    """Read and check a joint between two links; remove children that mean nothing for its type."""
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
@@ -257,7 +259,8 @@ def read_joint(element: Element, links: set[str], impossible: list[tuple[str, st
         add_endless_limit(element)
     element.attrib.pop("independent", None)  # a hint of URDF+, which its reader has read already
     origin = read_origin(element.find("origin"), f"{where}: <origin>")
-    return Joint(element, name, kind, ends[0], ends[1], origin, direction)
+    parent, child = ends
+    return Joint(element, name, kind, parent, child, origin, direction)
 
 
 def add_endless_limit(joint: Element) -> Element:
@@ -273,11 +276,11 @@ def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
     if is_needed:
         for key in ("effort", "velocity"):
             attribute(limit, f"{where}: <limit>", key)
-    lower, upper, effort, velocity = (
+    numbers: list[float] = []
+    for key in ("lower", "upper", "effort", "velocity"):
         # some files write 1.8e308 for no limit
-        parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)[0]
-        for key in ("lower", "upper", "effort", "velocity")
-    )
+        numbers += parse_numbers(f"{where}: <limit> {key}", limit.get(key, "0"), 1, largest=math.inf)
+    lower, upper, effort, velocity = numbers
     if is_needed and (lower > upper or effort < 0 or velocity < 0):
         raise RobotFileError(
             f"{where}: <limit>: needs lower <= upper, effort and velocity of at least zero, got lower "
@@ -341,20 +344,21 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
         )
 
 
-def declared_dynamics(root: Element) -> dict[str, dict[str, float]]:
+def declared_dynamics(root: Element) -> JointValues:
     """Return positive damping and dry friction of <dynamics>, by coordinate."""
     declared = {}
-    for joint in root.findall("joint"):
+    for joint in root.findall("joint[dynamics]"):
         name = joint.get("name", "")
-        element = joint.find("dynamics")
         coordinates = coordinates_of(name, joint.get("type", ""))
-        if element is None or not coordinates:
+        if not coordinates:
             continue
+        where = f"joint {name!r}: <dynamics>"
+        element = child_element(joint, "", "dynamics")
         values = {}
         for key in ("damping", "friction"):
-            value = read_number(element, f"joint {name!r}: <dynamics>", key, "0")
+            value = read_number(element, where, key, "0")
             if value < 0:
-                raise RobotFileError(f"joint {name!r}: <dynamics> {key}: must not be negative, got {value:g}")
+                raise RobotFileError(f"{where} {key}: must not be negative, got {value:g}")
             if value:
                 values[key] = value
         if values:
@@ -369,11 +373,9 @@ def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupli
     """
     movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
     couplings = []
-    for joint in root.findall("joint"):
+    for joint in root.findall("joint[mimic]"):
         name = joint.get("name", "")
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
+        mimic = child_element(joint, "", "mimic")
         joint.remove(mimic)
         if name not in movable:
             continue  # fixed joints follow no other

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.model.description import RobotDescription
-from framework.model.documents import parse_numbers, read_origin
+from framework.model.documents import child_element, parse_numbers, read_origin
 from framework.model.urdf_elements import locate_urdf
 from framework.numerics.arrays import Array, IntArray
 
@@ -36,7 +36,7 @@ class Shape(NamedTuple):
 
     node: int
     kind: str  # box, cylinder, sphere, mesh
-    size: tuple[float, ...]  # edges; radius, length; radius; nothing
+    size: tuple[float, ...]  # [m] three edges; radius and length; radius; none of a mesh
     placement: Array  # (4, 4) in the node's frame
     color: Color
     vertices: Array | None = None  # (V, 3) of a mesh
@@ -73,7 +73,8 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
         frame = model.frames[model.getFrameId(link.get("name", ""), pin.FrameType.BODY)]
         for visual in link.findall("visual"):
             try:
-                kind, size, vertices, faces = _read_solid(description, visual.find("geometry"))
+                geometry = child_element(visual, "<visual>", "geometry")  # a RobotFileError is a ValueError
+                kind, size, vertices, faces = _read_solid(description, geometry)
                 placement = frame.placement.homogeneous @ read_origin(visual.find("origin"), "<origin>")
                 color = _read_color(visual.find("material"), materials)
             except ValueError:
@@ -85,13 +86,13 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
 Solid = tuple[str, tuple[float, ...], Array | None, IntArray | None]  # kind, size, vertices and faces
 
 
-def _read_solid(description: RobotDescription, geometry: Element | None) -> Solid:
-    """Read the first known shape of a `<geometry>`, with sizes [m].
+def _read_solid(description: RobotDescription, geometry: Element) -> Solid:
+    """Read the first known shape of a `<geometry>`: kind, sizes [m], vertices and faces.
 
     Raises:
         ValueError: no shape is known, or a size is malformed or not positive.
     """
-    for shape in geometry if geometry is not None else ():
+    for shape in geometry:
         if shape.tag == "mesh":
             return "mesh", (), *_load_mesh(description, shape)
         if shape.tag in _SIZES:
@@ -101,7 +102,7 @@ def _read_solid(description: RobotDescription, geometry: Element | None) -> Soli
             if min(sizes) <= 0:
                 raise ValueError("no size")
             return shape.tag.replace("capsule", "cylinder"), sizes, None, None
-    raise ValueError("no geometry")
+    raise ValueError("no known shape")
 
 
 def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, IntArray]:
@@ -111,7 +112,7 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
         ValueError: the file or its surface is missing, too large or malformed.
     """
     reference = element.get("filename", "").removeprefix("file://")
-    file = locate_urdf(description.file.parent, reference)  # a RobotFileError is a ValueError
+    file = locate_urdf(description.file.parent, reference)
     if not (reference and os.path.isfile(file) and os.path.getsize(file) <= MAX_MESH_BYTES):
         raise ValueError("no mesh file")
     scale = parse_numbers("scale", element.get("scale", "1 1 1"), 3)
@@ -124,7 +125,7 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
 
 
 def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
-    """Read the colour of a visual, from its material or the robot's."""
+    """Read the colour of a visual, from its material or the robot's material of the same name."""
     if material is None:
         return DEFAULT_COLOR
     for element in (material, materials.get(material.get("name"), material)):

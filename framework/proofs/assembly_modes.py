@@ -85,10 +85,10 @@ class AssemblyModes:
         count = f"{len(self.modes)} real{bound}"
         if self.status == "at least":
             count = f"at least {proved} real{bound}"
-        if self.status == "numerically complete":
+        elif self.status == "numerically complete":
             count += ", complete up to numerical path tracking"
-        rest = "" if proved == len(self.modes) else f", {len(self.modes) - proved} found and not proved"
-        return f"{count}, each proved to exist and to be single{rest}; {self.method}"
+        unproved = "" if proved == len(self.modes) else f", {len(self.modes) - proved} found and not proved"
+        return f"{count}, each proved to exist and to be single{unproved}; {self.method}"
 
 
 def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
@@ -116,26 +116,25 @@ def assembly_modes(robot: ParallelRobot, q_a: ArrayLike) -> AssemblyModes:
 def _modes_at_displacements(
     robot: ParallelRobot, q: Array, conditions: LegConditions, solutions: RealSolutions
 ) -> AssemblyModes:
-    """Return the modes at the platform displacements that solve the leg conditions.
+    """Find the modes at the platform displacements that solve the leg conditions.
 
-    q (1, nq) has the motors in place. A displacement (R, p) moves the platform's frame from its reference
-    (position, rotation) to (R position + p, R rotation); a translation moves its origin to position + p.
+    The motors stay as in q (1, nq). A displacement (R, p) moves the platform's frame from its reference pose
+    (position, rotation) to (R position + p, R rotation). If the platform only translates, R = 1, and the
+    rotation is left free.
     """
     reference_frames = frames_at(robot, robot.reference.q[None])
     position = reference_frames.position[0, 0]
     rotation = reference_frames.rotation[0, 0]
     p = solutions.p * robot.length
-    if conditions.group.only_translates:
-        poses = find_joints_at_poses(robot, q, position + p, None)
-    else:
-        poses = find_joints_at_poses(robot, q, solutions.R @ position + p, solutions.R @ rotation)
-    modes = [
-        AssemblyMode(pose, _platform_coordinates(robot, frames_at(robot, pose[None])), bool(proved))
-        for pose, proved in zip(poses, solutions.proved, strict=True)
-        if pose is not None
-    ]
+    rotations = None if conditions.group.only_translates else solutions.R @ rotation
+    poses = find_joints_at_poses(robot, q, solutions.R @ position + p, rotations)
+    modes = list[AssemblyMode]()
+    for pose, proved in zip(poses, solutions.proved, strict=True):
+        if pose is not None:
+            x = _platform_coordinates(robot, frames_at(robot, pose[None]))
+            modes.append(AssemblyMode(pose, x, bool(proved)))
     modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
-    # a displacement without joints would solve the sampled conditions, but not the loops of the robot
+    # where no joints are found for a displacement, the sampled conditions may not be those of the loops
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
     family = conditions.group.family
     method = f"homotopy in {family.name}: {solutions.count.sentence}"
@@ -143,13 +142,15 @@ def _modes_at_displacements(
 
 
 def _platform_coordinates(robot: ParallelRobot, frames: FrameStack) -> Array:
-    """Return the platform's coordinates (n,), turns counted from the reference (S = 1)."""
+    """Return the platform's coordinates (n,) in one pose, angles within half a turn of the reference."""
     return robot.platform.unwrap(robot.platform.coordinates(frames), robot.reference.x)[0]
 
 
 def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
-    """Search modes by Newton's method from random starts, motors as in q (1, nq)."""
-    poses, closed = close_all_loops(robot, draw_starts(robot, q, RANDOM_STARTS), None)
+    """Search modes by Newton's method from random starts, with the motors as in q (1, nq)."""
+    poses, closed = close_all_loops(
+        robot, draw_starts(robot, q, robot.passive, RANDOM_STARTS), robot.following
+    )
     candidates = sorted(remove_whole_turns(robot, poses[closed]), key=partial(distance_from_reference, robot))
     modes = list[AssemblyMode]()
     for pose in candidates:
@@ -166,7 +167,7 @@ def _search_modes(robot: ParallelRobot, q: Array) -> AssemblyModes:
 
 
 def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> bool:
-    """Return whether the platform is away from coordinates x (n,) (S = 1)."""
+    """Return whether the platform in `frames` (one pose) is away from coordinates x (n,)."""
     offset = robot.platform.residual(frames, x[None])[0] / robot.platform_scale
     return bool(np.abs(offset).max() > DISTINCT_SOLUTIONS)
 
@@ -174,10 +175,10 @@ def _are_poses_distinct(robot: ParallelRobot, frames: FrameStack, x: Array) -> b
 def _has_no_other_poses(robot: ParallelRobot, q: Array, poses: list[Array]) -> bool:
     """Return whether the loops provably close in no poses but `poses` (nq,).
 
-    Motors are as in q (nq,). All joints that follow the motors are paved as if they were one leg.
+    The motors are as in q (nq,). All joints that follow the motors are paved as if they were one leg.
     """
     joints = robot.following
     is_fixed = ~np.isin(np.arange(robot.model.nv), joints)
-    candidates = np.reshape(poses, (-1, len(q)))  # two axes, even of no pose
+    candidates = np.reshape(poses, (-1, len(q)))  # (0, nq) without poses
     offsets = (difference(robot, q, candidates) / robot.column_scale)[:, joints]
     return are_leg_solutions_complete(robot, joints, is_fixed, q, offsets[distinct_rows(offsets)], None)

@@ -16,9 +16,9 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, IntArray, Stack, join, select
 from framework.proofs.rounding import ROUND_UP, UNIT_ROUNDOFF
 
-SHRUNK_VOLUME_RATIO = 0.5  # a box that was narrowed below this share is tested again before it is cut
-MIDDLE_ROUNDING = 10 * UNIT_ROUNDOFF  # of the middle of a box, added to its radii
-NO_AXIS = -1  # in place of an axis to cut across
+SHRUNK_VOLUME_RATIO = 0.5  # a box narrowed below this share of its volume is tested again before it is cut
+MIDDLE_ROUNDING = 10 * UNIT_ROUNDOFF  # bound on the error of a middle, over 1 + |middle|; added to the radii
+NO_AXIS = -1  # stands for an axis where a test names none to cut across
 
 K = TypeVar("K")
 
@@ -58,9 +58,10 @@ def branch_and_bound(
     Args:
         batch: number of pieces tested at a time.
         max_examined: number of pieces tested at most; the last batch may exceed it.
-        distance: computes the distances (S,) of pieces. With it the nearest pieces are tested first, and
-            pieces no nearer than `limit` or than an undecided piece are not tested. Without it the newest
+        distance: computes the distances (S,) of pieces. If given, the nearest pieces are tested first, and
+            pieces no nearer than `limit` or than an undecided piece are not tested. By default the newest
             pieces are tested first, and all are tested.
+        limit: distance beyond which no piece is of interest.
     """
     pending = region
     proved = list[K]()
@@ -122,8 +123,8 @@ def narrow_or_halve(wide: Boxes, boxes: Boxes, axis: IntArray, is_small: BoolArr
 
     Args:
         wide: the S boxes before they were narrowed.
-        boxes: the same, narrowed.
-        axis: (S,) to cut across, or NO_AXIS.
+        boxes: the same boxes, narrowed.
+        axis: (S,) coordinate across which a box must be halved, or NO_AXIS.
         is_small: (S,) whether a box is too small to be halved.
     """
     has_no_axis = axis == NO_AXIS

@@ -17,12 +17,12 @@ from framework.proofs.interval_newton import LinearEnclosure, contract, damped_i
 
 MAX_BOXES = 60_000
 BOXES_PER_BATCH = 4096
-MIN_RADIUS = 1e-6  # of a box that is cut; boxes about a regular solution are dropped at larger radii
-MAX_UNIQUE_RADIUS = 0.5  # [rad, lengths] of a region in which a solution is the only one
-UNIQUENESS_SHARE = 0.9  # of the radius at which the Jacobian may lose rank
-MAX_INVERSE_ERROR = 1e-6  # of a pseudo-inverse; with a larger one no region is claimed
+MIN_RADIUS = 1e-6  # smaller boxes are not cut; boxes about a regular solution are dropped at larger radii
+MAX_UNIQUE_RADIUS = 0.5  # [rad, lengths] largest radius of a region in which a solution is the only one
+UNIQUENESS_SHARE = 0.9  # share of the radius at which the Jacobian may lose rank
+MAX_INVERSE_ERROR = 1e-6  # largest row sum of |Y J - 1| for a pseudo-inverse Y that a proof uses
 
-Equations = Callable[[Array, Array], LinearEnclosure]  # of middles and radii (B, n) of boxes
+Equations = Callable[[Array, Array], LinearEnclosure]  # takes the middles and radii (B, n) of boxes
 
 
 class KnownSolutions(NamedTuple):
@@ -41,7 +41,7 @@ class KnownSolutions(NamedTuple):
     def contains(self, boxes: Boxes) -> BoolArray:
         """Return whether each of B boxes lies in the box of one solution, (B,).
 
-        Distances are the shortest modulo the period: angles count up to whole turns.
+        Angles are compared modulo whole turns, so distances are the shortest ones modulo the period.
         """
         offset = np.mod(np.abs(boxes.middle[:, None] - self.points), self.period)  # (B, k, n)
         distance = np.minimum(offset, self.period - offset)
@@ -52,9 +52,10 @@ class KnownSolutions(NamedTuple):
 def unique_radius(equations: Equations, point: Array) -> float:
     """Compute the radius of a box about a point (n,) with at most one solution.
 
-    Let J be the Jacobian at the point, Y its pseudo-inverse and dJ the change of J within the box. Between
-    any two points of the box the mean Jacobian has full rank if |Y| |dJ| < 1, and dJ is proportional to the
-    radius. The errors of the equations are second-order terms, so |dJ| r is twice the errors.
+    Let J be the Jacobian at the point, Y its pseudo-inverse and dJ a bound on the change of J within the box.
+    Two solutions in the box are impossible if the mean Jacobian between any two of its points has full rank,
+    which holds if |Y| dJ has row sums below 1. The bound dJ is proportional to the radius r. Since the errors
+    of the equations bound second-order terms, dJ r is twice these errors.
     """
     n = len(point)
     linear = equations(point[None], np.ones((1, n)))  # in a box of radius 1
@@ -62,28 +63,27 @@ def unique_radius(equations: Equations, point: Array) -> float:
     Y = np.linalg.pinv(J)
     if np.abs(Y @ J - np.eye(n)).sum(axis=1).max() > MAX_INVERSE_ERROR:
         return 0.0
-    change = 2 * np.abs(Y) @ linear.errors[0]  # |Y| |dJ| at radius 1
+    change = 2 * np.abs(Y) @ linear.errors[0]  # (n,) row sums of |Y| dJ at radius 1
     return min(UNIQUENESS_SHARE / float(change.max()), MAX_UNIQUE_RADIUS)
 
 
-def has_no_others(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:
+def has_only_known_solutions(equations: Equations, boxes: Boxes, known: KnownSolutions) -> bool:
     """Return whether boxes provably hold only known solutions; False if undecided."""
 
     def test(boxes: Boxes) -> Examined[Boxes, None]:
         """Narrow boxes; drop boxes without other solutions; test again or halve the rest."""
         linear = equations(*boxes)
         remaining = contract(linear, boxes.radii, damped_inverses(linear, boxes.radii))
-        is_possible = ~remaining.empty
-        boxes = select(boxes, is_possible)
-        narrow = boxes.sub_boxes(*select(remaining, is_possible))
-        is_open = ~known.contains(narrow)
-        boxes = select(boxes, is_open)
-        narrow = select(narrow, is_open)
+        all_narrow = boxes.sub_boxes(remaining.lower, remaining.upper)
+        is_open = ~remaining.empty & ~known.contains(all_narrow)
+
+        narrow = select(all_narrow, is_open)
         is_small = narrow.radii.max(axis=1) < MIN_RADIUS
         no_axis = np.full(narrow.size, NO_AXIS)
-        return Examined(None, *narrow_or_halve(boxes, narrow, no_axis, is_small))
+        undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, no_axis, is_small)
+        return Examined(None, undecided, pending)
 
-    # equal distances: the first undecided box ends the search, since no other box is nearer
+    # One undecided box spoils the proof. With equal distances no box is nearer than it, so the search ends.
     end = branch_and_bound(
         test,
         boxes,

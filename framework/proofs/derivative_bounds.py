@@ -1,19 +1,20 @@
 """Platform and loop equations with first and second derivatives along the joints, bounded over boxes.
 
 A loop equation is a product of vectors that turn with the joints: an axis e of one frame, and a point p of
-another. Along the chain of joints from the first frame to the second, for joints i not behind j,
+another. Let joint j turn about the unit vector w_j through the point o_j. For joints in the order h, i, j
+along the chain from the first frame to the second (equal ones allowed),
 
-    dp/dq_j = u_j = w_j x (p - o_j),    d2p/dq_i dq_j = w_i x u_j,    |d3p/dq_h dq_i dq_j| <= |u_j|
+    dp/dq_j = u_j = w_j x (p - o_j),    d2p/dq_i dq_j = w_i x u_j,    |d3p/dq_h dq_i dq_j| <= |u_j|.
 
-if the joints turn about axes w through o. For a slide, u_j is its direction; the higher derivatives are zero
-if any joint but the last one slides. |u_j| is the lever of joint j. Over a box it grows by at most the
-distance that the joints behind j can move p. So neither the slopes at the middle of a box nor the bounds on
-their change need the sine of an interval.
+If joint j slides, u_j is its direction. If joint h or i slides, the higher derivatives are zero. The lever of
+joint j is |u_j|. Over a box it grows by at most the distance by which the joints between j and the second
+frame can move p. Neither the slopes at the middle of a box nor the bounds on their change therefore need the
+sine of an interval.
 
 All quantities are in radians and robot lengths, as in `loop_matrices`. A closure that locks all three
 translations is written on the axes of the base. At closed loops these equations are equivalent, and no second
-derivative mixes joints of its two chains. What pinocchio computes at the middle of a box is trusted to
-`rounding`.
+derivative mixes joints of its two chains. Pinocchio's results at the middle of a box are trusted up to
+`DerivativeBounds.rounding`.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ class _ChainVector(NamedTuple):
     """A vector on the last link of a chain of L joints, at S configurations."""
 
     value: Array  # (S, 3)
-    first: Array  # (S, L, 3) derivatives
-    second: Array  # (S, L, L, 3)
+    first: Array  # (S, L, 3) first derivatives
+    second: Array  # (S, L, L, 3) second derivatives
 
 
 class _ChainDerivatives(NamedTuple):
@@ -69,7 +70,7 @@ class DerivativeBounds:
     chains: dict[Ends, Chain]  # of the terms
     row_scale: Array  # (R,) 1 over the unit of each equation
     column_scale: Array  # (k,) unit of each joint
-    rounding: float  # of values and derivatives at one configuration, without dimension
+    rounding: float  # bound on the error of values and derivatives at one configuration, dimensionless
 
     @staticmethod
     def of(robot: ParallelRobot, *, reach: float = 1.0) -> DerivativeBounds:
@@ -87,8 +88,8 @@ class DerivativeBounds:
                 f"{robot.name}: bounds over boxes of joints are for loops of hinges and slides, not for "
                 f"{excluded[0]}"
             )
-        slid = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])
-        size = stretched_length(robot, robot.reference.q) + 1.0 + float(slid)  # of the robot at most
+        max_slide = max(reach, 1.0) * np.count_nonzero(robot.sliding[robot.moving])  # of all slides together
+        max_length = stretched_length(robot, robot.reference.q) + 1.0 + max_slide
         terms = collect_terms(robot)
         return DerivativeBounds(
             robot=robot,
@@ -96,7 +97,7 @@ class DerivativeBounds:
             chains={term.ends: chain_between(robot, term.ends) for term in terms},
             row_scale=1.0 / equation_sizes(robot),
             column_scale=robot.column_scale[robot.moving],
-            rounding=FRAME_ROUNDING * size / robot.structure.row_sizes.min(initial=1.0),
+            rounding=FRAME_ROUNDING * max_length / robot.structure.row_sizes.min(initial=1.0),
         )
 
     def configurations(self, u: Array) -> Array:
@@ -106,8 +107,8 @@ class DerivativeBounds:
     def evaluate(self, q: Array) -> Derivatives:
         """Evaluate the R equations, Jacobians and Hessians along k joints at q (S, nq).
 
-        Each term adds to its row, along the joints of its chain. All results are dimensionless: rows are
-        divided by their units, columns multiplied by the units of the joints.
+        Each term contributes to one row, along the joints of one chain. All results are dimensionless: rows
+        are divided by their units, columns multiplied by the units of the joints.
         """
         robot = self.robot
         frames = frames_at(robot, q)
@@ -122,8 +123,8 @@ class DerivativeBounds:
             chain = self.chains[term.ends]
             value, first, second = _differentiate_term(term, chain, chains[term.ends], frames)
             values[:, term.row] += value
-            slopes[:, term.row, chain.places] += first
-            hessians[:, term.row, chain.places[:, None], chain.places] += second  # all pairs of joints
+            slopes[:, term.row, chain.in_moving] += first
+            hessians[:, term.row, chain.in_moving[:, None], chain.in_moving] += second  # all pairs of joints
         values[:, robot.n :] -= robot.loops.constant
         hessians *= scale[:, :, None] * self.column_scale
         return Derivatives(self, frames, values * self.row_scale, slopes * scale, hessians, chains)
@@ -151,12 +152,12 @@ class Derivatives(NamedTuple):
         )
 
     def remainders(self, radii: Array) -> Remainders:
-        """Bound the errors of Taylor's formula within radii (S, k) of the middles.
+        """Bound the errors of Taylor's formula within radii r (S, k) of the middles.
 
-        Let H be the second derivatives at the middle, and T r a bound on the third derivatives times the
-        radii. At an offset d, |d| <= r, the exact values differ from values + slopes d by at most (H / 2 + T
-        r / 6) r r, the exact slopes from `slopes` by at most (H + T r / 2) r, and second derivatives by at
-        most T r.
+        Let |H| be the moduli of the second derivatives at the middle, and T a bound on the third derivatives.
+        At an offset d, |d| <= r, the exact values differ from values + slopes d by at most |H| r r / 2 + T r
+        r r / 6, the exact slopes from `slopes` by at most |H| r + T r r / 2, and the exact second derivatives
+        from `hessians` by at most T r.
         """
         rounding = self.bounds.rounding
         thirds = self._third_bounds(radii * self.bounds.column_scale)  # T r (S, R, k, k)
@@ -175,8 +176,8 @@ class Derivatives(NamedTuple):
         thirds = np.zeros_like(self.hessians)
         for term in self.bounds.terms:
             chain = self.bounds.chains[term.ends]
-            bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.places])
-            thirds[:, term.row, chain.places[:, None], chain.places] += bound
+            bound = _bound_thirds(term, chain, self.chains[term.ends], radii[:, chain.in_moving])
+            thirds[:, term.row, chain.in_moving[:, None], chain.in_moving] += bound
         scale = self.bounds.row_scale[:, None] * self.bounds.column_scale
         return thirds * (ROUND_UP * scale[:, :, None] * self.bounds.column_scale)
 
@@ -192,8 +193,8 @@ class Remainders(NamedTuple):
 def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
     """Compute the derivatives of one chain at S configurations.
 
-    The point p has the first derivatives u_j = w_j x (p - o_j), and the second ones w_i x u_j for i not
-    behind j.
+    The point p has the first derivatives u_j = w_j x (p - o_j) and the second derivatives w_i x u_j, for i
+    before j on the chain or i = j.
     """
     first, second = chain.ends
     screws = frames.screws[:, chain.columns] * chain.signs[:, None]  # (S, L, 6)
@@ -206,9 +207,10 @@ def _differentiate_chain(chain: Chain, frames: FrameStack) -> _ChainDerivatives:
 
 
 def _second_derivatives(chain: Chain, turn_axes: Array, first: Array) -> Array:
-    """Compute w_i x first_j (S, L, L, 3) for an inner joint i and an outer joint j.
+    """Compute second derivatives w_i x first_j (S, L, L, 3) of a vector with first derivatives (S, L, 3).
 
-    The inner joint turns the first derivative (S, L, 3) along the outer joint.
+    Of two joints the inner one, i, is nearer to the first frame. It turns the derivative along the outer
+    joint j.
     """
     inner, outer = chain.joint_tuples(2)
     return cross(turn_axes[:, inner], first[:, outer])
@@ -219,8 +221,9 @@ def _term_vector(
 ) -> _ChainVector:
     """Return the vector (S, 3) of a term, with its derivatives along the chain's L joints.
 
-    The vector of a direction is an axis of the second frame. The vector of a turn is the axial vector of the
-    antisymmetric part of R(q) R(middle)', zero at the middle. The vector of a point or a square is p.
+    The kind of the term decides. For "direction" the vector is an axis of the second frame, for "turn" the
+    axial vector of the antisymmetric part of R(q) R(middle)', which is zero at the middle, and for "point"
+    and "square" it is p.
     """
     turn_axes = derivatives.turn_axes  # (S, L, 3)
     if term.kind == "direction":
@@ -228,6 +231,7 @@ def _term_vector(
         slopes = cross(turn_axes, axis[:, None])
         return _ChainVector(axis, slopes, _second_derivatives(chain, turn_axes, slopes))
     if term.kind == "turn":
+        # [w_i]x [w_j]x has the antisymmetric part [w_i x w_j]x / 2
         zero = np.zeros_like(derivatives.point.value)
         return _ChainVector(zero, turn_axes, 0.5 * _second_derivatives(chain, turn_axes, turn_axes))
     return derivatives.point
@@ -263,10 +267,11 @@ def _differentiate_term(
 def _bound_levers(chain: Chain, lever: Array, radii: Array) -> Array:
     """Bound the levers (S, L) over boxes of radii (S, L), given the levers at the middles.
 
-    A joint moves the point by at most radius * lever, which lengthens the levers of all hinges before it.
+    A joint moves the point by at most radius * lever. The levers of all hinges before it on the chain grow by
+    no more than this.
     """
     widened = lever.copy()
-    travel = np.zeros(len(radii))  # of the point, by the joints from j on
+    travel = np.zeros(len(radii))  # of the point, due to joint j and the joints after it
     for j in reversed(range(len(chain.turns))):
         if chain.turns[j]:
             widened[:, j] += travel
@@ -278,7 +283,7 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
     """Bound sum_k |d3 term_ijk| r_k (S, L, L) over boxes of radii r (S, L).
 
     |d3p| is at most the lever of the outermost joint if the two others turn, else 0. A direction moves like a
-    point with the lever 1 of every hinge, and 0 of every slide.
+    point on which every hinge has the lever 1, and every slide the lever 0.
     """
     turns = chain.turns
     if term.kind in ("direction", "turn"):
@@ -297,8 +302,9 @@ def _bound_thirds(term: Term, chain: Chain, derivatives: _ChainDerivatives, radi
 def _bound_square_thirds(chain: Chain, lever: Array, distance: Array, thirds: Array, radii: Array) -> Array:
     """Bound sum_k |d3(p . p)_ijk| r_k (S, L, L) over boxes of radii r (S, L), by the product rule.
 
-    d3(p . p)_ijk = 2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk). Here |u_j| is at most the
-    lever of j, and |d2p_ij| at most the lever of the outer joint if the inner joint turns, else 0.
+    d3(p . p)_ijk = 2 (u_i . d2p_jk + u_j . d2p_ik + u_k . d2p_ij + p . d3p_ijk). The first derivative |u_j|
+    is at most the lever of j. The second derivative |d2p_ij| is at most the lever of the outer joint if the
+    inner joint turns, else 0.
 
     Args:
         lever: (S, L) within the boxes.

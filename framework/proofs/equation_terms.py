@@ -27,22 +27,25 @@ BASE = -1  # in place of a frame
 
 def moving_balls(robot: ParallelRobot) -> list[str]:
     """Return the names of the ball joints that move with the platform."""
-    model = robot.model
     moving = set(robot.moving.tolist())
-    return [
-        str(name)
-        for name, joint in zip(model.names, model.joints, strict=True)
-        if is_ball(joint) and not moving.isdisjoint(range(joint.idx_v, joint.idx_v + 3))
-    ]
+    names = list[str]()
+    for name, joint in zip(robot.model.names, robot.model.joints, strict=True):
+        columns = range(joint.idx_v, joint.idx_v + joint.nv)
+        if is_ball(joint) and not moving.isdisjoint(columns):
+            names.append(str(name))
+    return names
 
 
 def stretched_length(robot: ParallelRobot, q: Array) -> float:
-    """Bound the distance of any two frames [robot lengths] at q (nq,): all links in one line."""
+    """Bound the distance between any two frames [robot lengths] at q (nq,).
+
+    The bound is the length of all links and slides stretched into one line.
+    """
     frame_placements = [robot.model.frames[k].placement for k in robot.frames]
     placements = [*robot.model.jointPlacements, *frame_placements]
-    links = sum(float(np.linalg.norm(placement.translation)) for placement in placements)
-    slid = np.abs(difference(robot, robot.neutral, q)[robot.sliding]).sum()
-    return (links + float(slid)) / robot.length
+    link_lengths = sum(np.linalg.norm(placement.translation) for placement in placements)
+    slide_lengths = np.abs(difference(robot, robot.neutral, q)[robot.sliding]).sum()
+    return float(link_lengths + slide_lengths) / robot.length
 
 
 Ends = tuple[int, int]  # two frames, as indices into Mechanism.frames; the first may be BASE
@@ -52,25 +55,25 @@ class Chain(NamedTuple):
     """The L moving joints between two frames."""
 
     ends: Ends
-    places: IntArray  # (L,) indices into the `moving` columns
-    columns: IntArray  # (L,) of pinocchio's velocity vector
-    signs: Array  # (L,) -1 where the joint carries the first frame
-    turns: BoolArray  # (L,)
+    in_moving: IntArray  # (L,) indices of the joints in `Mechanism.moving`
+    columns: IntArray  # (L,) indices of the joints in pinocchio's velocity vector
+    signs: Array  # (L,) -1 where the joint carries the first frame, else 1
+    turns: BoolArray  # (L,) whether the joint is a hinge
 
     def joint_tuples(self, count: int) -> IntArray:
         """Return all tuples of `count` joints (count, L, .., L), each sorted from the first frame on."""
-        return np.sort(np.indices(count * self.places.shape), axis=0)
+        return np.sort(np.indices(count * self.columns.shape), axis=0)
 
 
 class Term(NamedTuple):
     """The part of one chain in an equation."""
 
-    row: int
+    row: int  # of the equation
     ends: Ends  # of the chain
-    kind: str  # point: axis . p; direction: axis . (axis of the second frame); square: p . p; turn
+    kind: str  # point: axis . p; direction: axis . second axis; square: p . p; turn: axis . rotation
     first_axis: int  # of the first frame, 0..2
-    second_axis: int  # of the second frame, 0..2
-    factor: float
+    second_axis: int = 0  # of the second frame, 0..2, in a direction
+    factor: float = 1.0
 
 
 def collect_terms(robot: ParallelRobot) -> list[Term]:
@@ -80,7 +83,7 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
     if isinstance(platform, FramePlatform):
         for coordinate, axis in enumerate(platform.axes.tolist()):
             kind = "point" if robot.translations[coordinate] else "turn"
-            terms.append(Term(coordinate, (BASE, 0), kind, axis % 3, 0, 1.0))
+            terms.append(Term(coordinate, (BASE, 0), kind, axis % 3))
     base_axes = _rows_on_base(robot)
     for row in range(len(robot.loops.names)):
         terms.extend(_loop_terms(robot, row, base_axes.get(row)))
@@ -88,21 +91,24 @@ def collect_terms(robot: ParallelRobot) -> list[Term]:
 
 
 def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterator[Term]:
-    """Yield the terms of a loop equation, one or two.
+    """Yield the one or two terms of a loop equation.
 
-    On a base axis there are two terms: the origin of the second frame less the origin of the first. Otherwise
-    there is one, along the chain between both frames: an axis of the first frame times an axis of the second
-    (direction) or its origin (point), or half the squared distance of the origins (square).
+    An equation on a base axis has two terms: the origin of the second frame less the origin of the first. Any
+    other equation has one term, along the chain between both frames. It is the product of an axis of the
+    first frame with an axis of the second frame (direction) or with its origin (point), or the squared
+    distance between the origins (square).
     """
     loops = robot.loops
     number = robot.n + row
     first = int(loops.first[row])
     second = int(loops.second[row])
     if base_axis is not None:
-        yield Term(number, (BASE, second), "point", base_axis, 0, 1.0)
-        yield Term(number, (BASE, first), "point", base_axis, 0, -1.0)
+        yield Term(number, (BASE, second), "point", base_axis)
+        yield Term(number, (BASE, first), "point", base_axis, factor=-1.0)
         return
-    kind = "direction" if loops.rotation[row] else "square" if loops.square[row] else "point"
+    kind = "square" if loops.square[row] else "point"
+    if loops.rotation[row]:
+        kind = "direction"
     axes = int(loops.first_axis[row]), int(loops.second_axis[row])
     yield Term(number, (first, second), kind, *axes, float(loops.weight[row]))
 
@@ -110,28 +116,30 @@ def _loop_terms(robot: ParallelRobot, row: int, base_axis: int | None) -> Iterat
 def chain_between(robot: ParallelRobot, ends: Ends) -> Chain:
     """Return the chain of the moving joints between two frames."""
     moving = robot.moving.tolist()
-    places = list[int]()
+    indices = list[int]()
     signs = list[float]()
     for joint, sign in joints_between(robot, *ends):
         column = robot.model.joints[joint].idx_v
         if column in moving:
-            places.append(moving.index(column))
+            indices.append(moving.index(column))
             signs.append(sign)
-    columns = robot.moving[places]
-    return Chain(ends, np.array(places, dtype=np.intp), columns, np.array(signs), ~robot.sliding[columns])
+    in_moving = np.array(indices, dtype=np.intp)
+    columns = robot.moving[in_moving]
+    return Chain(ends, in_moving, columns, np.array(signs), ~robot.sliding[columns])
 
 
 def joints_between(robot: ParallelRobot, first: int, second: int) -> list[tuple[int, float]]:
     """Return the joints from one frame (or BASE) to another, each with a sign.
 
-    The sign is -1 if the joint carries the first frame. Joints that carry both frames are left out: they do
-    not move the frames relative to each other.
+    The sign is -1 if the joint carries the first frame, and 1 if it carries the second. Joints that carry
+    both frames are left out, since they do not move the frames relative to each other.
     """
     supports = robot.model.supports
     bodies = scratch_of(robot).bodies
     first_chain = [] if first == BASE else list(supports[int(bodies[first])])  # from the base on
     second_chain = list(supports[int(bodies[second])])
     carrying_first = [(joint, -1.0) for joint in reversed(first_chain) if joint not in second_chain]
+    # joint 0 is the base
     carrying_second = [(joint, 1.0) for joint in second_chain if joint and joint not in first_chain]
     return carrying_first + carrying_second
 
@@ -146,11 +154,11 @@ def planar_axis(robot: ParallelRobot) -> int | None:
 
 
 def _rows_on_base(robot: ParallelRobot) -> dict[int, int]:
-    """Return the base axis (0..2) of each loop row that is to be written on one.
+    """Return the base axis (0..2) for each loop row that is written on a base axis.
 
-    These are the rows of closures that lock all translations (both in the plane, of a planar robot) between
-    frames without a common moving joint. Any three axes give equivalent equations; on those of the base,
-    second derivatives do not mix joints of the two chains.
+    These are the rows of closures that lock all translations (of a planar robot, both in the plane) between
+    frames without a common moving joint. Such equations are equivalent on any three axes. On the axes of the
+    base no second derivative mixes joints of the two chains.
     """
     loops = robot.loops
     normal = planar_axis(robot)

@@ -7,10 +7,10 @@ family. With probability one no two solution paths meet on the line, and none di
 are tracked in stacks.
 
 A path that does not arrive is tracked again by the endgame, in segments: each reduces the remaining share s
-of the line to `ENDGAME_SEGMENT_RATIO` s. The size of the displacement (R, p), |(functions)| / |first
-function|, behaves as s^-w with a rational exponent w (Puiseux; Morgan, Sommese and Wampler 1992). If w is
-positive and the same over successive segments, the path goes to infinity; if w = 0, it ends at a multiple
-solution. All other paths are lost.
+of the line to `ENDGAME_SEGMENT_RATIO` s. The size of a displacement (`displacement_sizes`) behaves as s^-w
+with a rational exponent w (Puiseux; Morgan, Sommese and Wampler 1992). If w is positive and the same over
+successive segments, the path goes to infinity; if w = 0, it ends at a multiple solution. All other paths are
+lost.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from framework.proofs.study_quadric import (
 )
 from framework.tolerances import ENDGAME_MIN_EXPONENT, NEWTON_STEP
 
-MIN_INFINITE_SIZE = 1e3  # [robot lengths] of a path on its way to infinity; no leg is that long
-MAX_EXPONENT_SPREAD = 0.1  # of exponents that agree, relative to the largest
+MIN_INFINITE_SIZE = 1e3  # [robot lengths] least size of a path that goes to infinity; no leg is that long
+MAX_EXPONENT_SPREAD = 0.1  # difference of exponents that count as equal, relative to the largest
 FIRST_STEP, MIN_STEP = 0.05, 1e-9  # as shares of the line of coefficients
 CORRECTOR_STEPS = 3  # Newton steps
 STEPS_BEFORE_GROWTH = 4  # successive good steps before the step is doubled
-MAX_SIZE = 1e7  # of z in its chart; a larger one counts as lost
+MAX_SIZE = 1e7  # of z in its chart; a path with a larger z counts as lost
 MONODROMY_ROUNDS = 60
 REFINEMENT_STEPS = 4  # Newton steps
 ENDGAME_SEGMENT_RATIO = 0.25
-ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are not better known
-AGREEING_EXPONENTS = 3  # of successive segments, that decide how a path ends
-FOLLOWED_AGAIN_SIZE = 1e5  # of the displacement at an end, which may be at infinity
+ENDGAME_SEGMENTS = 18  # the last one ends at 1e-11 of the line: coefficients are known no better
+AGREEING_EXPONENTS = 3  # exponents of successive segments that must agree to decide how a path ends
+MAX_FINITE_SIZE = 1e5  # a larger displacement at the end of a path may be at infinity: the endgame decides
 START_SEED, PATH_SEED = 20, 21
 
 
@@ -59,19 +59,20 @@ def solve_start_system(family: QuadricFamily) -> StartSystem:
     """Find the solutions of a random system of a family by monodromy.
 
     The first of two systems is chosen such that a random point solves it. Solutions are tracked to the second
-    system and back, each time with new complex factors of the equations: a new closed loop of coefficients.
+    system and back, each time with new complex factors of the equations, which makes a new closed loop of
+    coefficients.
     """
     rng = np.random.default_rng(START_SEED)
     z = family.random_point(rng)
     members = family.values(z[None])[0]  # (M,) at z
-    # orthogonal to the members at z, the coefficients make a system that z solves
-    first = family.random_coefficients(rng)
-    first -= np.outer(first @ members, members.conj()) / np.vdot(members, members)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    systems = [first, family.random_coefficients(rng)]
+    # z solves a system whose coefficients are orthogonal to the members at z
+    coefficients = family.random_coefficients(rng)
+    coefficients -= np.outer(coefficients @ members, members.conj()) / np.vdot(members, members)
+    coefficients /= np.linalg.norm(coefficients, axis=1, keepdims=True)
+    systems = [coefficients, family.random_coefficients(rng)]
     solutions = [z[None] / np.linalg.norm(z), np.zeros((0, family.size), dtype=complex)]  # of each system
     for _ in range(MONODROMY_ROUNDS):
-        for start, end in ((0, 1), (1, 0)):
+        for start, end in ((0, 1), (1, 0)):  # to the second system, and back
             rotated = [_rotate_phases(family, system, rng) for system in systems]
             tracked = track_paths(family, rotated[start], rotated[end], solutions[start], rng)
             candidates = np.concatenate([solutions[end], tracked.z[tracked.arrived]])
@@ -144,36 +145,40 @@ class PathEnds(NamedTuple):
 
     z: ComplexArray  # (S, N) solution, if the path has arrived
     arrived: BoolArray  # (S,)
-    infinite: BoolArray  # (S,) the path grows like one to infinity
+    infinite: BoolArray  # (S,) the path grows like a path to infinity
     multiple: BoolArray  # (S,) the path did not arrive, and ends at a finite multiple solution
-    last: ComplexArray  # (S, N) last point tracked by the endgame; before their ends distinct paths are apart
+    last: ComplexArray  # (S, N) last point that the endgame tracked; it distinguishes paths with equal ends
 
 
 def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> PathEnds:
     """Find the ends of all paths from the start system to coefficients (K, M).
 
-    `seed` chooses the paths. The endgame tracks paths again that do not arrive or end far away, and decides
-    how they end.
+    `seed` chooses the paths. The endgame tracks again all paths that do not arrive or end far away, and
+    decides how they end.
     """
     rng = np.random.default_rng([PATH_SEED, seed])
-    first = solve_start_system(family)
+    start_system = solve_start_system(family)
     target = (coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)).astype(complex)
-    start = _rotate_phases(family, first.coefficients, rng)
-    z, arrived = track_paths(family, start, target, first.z, rng)
-    ends = PathEnds(z, arrived, np.zeros_like(arrived), np.zeros_like(arrived), z.copy())
+    start = _rotate_phases(family, start_system.coefficients, rng)
+    z, arrived = track_paths(family, start, target, start_system.z, rng)
+    infinite, multiple = np.zeros((2, len(z)), dtype=bool)
+    ends = PathEnds(z=z, arrived=arrived, infinite=infinite, multiple=multiple, last=z.copy())
 
-    again = np.flatnonzero(~arrived | (displacement_sizes(family, z) > FOLLOWED_AGAIN_SIZE))
-    endgame = _endgame(family, start, target, first.z[again], rng)
-    has_arrived = arrived[again]  # far away: the solution found at first is kept
-    endgame.z[has_arrived] = z[again[has_arrived]]
+    doubtful = np.flatnonzero(~arrived | (displacement_sizes(family, z) > MAX_FINITE_SIZE))
+    endgame = _endgame(family, start, target, start_system.z[doubtful], rng)
+    has_arrived = arrived[doubtful]  # a path that arrived far away keeps its first solution
+    endgame.z[has_arrived] = z[doubtful[has_arrived]]
     endgame.arrived[has_arrived] = True
     endgame.multiple[has_arrived] = False
-    assign(ends, again, endgame)
+    assign(ends, doubtful, endgame)
     return ends
 
 
 def displacement_sizes(family: QuadricFamily, z: ComplexArray) -> Array:
-    """Compute |(functions)| / |first function| (S,) at z (S, N), infinite at infinity."""
+    """Compute the sizes (S,) of displacements z (S, N), infinite at infinity.
+
+    The size is the norm of all members of the family at z, divided by the modulus of the first member.
+    """
     values = family.values(z)
     with np.errstate(divide="ignore"):
         return np.linalg.norm(values, axis=1) / np.abs(values[:, 0])
@@ -188,12 +193,12 @@ def _endgame(
 ) -> PathEnds:
     """Classify the ends of paths from z (S, N) by their growth over shrinking segments.
 
-    After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. A size s^-w grows over a
-    segment by w = -(change of log size) / log(ratio). The exponents w of successive segments distinguish
-    infinity (the same w > 0) from a finite end (w = 0), to which the path is then tracked.
+    After segment k the share s = `ENDGAME_SEGMENT_RATIO`^k of the line remains. If the size behaves as s^-w,
+    a segment has the exponent w = -(change of log size) / log(ratio). The exponents of successive segments
+    distinguish infinity (the same w > 0) from a finite end (w = 0), to which the path is then tracked.
     """
     arrived, infinite, multiple = np.zeros((3, len(z)), dtype=bool)
-    ends = PathEnds(z.copy(), arrived, infinite, multiple, z.copy())
+    ends = PathEnds(z=z.copy(), arrived=arrived, infinite=infinite, multiple=multiple, last=z.copy())
     live = np.ones(len(z), dtype=bool)  # neither classified nor lost
     log_sizes = [np.log(displacement_sizes(family, z))]
     segment_start = start
@@ -208,6 +213,7 @@ def _endgame(
         segment_start = segment_end
         if segment < AGREEING_EXPONENTS:
             continue
+
         changes = np.diff(log_sizes[-AGREEING_EXPONENTS - 1 :], axis=0)  # (A, S) over the last A segments
         w = changes / -np.log(ENDGAME_SEGMENT_RATIO)
         is_infinite = live & _goes_to_infinity(w, log_sizes[-1])
@@ -222,10 +228,9 @@ def _endgame(
 
 def _goes_to_infinity(w: Array, log_size: Array) -> BoolArray:
     """Return whether the exponents w (A, S) of A segments agree and sizes are large, (S,)."""
-    least = w.min(axis=0)
-    largest = w.max(axis=0)
-    agree = largest - least < MAX_EXPONENT_SPREAD * largest
-    return (least > ENDGAME_MIN_EXPONENT) & agree & (log_size > np.log(MIN_INFINITE_SIZE))
+    agree = np.ptp(w, axis=0) < MAX_EXPONENT_SPREAD * w.max(axis=0)
+    is_large = log_size > np.log(MIN_INFINITE_SIZE)
+    return (w.min(axis=0) > ENDGAME_MIN_EXPONENT) & agree & is_large
 
 
 class _LinearHomotopy(NamedTuple):
@@ -236,7 +241,7 @@ class _LinearHomotopy(NamedTuple):
     chart: ComplexArray  # (N,) chart . z = 1
 
     def half_jacobian(self, z: ComplexArray, t: Array) -> ComplexArray:
-        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,), the chart row last."""
+        """Compute half the Jacobian (S, N, N) at z (S, N), t (S,); the chart row is last."""
         rows = matrix_products(self.start, z) + matrix_products(self.change, z) * t[:, None, None]
         return append_row(rows, 0.5 * self.chart)
 
@@ -258,11 +263,12 @@ class _LinearHomotopy(NamedTuple):
         return solve_or_fit(half_jacobian, -half_values[:, :, None])[:, :, 0]
 
     def advance(self, z: ComplexArray, t: Array, h: Array) -> tuple[ComplexArray, Array]:
-        """Predict z (S, N) at t + h and correct z; return z, relative last corrections (S,).
+        """Advance z (S, N) from t to t + h, each (S,); return z and relative corrections (S,).
 
-        The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's method.
+        The predictor is the classical Runge-Kutta method of order 4, the corrector Newton's method. The
+        correction returned is that of the last Newton step, relative to |z|.
         """
-        H = h[:, None]  # times vectors
+        H = h[:, None]  # (S, 1) multiplies vectors
         k1 = self.rate(z, t)
         k2 = self.rate(z + 0.5 * H * k1, t + 0.5 * h)
         k3 = self.rate(z + 0.5 * H * k2, t + 0.5 * h)

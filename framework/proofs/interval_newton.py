@@ -21,16 +21,19 @@ from framework.proofs.rounding import (
     identity_defect,
 )
 
-MIN_TERM_RATIO = 1e-12  # of a term to all terms of its equation; unknowns of smaller terms are not solved for
+MIN_TERM_RATIO = 1e-12  # an unknown whose term is a smaller share of its equation is not solved for
 MAX_CONTRACTION = 0.99  # norm of 1 - X M; with a larger one M may be singular
 
 
 class LinearEnclosure(NamedTuple):
-    """m equations over S boxes: values + slopes d up to errors, d from the middle."""
+    """A linear form of m equations over S boxes, with its error.
+
+    At an offset d from the middle of a box an equation differs from values + slopes d by at most `errors`.
+    """
 
     values: Array  # (S, m) at the middle
     slopes: Array  # (S, m, k)
-    errors: Array  # (S, m) of this linear form in the box, rounding included
+    errors: Array  # (S, m) rounding included
 
     def combine(self, mixers: Array, radii: Array) -> LinearEnclosure:
         """Enclose the combinations mixers (S, p, m) of the equations in boxes of radii (S, k)."""
@@ -57,18 +60,18 @@ class Contracted(NamedTuple):
 
 
 def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contracted:
-    """Bound all solutions d of the equations in boxes, |d| <= radii (S, k).
+    """Bound all solutions d of the equations in boxes, |d| <= r with radii r (S, k).
 
-    The equations and their combinations by `mixers` (S, p, m), such as `pivoted_inverses` or
-    `damped_inverses`, are solved for one unknown each (hull consistency). Where values_i + sum_j slopes_ij
-    d_j is within errors_i of 0, the unknown j satisfies
+    Each equation, and each combination of the equations by `mixers` (S, p, m) (`pivoted_inverses` or
+    `damped_inverses`), is solved for each unknown in turn (hull consistency). Where values_i + sum_j
+    slopes_ij d_j is within errors_i of 0, the unknown j satisfies
 
         |d_j + values_i / slopes_ij| <= (sum over l != j of |slopes_il| r_l + errors_i) / |slopes_ij|.
     """
     values, slopes, errors = equations.concatenate(equations.combine(mixers, radii))
     terms = np.abs(slopes) * radii[:, None]  # (S, m + p, k)
     totals = ROUND_UP * (terms.sum(axis=2) + errors)  # (S, m + p)
-    others = ROUND_UP * totals[:, :, None] - terms / ROUND_UP  # (S, m + p, k) all terms but j, and the errors
+    others = ROUND_UP * totals[:, :, None] - terms / ROUND_UP  # (S, m + p, k) the errors and all terms but j
     is_useful = terms > MIN_TERM_RATIO * totals[:, :, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.where(is_useful, -values[:, :, None] / slopes, 0.0)
@@ -76,14 +79,14 @@ def contract(equations: LinearEnclosure, radii: Array, mixers: Array) -> Contrac
         half_width = np.where(is_useful, ROUND_UP * others / np.abs(slopes) + rounding, np.inf)
     lower = np.maximum((root - half_width).max(axis=1), -radii)
     upper = np.minimum((root + half_width).min(axis=1), radii)
-    is_impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)
-    lower[is_impossible] = 1.0
+    is_impossible = (np.abs(values) > ROUND_UP * totals).any(axis=1)  # an equation is zero nowhere in the box
+    lower[is_impossible] = 1.0  # lower > upper marks an empty box
     upper[is_impossible] = -1.0
     return Contracted(lower, upper)
 
 
 def pivoted_inverses(slopes: Array, radii: Array) -> Array:
-    """Invert m independent columns of slopes (S, m, k), m <= k: mixers (S, m, m).
+    """Invert m independent columns of slopes (S, m, k), m <= k; return mixers (S, m, m).
 
     The columns are those with the largest terms in the box, chosen by Gaussian elimination with complete
     pivoting.
@@ -91,7 +94,7 @@ def pivoted_inverses(slopes: Array, radii: Array) -> Array:
     S, m, k = slopes.shape
     remaining = slopes * radii[:, None]  # terms that are not eliminated yet
     pivots = np.empty((S, m), dtype=np.intp)  # columns
-    each = np.arange(S)  # indexes one entry of every box
+    each = np.arange(S)  # picks, with row and column (S,), one entry in every box
     for step in range(m):
         # the largest remaining entry is the pivot; its row and column are eliminated
         row, column = np.divmod(np.abs(remaining).reshape(S, m * k).argmax(axis=1), k)
@@ -124,27 +127,30 @@ class LastColumns(NamedTuple):
     """Enclosed solutions z of M z = e, e the last unit vector, for S interval matrices."""
 
     valid: BoolArray  # (S,) whether all matrices of the interval are regular
-    z: Array  # (S, k) for the middle, approximately
-    error: Array  # (S, k) of z, for all matrices of the interval
-    last_error: Array  # (S,) of the last entry of z, for the middle itself
+    z: Array  # (S, k) approximate solution for the middle of the interval
+    error: Array  # (S, k) bound on the error of z, for all matrices of the interval
+    last_error: Array  # (S,) bound on the error of the last entry of z, for the middle alone
 
 
 def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tuple[LastColumns, LastColumns]:
     """Enclose the solutions of the bordered systems of P (S, s, s) and P'.
 
-    The matrix is M = [P b; c' 0], with the last singular vectors b, c of P. M z = e has the solution z =
-    (eta, g), M' z = e the solution (psi, g). Where M is regular, P is singular if and only if g = 0 (Govaerts
-    2000).
+    The bordered matrix is M = [P b; c' 0], with the singular vectors b (left) and c (right) of the least
+    singular value of P. With e the last unit vector, M z = e has the solution z = (eta, g), and M' z = e the
+    solution (psi, g). Where M is regular, P is singular if and only if g = 0 (Govaerts 2000).
+
+    Returns:
+        The enclosures for P and for P'.
 
     Args:
-        errors: (S, s, s) of the entries of P within a box.
-        rounding: of these entries at the middle.
+        errors: (S, s, s) bounds on the change of the entries of P within a box.
+        rounding: bound on the error of these entries at the middle.
     """
     S, s = P.shape[:2]
-    left, _, right = np.linalg.svd(P)
-    b = left[:, :, -1:]
-    c = right[:, -1:]
-    M = np.block([[P, b], [c, np.zeros((S, 1, 1))]])
+    U, _, V_rows = np.linalg.svd(P)
+    b = U[:, :, -1:]  # (S, s, 1)
+    c_row = V_rows[:, -1:]  # (S, 1, s)
+    M = np.block([[P, b], [c_row, np.zeros((S, 1, 1))]])
     X = approximate_inverses(M)
     M_errors = np.zeros_like(M)
     M_errors[:, :s, :s] = errors + rounding
@@ -160,7 +166,8 @@ def _enclose_last_column(M: Array, X: Array, M_errors: Array, rounding: float) -
     (Rump, Acta Numerica 2010, section 10).
 
     Args:
-        M_errors: (S, k, k) of M within a box; `rounding` is that of its entries at the middle.
+        M_errors: (S, k, k) bounds on the change of M within a box.
+        rounding: bound on the error of the entries of M at the middle.
     """
     k = M.shape[1]
     z = X[:, :, -1]

@@ -40,13 +40,17 @@ MIN_RADIUS, MAX_RADIUS = 1e-300, 1e100  # of discs, away from underflow and over
 RANDOM_CHARTS = 200
 
 
-Tested = TypeVar("Tested", bound=Any)  # of S boxes: proved (S,), radii (S, k), image (S, k)
+Tested = TypeVar("Tested", bound=Any)  # a record of S boxes with proved (S,), radii (S, k), image (S, k)
 
 
 def widen_until_proved(
     test: Callable[[Array], Tested], radii: Array, min_radius: float, max_radius: float
 ) -> Tested:
-    """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and repeat."""
+    """Test boxes of radii (S, k); widen boxes without a proof beyond their image, and test again.
+
+    At most MAX_TESTS tests are made. Wider radii are at least `min_radius`, and `max_radius` or little more
+    at most.
+    """
     tested = test(radii)
     for _ in range(MAX_TESTS - 1):
         if tested.proved.all():
@@ -60,14 +64,14 @@ class Existence(NamedTuple):
     """Existence of one solution in S boxes, for each value of the parameter p."""
 
     proved: BoolArray  # (S,)
-    lower: Array  # (S, k) bound on all solutions in the box, from the middle
-    upper: Array
-    along: Array  # (S, k) slope of the solutions along the parameter: 1 for p itself; 0 without a parameter
+    lower: Array  # (S, k) bound on all solutions in the box, as an offset from the middle
+    upper: Array  # (S, k) likewise
+    along: Array  # (S, k) derivative of the solutions with respect to p; 0 without a parameter
     spread: Array  # (S, k) largest distance of the solutions from middle + along * p
 
 
 def prove_existence(
-    equations: LinearEnclosure, changes: Array, radii: Array, parameter: IntArray | None
+    equations: LinearEnclosure, slope_changes: Array, radii: Array, parameter: IntArray | None
 ) -> Existence:
     """Test whether m equations have one solution in each of S boxes.
 
@@ -76,11 +80,12 @@ def prove_existence(
     the box to
 
         root + along p + error,    root = -Y [values; 0],    along = Y [0; 1],
-        |error| <= |Y| [errors + |changes| r; 0] + |1 - Y J| r.
+        |error| <= |Y| [errors + slope_changes r; 0] + |1 - Y J| r.
 
     Args:
         equations: values and slopes at the middle, with the errors of the values there.
-        changes: (S, m, k) bounds on the changes of the slopes within the box.
+        slope_changes: (S, m, k) bounds on the changes of the slopes within the box.
+        radii: (S, k) of the boxes, r in the formulas.
         parameter: (S,) index of the unknown p; None without a parameter.
     """
     S, m, k = equations.slopes.shape
@@ -88,18 +93,18 @@ def prove_existence(
     is_parameter = parameter_rows.any(axis=1)  # (S, k)
     J = np.concatenate([equations.slopes, parameter_rows], axis=1)
     Y = approximate_inverses(J)
-    along = Y[:, :, m:].sum(axis=2)  # the one column of p, or 0
-    Y_m = Y[:, :, :m]  # of the m equations
+    along = Y[:, :, m:].sum(axis=2)  # (S, k) the column of p; a sum of no columns, 0, without p
+    Y_m = Y[:, :, :m]  # (S, k, m) columns of the equations
 
     root = -np.matvec(Y_m, equations.values)  # (S, k)
     errors = equations.errors + gamma(m) * np.abs(equations.values)
-    errors += np.matvec(changes + gamma(m) * np.abs(equations.slopes), radii)  # (S, m) within the box
+    errors += np.matvec(slope_changes + gamma(m) * np.abs(equations.slopes), radii)  # (S, m) within the box
     error = np.matvec(np.abs(Y_m), errors) + np.matvec(identity_defect(Y, J), radii)
     error = ROUND_UP * error + gamma(m) * np.abs(root)
     p_radius = np.max(radii, axis=1, where=is_parameter, initial=0.0)[:, None]  # (S, 1)
-    reach = ROUND_UP * (error + ROUND_UP * np.abs(along) * p_radius)  # of solutions from the root
-    is_inside = ROUND_UP * (np.abs(root) + reach) < radii  # image in the box
-    is_inside |= is_parameter
+    reach = ROUND_UP * (error + ROUND_UP * np.abs(along) * p_radius)  # largest distance from the root
+    is_inside = ROUND_UP * (np.abs(root) + reach) < radii  # the image is in the box
+    is_inside |= is_parameter  # p is given, not solved for
     return Existence(
         proved=is_inside.all(axis=1) & Y.any(axis=(1, 2)),  # Y is 0 where J is singular
         lower=root - reach,
@@ -168,7 +173,10 @@ def _evaluate_quadrics(
 
 
 def choose_chart(z: ComplexArray) -> Array:
-    """Choose the random real chart (N,) that stays farthest from 0 at all z (S, N)."""
+    """Choose a real chart (N,), with chart . z far from 0 at all z (S, N).
+
+    Of RANDOM_CHARTS unit vectors it is the one with the largest minimum of |chart . z| / |z|.
+    """
     charts = np.random.default_rng(0).standard_normal((RANDOM_CHARTS, z.shape[1]))
     charts /= np.linalg.norm(charts, axis=1, keepdims=True)
     heights = np.abs(charts @ z.T) / np.linalg.norm(z, axis=1)  # (RANDOM_CHARTS, S)
@@ -179,5 +187,5 @@ def are_apart(z: ComplexArray, radii: Array) -> bool:
     """Return whether polydiscs about z (S, N) are pairwise disjoint, each pair in some coordinate."""
     distances = np.abs(z[:, None] - z) / ROUND_UP  # (S, S, N)
     gaps = distances - radii[:, None] - radii
-    is_apart = (gaps > 0).any(axis=2)  # (S, S), no polydisc from itself
+    is_apart = (gaps > 0).any(axis=2)  # (S, S), False on the diagonal
     return int(is_apart.sum()) == len(z) * (len(z) - 1)

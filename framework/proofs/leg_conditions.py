@@ -1,10 +1,11 @@
 """The linear conditions that each leg imposes on the platform's displacement while the motors are locked.
 
-A leg is a chain of joints from the base to the platform, of the tree and of one or more closures. Its passive
-joints are moved at random, and the functions of `study_quadric` are evaluated at the platform's
-displacements. The null space of this table is the set of linear conditions that all displacements meet. A rod
-between two points gives one condition, whatever joints it has at its ends; so rods are recognised without
-being declared. Other legs give too few conditions, and then there is no system to solve.
+A leg is a chain from the base to the platform, made of joints of the tree and of one or more closures. Its
+passive joints are moved at random, and the functions of `study_quadric` are evaluated at the resulting
+displacements of the platform. The null space of this table contains the linear conditions that all
+displacements satisfy. A rod between two points gives one condition, whatever joints it has at its ends, so
+rods are recognised without being declared. If the other legs give too few conditions, there is no system to
+solve.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from framework.proofs.study_quadric import (
 )
 from framework.tolerances import LEG_COEFFICIENT_ROUNDING, RANK_ROUNDING
 
-SAMPLE_POSES = 60  # of a leg: three for each of the functions
-MAX_LEGS = 32
+SAMPLE_POSES = 60  # of a leg: more than three for each of the 17 functions
+MAX_LEGS = 32  # a robot with more chains from the base to the platform has no conditions
 RANDOM_SEED = 3
 
 
@@ -44,23 +45,23 @@ class LegConditions(ReadOnlyArrays):
 
     group: Displacements
     coefficients: Array  # (K, M) of unit size, lengths in robot lengths
-    rounding: float  # of the coefficients, relative to the largest of their condition
+    rounding: float  # error of the coefficients, relative to the largest coefficient of each condition
 
 
 class _Edge(NamedTuple):
     """A joint of the tree or a closure, from one body to another."""
 
-    to: int  # body
+    to: int  # body at the end of the edge
     joint: int  # of the tree; 0 for a closure
-    closure: Closure | None
-    forward: bool  # from the parent to the child, or from a closure's first frame to its second
+    closure: Closure | None  # None for a joint of the tree
+    forward: bool  # whether it leads from parent to child, or from a closure's first frame to its second
 
 
 def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
     """Find the conditions of all legs, motors as in q (nq,); None if too few.
 
-    The conditions of a leg are the null space of a table: its rows are random poses of the leg, its columns
-    the functions of the platform's displacement.
+    The conditions of a leg span the null space of a table with a row for each random pose of the leg, and a
+    column for each function of the platform's displacement.
     """
     group = _displacement_group(robot)
     if group is None:
@@ -72,15 +73,16 @@ def find_leg_conditions(robot: ParallelRobot, q: Array) -> LegConditions | None:
         if count == MAX_LEGS or not all(_motions_are_group(edge.closure) for edge in chain):
             return None
         table = displacement_functions(*sampler.sample_displacements(chain))[:, group.chosen]
-        sizes, right = np.linalg.svd(table)[1:]
-        rank = np.count_nonzero(sizes > RANK_ROUNDING * sizes[0])
-        rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * float(sizes[0] / sizes[rank - 1]))
-        conditions.append(right[rank:])
+        _, singular_values, V_rows = np.linalg.svd(table)
+        rank = np.count_nonzero(singular_values > RANK_ROUNDING * singular_values[0])
+        condition_number = singular_values[0] / singular_values[rank - 1]  # of the row space
+        rounding = max(rounding, LEG_COEFFICIENT_ROUNDING * condition_number)
+        conditions.append(V_rows[rank:])  # the null space
     rows = np.concatenate(conditions)
     K = group.family.equations
     if len(rows) < K or np.linalg.matrix_rank(rows, rtol=RANK_ROUNDING) < K:
         return None
-    if len(rows) > K:  # more conditions than freedoms: K random combinations replace them
+    if len(rows) > K:  # K random combinations replace the conditions, of which there are too many
         rows = np.random.default_rng(RANDOM_SEED).standard_normal((K, len(rows))) @ rows
         rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     return LegConditions(group, rows, rounding)
@@ -109,6 +111,7 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
     edges: list[list[_Edge]] = [[] for _ in range(model.njoints)]  # from each body
 
     def connect(first: int, second: int, joint: int, closure: Closure | None) -> None:
+        """Add the edges between two bodies, in both directions."""
         edges[first].append(_Edge(second, joint, closure, True))
         edges[second].append(_Edge(first, joint, closure, False))
 
@@ -133,7 +136,10 @@ def _leg_chains(robot: ParallelRobot) -> Iterator[list[_Edge]]:
 
 
 def _motions_are_group(closure: Closure | None) -> bool:
-    """Return whether a closure's motions are a group: not with two free turns or several distances."""
+    """Return whether the relative motions that a closure allows form a group; True for a joint (None).
+
+    They do not if exactly two rotations are free, or if several distances are prescribed.
+    """
     if closure is None:
         return True
     free_turns = np.isin(AXES[3:], closure.axes, invert=True)
@@ -144,27 +150,27 @@ class _Sampler(NamedTuple):
     """Draws random poses of chains."""
 
     robot: ParallelRobot
-    links: list[list[pin.SE3]]  # SAMPLE_POSES times the placement of every joint against its parent
+    placements: list[list[pin.SE3]]  # in each of SAMPLE_POSES poses, of every joint in its parent
     normal: Array | None  # (3,) of a planar robot, base axes
     data: pin.Data  # at the reference
-    of_point: bool  # whether displacements are those of the origin of the platform's frame
+    only_translates: bool  # whether displacements are translations of the platform frame's origin
 
     @staticmethod
-    def of(robot: ParallelRobot, q: Array, of_point: bool) -> _Sampler:
-        """Draw SAMPLE_POSES poses of all joints, motors and springs locked.
+    def of(robot: ParallelRobot, q: Array, only_translates: bool) -> _Sampler:
+        """Draw SAMPLE_POSES poses of all joints, motors and springs locked as in q (nq,).
 
         Passive joints move by up to half a turn or a robot length.
         """
         data = robot.model.createData()
-        links = []
-        for pose in draw_starts(robot, q[None], SAMPLE_POSES):
+        placements = []
+        for pose in draw_starts(robot, q[None], robot.passive, SAMPLE_POSES):
             pin.forwardKinematics(robot.model, data, pose)
-            links.append([pin.SE3(placement) for placement in data.liMi])
+            placements.append([pin.SE3(placement) for placement in data.liMi])
         pin.framesForwardKinematics(robot.model, data, robot.reference.q)
-        return _Sampler(robot, links, planar_normal(robot), data, of_point)
+        return _Sampler(robot, placements, planar_normal(robot), data, only_translates)
 
     def sample_displacements(self, chain: list[_Edge]) -> tuple[Array, Array]:
-        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform at the chain's end."""
+        """Sample displacements R (T, 3, 3), p (T, 3) [robot lengths] of the platform, moved by one chain."""
         R = np.empty((SAMPLE_POSES, 3, 3))
         p = np.empty((SAMPLE_POSES, 3))
         rng = np.random.default_rng(RANDOM_SEED)
@@ -173,7 +179,7 @@ class _Sampler(NamedTuple):
         for k in range(SAMPLE_POSES):
             pose = pin.SE3.Identity()
             for edge in chain:
-                step = self.links[k][edge.joint]
+                step = self.placements[k][edge.joint]
                 if edge.closure is not None:
                     step = self._draw_closure_pose(edge.closure, rng)
                 pose = pose * (step if edge.forward else step.inverse())
@@ -181,19 +187,20 @@ class _Sampler(NamedTuple):
             displacement = pose * reference.inverse()
             R[k] = displacement.rotation
             p[k] = displacement.translation
-            if self.of_point:
+            if self.only_translates:
                 p[k] = pose.translation - reference.translation
         return R, p / self.robot.length
 
     def _draw_closure_pose(self, closure: Closure, rng: np.random.Generator) -> pin.SE3:
-        """Draw a pose that a closure allows, of its second body in its first.
+        """Draw a pose that a closure allows, of the second body in the first.
 
-        Offsets along locked axes are zero, turns about free axes random; a closure with a length keeps it. In
-        a planar robot a closure with all turns free turns about the normal alone.
+        Offsets along free axes and rotations about free axes are random, those along locked axes are zero. A
+        closure with a length keeps the length. In a planar robot a closure with three free rotations turns
+        about the normal alone.
         """
         ends = [self.robot.model.getFrameId(name) for name in closure.frames]
         placements = [self.robot.model.frames[k].placement for k in ends]
-        locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)
+        locked_shifts, locked_turns = np.isin(AXES, closure.axes).reshape(2, 3)  # x, y, z; rx, ry, rz
         distances = [ROW_KINDS[name] for name in closure.axes if name in ROW_KINDS]
         offset = rng.uniform(-1, 1, 3) * self.robot.length
         offset[locked_shifts] = 0.0

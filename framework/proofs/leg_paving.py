@@ -26,7 +26,7 @@ from framework.kinematics.tree_model import single_columns
 from framework.numerics.arrays import Array, BoolArray, IntArray
 from framework.numerics.ordered_sums import cross
 from framework.proofs.branch_and_bound import Boxes
-from framework.proofs.completeness import KnownSolutions, has_no_others
+from framework.proofs.completeness import KnownSolutions, has_only_known_solutions
 from framework.proofs.equation_terms import BASE, joints_between
 from framework.proofs.interval_newton import LinearEnclosure
 from framework.proofs.rounding import REACH_MARGIN
@@ -41,12 +41,12 @@ RANDOM_SEED = 5
 def are_leg_solutions_complete(
     robot: ParallelRobot, own: IntArray, fixed: BoolArray, q: Array, candidates: Array, x: Array | None
 ) -> bool:
-    """Return whether a leg provably has no solutions but the candidates; False if undecided.
+    """Return whether a leg provably has no solutions but candidates; False if undecided.
 
     Args:
         own: (k,) columns of the velocity vector of the leg's joints.
-        fixed: (nv,) mask of columns that keep their values in q (nq,). If x has turns, q is assembled at x:
-            the platform's attitude is taken from q.
+        fixed: (nv,) mask of columns that keep their values in q (nq,). If x contains rotations, q must be
+            assembled at x, since the platform's attitude is taken from q.
         candidates: (c, k) offsets of the joints from q [rad, robot lengths]. Those that solve the equations
             are the known solutions.
         x: (n,) coordinates of the platform; None with locked motors.
@@ -66,13 +66,13 @@ def are_leg_solutions_complete(
     if not _is_paveable(robot, own):
         return False
     equations = LegEquations.of(robot, own, fixed, q, x)
-    values = equations(candidates, np.zeros_like(candidates)).values  # in boxes of zero radius
-    region = _joint_region(equations) if values.shape[1] else None
+    residuals = equations(candidates, np.zeros_like(candidates)).values  # in boxes of zero radius
+    region = _joint_region(equations) if residuals.shape[1] else None
     if region is None:
         return False
-    points = candidates[np.abs(values).max(axis=1) < LOOP_GAP]
+    points = candidates[np.abs(residuals).max(axis=1) < LOOP_GAP]
     period = np.where(robot.sliding[own], np.inf, 2 * np.pi)
-    return has_no_others(equations, region, KnownSolutions.of(equations, points, period))
+    return has_only_known_solutions(equations, region, KnownSolutions.of(equations, points, period))
 
 
 def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
@@ -86,10 +86,10 @@ def _is_paveable(robot: ParallelRobot, own: IntArray) -> bool:
 
 
 def _joint_region(equations: LegEquations) -> Boxes | None:
-    """Return boxes of all hinge angles, and of all slide lengths at which the chain can close.
+    """Return boxes that cover all hinge angles, and all slide lengths at which the chain can close.
 
-    The whole turn of each hinge is cut in INITIAL_PARTS. A slide reaches from its zero to the bound of
-    `bound_slide`; None without such a bound.
+    The whole turn of each hinge is cut into INITIAL_PARTS. A slide reaches from its zero to the bound of
+    `bound_slide`, in both directions. Without such a bound the result is None.
     """
     robot = equations.robot
     own = equations.own
@@ -108,7 +108,10 @@ def _joint_region(equations: LegEquations) -> Boxes | None:
 
 @dataclass(frozen=True, eq=False)
 class LegEquations:
-    """The equations of a leg in offsets of its n joints from q [rad, robot lengths], all others fixed."""
+    """The equations of a leg in the offsets of its n joints from q [rad, robot lengths].
+
+    All other joints are fixed, or enter none of the equations.
+    """
 
     robot: ParallelRobot
     own: IntArray  # (n,) columns of the velocity vector
@@ -124,7 +127,7 @@ class LegEquations:
         """Collect the equations whose joints are the leg's, or fixed.
 
         A loop row counts if a joint of the leg moves it and no free joint does, and so do the coordinates x
-        of the platform. They determine its attitude if they have all turns: three, or one in a plane.
+        of the platform. They determine its attitude if they include all rotations: three, or one in a plane.
         """
         carried = scratch_of(robot).carried
         rows = robot.rows
@@ -154,8 +157,8 @@ class LegEquations:
         own = self.own
         units = robot.column_scale[own]
         frames = frames_at(robot, integrate_columns(robot, self.q, own, middle * units))
-        slid = np.abs(self.slide_lengths(frames.q))  # (B, nv) [m] largest in the box
-        slid[:, own] += np.where(robot.sliding[own], radii * units, 0.0)
+        slid = np.abs(self.slide_lengths(frames.q))  # (B, nv) [m] at the middles
+        slid[:, own] += np.where(robot.sliding[own], radii * units, 0.0)  # largest within the boxes
         bounds = [chain.bound_second_order(radii, slid) for chain in self.chains]
         enclosures = [self._enclose_loops(frames, bounds)]
         if self.x is not None:
@@ -170,8 +173,8 @@ class LegEquations:
     def _enclose_loops(self, frames: FrameStack, bounds: list[ChainBounds]) -> LinearEnclosure:
         """Enclose the loop equations in boxes.
 
-        Values and slopes are at the middles. Errors are the bounds of the chain on the vectors of a row:
-        `ChainBounds.square` of d.d, `attitude` of u.w, and `position` of u.d.
+        Values and slopes are those at the middles. The errors are the chain's bounds on the second-order
+        terms of the product in a row: `square` for d.d, `attitude` for u.w, and `position` for u.d.
         """
         rows = self.robot.rows
         loops = self.loops
@@ -179,10 +182,14 @@ class LegEquations:
         equations = loop_equations(rows, frames)
         values = equations.residual[:, loops] / lengths
         slopes = equations.jacobian[:, loops][:, :, self.own] / lengths[:, None]
-        field = np.where(rows.square[loops], 2, rows.rotation[loops])  # (loops,) of `ChainBounds`: 0, 1 or 2
-        chain_bounds = np.reshape(bounds, (len(bounds), 4, len(frames.q)))  # (chains, fields, B)
-        errors = chain_bounds[self.chain_of, field].T * np.abs(rows.derivative_weight[loops])  # (B, loops)
-        return LinearEnclosure(values, slopes, errors)
+        errors = np.empty_like(values)  # (B, loops)
+        for k, (row, chain) in enumerate(zip(loops, self.chain_of, strict=True)):
+            bound = bounds[chain]
+            if rows.square[row]:
+                errors[:, k] = bound.square
+            else:
+                errors[:, k] = bound.attitude if rows.rotation[row] else bound.position
+        return LinearEnclosure(values, slopes, errors * np.abs(rows.derivative_weight[loops]))
 
     def _enclose_position(self, frames: FrameStack, bound: ChainBounds, x: Array) -> LinearEnclosure:
         """Enclose (position - x) / length of the platform's frame along its translations.
@@ -214,19 +221,19 @@ class LegEquations:
         return np.where(self.robot.sliding, difference(self.robot, self.robot.neutral, q), 0.0)
 
     def bound_slide(self) -> float | None:
-        """Bound the length [robot lengths] of the leg's slide when loops close; None if unknown.
+        """Bound the length [robot lengths] of the leg's slide in closed loops; None if unknown.
 
-        If the translations of a chain change by one unit with the slide, whatever the hinges do (tested at
-        random joints), the slide is no longer than the rest of the chain, all links in one line.
+        If the slide translates the end of a chain by its own length at all hinge angles (tested at random
+        joints), it is no longer than the rest of the chain stretched into one line.
         """
         robot = self.robot
         slide = np.flatnonzero(robot.sliding[self.own])[0]
         joints = np.random.default_rng(RANDOM_SEED).uniform(-2, 2, (3, len(self.own)))
-        squares = self(joints, 0.0 * joints).slopes[:, :, slide] ** 2  # (3, equations)
+        squares = self(joints, np.zeros_like(joints)).slopes[:, :, slide] ** 2  # (3, equations)
         chain_of = self.chain_of  # of each equation
         is_translation = ~robot.rows.rotation[self.loops]
         offset = robot.rows.reach[self.loops].sum()  # [m] between the ends of a chain, at most
-        if self.x is not None:  # position equations: the last chain; attitude equations are no translations
+        if self.x is not None:  # the position equations of the platform belong to the last chain
             offset += np.abs(self.x).sum()
             count = len(robot.platform.sliding)
             chain_of = np.append(chain_of, np.full(count, len(self.chains) - 1))
@@ -245,18 +252,19 @@ class LegEquations:
 
 
 class ChainBounds(NamedTuple):
-    """Bounds on the second-order terms of a chain over B boxes [robot lengths]."""
+    """Bounds over B boxes on the second-order terms of a chain [robot lengths]."""
 
     position: Array  # (B,) of the carried point
     attitude: Array  # (B,) of a direction
-    square: Array  # (B,) [m] of half the squared distance of both ends, over the robot's length
+    square: Array  # (B,) [m] of half the squared distance between the ends, divided by the robot's length
     length: Array  # (B,) largest length of the chain
 
 
 class LeverChain(NamedTuple):
     """The joints between a carried point and the observing frame, with their levers.
 
-    A length [m] is a row (1 + nv,): the sum of the links, then 1 for each slide that adds to the sum.
+    Slides change lengths. A length [m] is therefore stored as a row (1 + nv,): first the sum of the links,
+    then, for each column of the velocity vector, 1 if this slide adds its own length.
     """
 
     robot_length: float  # [m]
@@ -277,11 +285,12 @@ class LeverChain(NamedTuple):
             joint = model.joints[number]
             is_joint = columns == joint.idx_v
             is_inside |= is_joint
+            # the chain up to this joint, with its link and its slide
             longer = length.copy()
             longer[0] += _offset_length(model.jointPlacements[number])
             span = joint.idx_v + np.arange(joint.nv)
             longer[1 + span] = robot.sliding[span]
-            # a joint that carries the first frame stands at the other end of its link
+            # a joint that carries the first frame is at the far end of its link
             levers[is_joint] = length if sign > 0.0 else longer
             length = longer
         if first != BASE:
@@ -292,10 +301,10 @@ class LeverChain(NamedTuple):
     def bound_second_order(self, radii: Array, slid: Array) -> ChainBounds:
         """Bound the second-order terms in boxes of radii (B, n).
 
-        Slides are extended by at most `slid` (B, nv) [m]. The second derivative of the point is at most the
-        lesser lever along two hinges, and 1 along a hinge and a slide; that of a direction is at most 1 along
-        two hinges. The point moves by at most `travel`; half its squared distance has the second derivatives
-        p . d2p + u_i . u_j.
+        Slides are extended by at most `slid` (B, nv) [m]. The second derivative of the carried point p is at
+        most the lesser lever along two hinges, and 1 along a hinge and a slide. That of a direction is at
+        most 1 along two hinges. The point moves by at most `travel`. With the first derivatives u_i of p,
+        p . p / 2 has the second derivatives p . d2p + u_i . u_j.
         """
         lengths = np.insert(slid, 0, 1.0, axis=1) / self.robot_length  # (B, 1 + nv)
         levers = lengths @ self.levers.T  # (B, n)

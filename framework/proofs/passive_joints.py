@@ -21,7 +21,7 @@ from framework.proofs.equation_terms import stretched_length
 from framework.tolerances import DISTINCT_SOLUTIONS, FRAME_ROUNDING, LOOP_GAP, RANK_ROUNDING
 
 RANDOM_STARTS = 24  # for each pose of the platform
-MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest joint motion in a step [rad, lengths]
+MAX_SEARCH_STEPS, MAX_SEARCH_STEP = 40, 0.6  # Newton steps; largest motion of a joint in one [rad, lengths]
 RANDOM_SEED = 11
 MAX_INVERSE_DEFECT = 0.1  # largest row sum of |X J - 1| for an inverse X that a proof uses
 INVERSE_FACTOR = 1.2  # from the norm of X to a bound on |J^-1|: more than 1 / (1 - MAX_INVERSE_DEFECT)
@@ -30,10 +30,10 @@ INVERSE_FACTOR = 1.2  # from the norm of X to a bound on |J^-1|: more than 1 / (
 def find_joints_at_poses(
     robot: ParallelRobot, q: Array, positions: Array, rotations: Array | None
 ) -> list[Array | None]:
-    """Find configurations (nq,) with the platform's frame at k given poses, motors as in q (1, nq).
+    """Find configurations (nq,) with the platform's frame at k given poses.
 
-    Of several configurations the one nearest to the reference is returned, None if there is none. Springs
-    stay as in q, too.
+    Motors and springs stay as in q (1, nq). For each pose the configuration nearest to the reference is
+    returned, or None if none is found.
 
     Args:
         positions: (k, 3) of the frame's origin.
@@ -45,18 +45,19 @@ def find_joints_at_poses(
     def pose_equations(frames: FrameStack) -> tuple[Array, Array]:
         """Compute offsets (T, 3 or 6) of the platform's frame from the targets, and slopes (T, .., nv)."""
         offsets = (frames.position[:, 0] - targets) / robot.length
-        slopes = frames.frame_jacobian(0) * robot.column_scale
+        slopes = frames.frame_jacobian(0) * robot.column_scale  # linear, then angular rows
         slopes[:, :3] /= robot.length
         if target_rotations is None:
             return offsets, slopes[:, :3]
-        return np.hstack([offsets, _rotation_offsets(frames.rotation[:, 0], target_rotations)]), slopes
+        turns = _rotation_offsets(frames.rotation[:, 0], target_rotations)
+        return np.hstack([offsets, turns]), slopes
 
-    starts = np.tile(draw_starts(robot, q, RANDOM_STARTS), (len(positions), 1))
-    poses, closed = close_all_loops(robot, starts, pose_equations)
+    starts = np.tile(draw_starts(robot, q, robot.passive, RANDOM_STARTS), (len(positions), 1))
+    q, closed = close_all_loops(robot, starts, robot.following, pose_equations)
     nearest_poses = list[Array | None]()
-    for k in range(len(positions)):
-        of_target = slice(k * RANDOM_STARTS, (k + 1) * RANDOM_STARTS)
-        candidates = remove_whole_turns(robot, poses[of_target][closed[of_target]])
+    for first in range(0, len(q), RANDOM_STARTS):
+        of_target = slice(first, first + RANDOM_STARTS)
+        candidates = remove_whole_turns(robot, q[of_target][closed[of_target]])
         nearest_poses.append(min(candidates, key=partial(distance_from_reference, robot), default=None))
     return nearest_poses
 
@@ -64,8 +65,9 @@ def find_joints_at_poses(
 def _rotation_offsets(rotations: Array, targets: Array) -> Array:
     """Compute sine-like offsets (T, 3) of rotations (T, 3, 3) from targets (T, 3, 3).
 
-    They are the axial vector of (G - G') / 2, G = R R_target'. Its size is the sine of the angle, which is
-    zero at a half turn, too. There the trace of G is negative, and 1 is added to tell a half turn from none.
+    With G = R R_target', they are the axial vector of (G - G') / 2. Its norm is the sine of the angle, which
+    is zero at half a turn, too. Where the trace of G is negative, the angle is above a right angle; there 1
+    is added, so that half a turn does not count as none.
     """
     G = rotations @ targets.swapaxes(1, 2)
     offsets = 0.5 * (G - G.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # entries zy, xz, yx
@@ -76,19 +78,19 @@ def _rotation_offsets(rotations: Array, targets: Array) -> Array:
 def close_all_loops(
     robot: ParallelRobot,
     q: Array,
-    further: Callable[[FrameStack], tuple[Array, Array]] | None,
-    columns: IntArray | None = None,
+    columns: IntArray,
+    extra_equations: Callable[[FrameStack], tuple[Array, Array]] | None = None,
 ) -> tuple[Array, BoolArray]:
     """Close the loops by Newton's method from q (T, nq); return q, closed (T,).
 
-    Redundant equations are included, so steps are least-squares steps; they are cut to MAX_SEARCH_STEP. One
-    more step after all loops are closed reduces residuals to rounding.
+    Redundant equations are included, so each step solves a least-squares problem; steps are cut to
+    MAX_SEARCH_STEP. One more step after all loops are closed reduces the residuals to rounding.
 
     Args:
-        further: computes more equations (T, e) and their slopes (T, e, nv) along all joints, dimensionless.
-        columns: the joints that move; the passive ones by default.
+        columns: of the joints that move, in the velocity vector.
+        extra_equations: computes e equations (T, e) to solve with the loops, and their slopes (T, e, nv)
+            along all joints, dimensionless.
     """
-    columns = robot.following if columns is None else columns
     weights = 1.0 / robot.row_lengths
     is_last = False
     for _ in range(MAX_SEARCH_STEPS):
@@ -96,10 +98,10 @@ def close_all_loops(
         loops = loop_equations(robot.rows, frames)
         values = loops.residual * weights
         slopes = scale_jacobian(robot, loops.jacobian, robot.rows.rotation)
-        if further is not None:
-            further_values, further_slopes = further(frames)
-            values = np.hstack([values, further_values])
-            slopes = np.hstack([slopes, further_slopes])
+        if extra_equations is not None:
+            extra_values, extra_slopes = extra_equations(frames)
+            values = np.hstack([values, extra_values])
+            slopes = np.hstack([slopes, extra_slopes])
         size = np.abs(values).max(axis=1)  # (T,)
         if is_last or not len(q):
             break
@@ -110,21 +112,22 @@ def close_all_loops(
     return q, size < LOOP_GAP
 
 
-def draw_starts(robot: ParallelRobot, q: Array, count: int, columns: IntArray | None = None) -> Array:
-    """Draw configurations (count, nq): q (1, nq) itself, then q with random joints.
+def draw_starts(robot: ParallelRobot, q: Array, columns: IntArray, count: int) -> Array:
+    """Draw configurations (count, nq): q (1, nq) itself, then q with the joints `columns` at random.
 
-    Args:
-        columns: of the random joints; the passive ones by default.
+    Hinges turn by up to half a turn, slides move by up to a robot length.
     """
-    columns = robot.passive if columns is None else columns
     spread = np.where(robot.sliding[columns], robot.length, np.pi)
-    steps = np.zeros((count, len(spread)))
+    steps = np.zeros((count, len(columns)))
     steps[1:] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count - 1, len(spread)))
     return integrate_columns(robot, q, columns, steps)
 
 
 def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
-    """Compute offsets (..., nv) of q (..., nq) from the reference, `columns` up to whole turns."""
+    """Compute offsets (..., nv) of q (..., nq) from the reference.
+
+    Angles of hinges in `columns` are wrapped to within half a turn.
+    """
     offset = difference(robot, robot.reference.q, q)
     hinges = columns[~robot.sliding[columns]]
     offset[..., hinges] = wrap_angles(offset[..., hinges])
@@ -132,7 +135,7 @@ def shortest_offset(robot: ParallelRobot, q: Array, columns: IntArray) -> Array:
 
 
 def remove_whole_turns(robot: ParallelRobot, q: Array) -> Array:
-    """Remove whole turns of passive hinges from the reference in q (..., nq)."""
+    """Turn passive hinges of q (..., nq) to within half a turn of the reference."""
     return integrate(robot, robot.reference.q, shortest_offset(robot, q, robot.passive))
 
 
@@ -148,9 +151,9 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     theorem of Newton and Kantorovich (Ortega 1968) requires beta^2 K |F| <= 1/2 in the largest-entry norm, in
     radians and robot lengths. F (k,) are the loop equations (and the platform's), J (k, k) is their Jacobian,
     beta = |J^-1|, and K = k^2 max |d2F| bounds the change of J. The second derivatives are bounded by the
-    length of all links in
-    one line: no joint turns a frame at a larger distance, and an equation is a product of two vectors that
-    turn.
+    length L of all links in one line: no joint turns a frame at a larger distance, and an equation is a
+    product of two vectors that turn. Each such product has second derivatives of at most 4 L^2 for L >= 1,
+    doubled here as a margin.
     """
     linearised = linearised_at(robot, q[None], None)
     matrix_of = type1_matrix if platform_locked else passive_matrix
@@ -160,14 +163,15 @@ def has_one_solution_near(robot: ParallelRobot, q: Array, *, platform_locked: bo
     inverse = np.linalg.pinv(J)
     if np.abs(inverse @ J - np.eye(len(J))).sum(axis=1).max() > MAX_INVERSE_DEFECT:
         return False
-    size = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
-    gaps = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :]
-    residual = gaps.max() + FRAME_ROUNDING * size
+    max_length = stretched_length(robot, q) + 1.0  # one robot length to spare for slides nearby
+    gaps = np.abs(linearised.residual[0] / equation_sizes(robot))[robot.n :]  # of the loops
+    residual = gaps.max() + FRAME_ROUNDING * max_length
     units = np.where(robot.loops.square, robot.length, 1.0)
-    steepest = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
-    second_derivative = 8.0 * size**2 * steepest / robot.structure.row_sizes.min(initial=1.0)
+    max_weight = np.abs(robot.loops.derivative_weight * units).max(initial=1.0)
+    second_derivative = 8.0 * max_length**2 * max_weight / robot.structure.row_sizes.min(initial=1.0)
+    K = len(J) ** 2 * second_derivative
     beta = INVERSE_FACTOR * np.abs(inverse).sum(axis=1).max()
-    return bool(beta**2 * len(J) ** 2 * second_derivative * residual <= 0.5)
+    return bool(beta**2 * K * residual <= 0.5)
 
 
 def distinct_rows(joints: Array) -> list[int]:

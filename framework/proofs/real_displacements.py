@@ -1,8 +1,9 @@
 """All real displacements that solve a system of leg conditions, each proved, and how many there are.
 
 Krawczyk's test encloses the ends of all paths of `homotopy`: each enclosure holds exactly one solution, for
-all coefficients within their rounding. The solution is real if the enclosure is about a real point, and not
-real if the enclosure holds no real point. While paths are lost, other paths are tried.
+all coefficients within their rounding. The solution is real if the middle of the enclosure is real, and not
+real if the enclosure contains no real point. While paths are lost, the system is solved again along other
+paths.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from framework.proofs.rounding import ROUND_UP, gamma
 from framework.proofs.study_quadric import ComplexArray, Displacements, QuadricFamily, first_occurrences
 from framework.tolerances import DISTINCT_SOLUTIONS, LEG_COEFFICIENT_ROUNDING
 
-MAX_ATTEMPTS = 4  # with other paths, while some are lost
+MAX_ATTEMPTS = 4  # each along other paths, while some are lost
 
 Status = Literal["proved", "numerically complete", "at least", "architecturally singular"]
 
@@ -68,13 +69,16 @@ def find_real_solutions(
 ) -> RealSolutions:
     """Find all real displacements that solve conditions with coefficients (K, M).
 
-    The coefficients are known up to `rounding`, relative to the largest of their condition.
+    Args:
+        group: the displacements among which the solutions are, with M functions.
+        rounding: error of the coefficients, relative to the largest coefficient of each condition.
     """
     family = group.family
     coefficients = coefficients / np.linalg.norm(coefficients, axis=1, keepdims=True)
     if family.is_dependent(coefficients):
         R, p = group.to_displacements(np.zeros((0, family.size)))
-        return RealSolutions(R, p, np.zeros(0, dtype=bool), PathCount(0, 0, 0, 0), "architecturally singular")
+        count = PathCount(paths=0, finite=0, infinite=0, multiple=0)
+        return RealSolutions(R, p, np.zeros(0, dtype=bool), count, "architecturally singular")
     rows, sizes = group.eliminate_square(coefficients)
     slack = rounding * sizes
     attempts = list[RealSolutions]()
@@ -86,18 +90,19 @@ def find_real_solutions(
 
 
 def _count_doubts(attempt: RealSolutions) -> tuple[bool, int, int]:
-    """Return the sort key of an attempt: unproved status, lost paths, multiple solutions."""
+    """Return a sort key: whether the status is unproved, lost paths, multiple solutions."""
     return attempt.status == "at least", attempt.count.lost, attempt.count.multiple
 
 
 def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, seed: int) -> RealSolutions:
     """Track all paths once, and prove the solutions at their ends.
 
-    A solution is decided if its enclosure is proved to hold exactly one, and it is real or the enclosure
-    holds no real point.
+    A solution is decided if its enclosure is proved to hold exactly one solution, and either the solution is
+    real or the enclosure contains no real point.
 
     Args:
-        coefficients: (K, M), known up to `slack` (K, M).
+        coefficients: (K, M).
+        slack: (K, M) bounds on the errors of the coefficients.
         seed: chooses the paths.
     """
     family = group.family
@@ -119,8 +124,8 @@ def _prove_path_ends(group: Displacements, coefficients: Array, slack: Array, se
         status = "proved"
     elif count.finite + count.infinite == count.paths == family.bound:
         status = "numerically complete"
-    solutions = is_real & is_new
-    return RealSolutions(*group.to_displacements(z[solutions].real), proof.proved[solutions], count, status)
+    chosen = is_real & is_new
+    return RealSolutions(*group.to_displacements(z[chosen].real), proof.proved[chosen], count, status)
 
 
 def _count_paths(
@@ -131,28 +136,35 @@ def _count_paths(
     is_new: BoolArray,
     proof: Enclosures,
 ) -> PathCount:
-    """Count the paths by their ends.
+    """Count the paths by their ends; paths with the same end count once.
+
+    A proved end is at infinity unless its enclosure provably holds no point at infinity.
 
     Args:
         z: (S, N) the ends of the paths that arrived.
-        is_real, is_new: (S,) whether an end is real, and whether it repeats no earlier one.
+        is_real: (S,) whether an end is real.
+        is_new: (S,) whether an end differs from all earlier ones.
+        proof: the enclosures of the ends z.
     """
     proved = proof.proved
     is_infinite = ends.infinite[ends.arrived] & ~proved
     is_infinite[proved] = ~_have_no_infinite_point(family.members[0], z[proved], proof.radii[proved])
-    is_multiple = is_real & ~proved & ~is_infinite  # not proved single: another solution is close
+    is_multiple = is_real & ~proved & ~is_infinite  # without proof another solution may be close
     never_arrived = ends.last[ends.infinite & ~ends.arrived]
-    infinite = np.sum(is_new & is_infinite) + np.sum(first_occurrences(never_arrived))
-    multiple = np.sum(ends.multiple) + np.sum(is_new & is_multiple)
-    finite = np.sum(is_new & ~is_infinite & ~is_multiple)
-    return PathCount(len(ends.z), int(finite), int(infinite), int(multiple))
+    return PathCount(
+        paths=len(ends.z),
+        finite=int(np.sum(is_new & ~is_infinite & ~is_multiple)),
+        infinite=int(np.sum(is_new & is_infinite) + np.sum(first_occurrences(never_arrived))),
+        multiple=int(np.sum(ends.multiple) + np.sum(is_new & is_multiple)),
+    )
 
 
 def _have_no_infinite_point(quadric: Array, z: ComplexArray, radii: Array) -> BoolArray:
     """Return whether polydiscs about z (S, N) provably hold no point at infinity, (S,).
 
-    At infinity z' A z = 0, with the `quadric` A (N, N). A polydisc holds no such point if |z' A z| at its
-    middle is greater than its change, at most 2 |A z| . r + r' |A| r, and its rounding.
+    At infinity z' A z = 0, with the `quadric` A (N, N). Within radii r (S, N) the value z' A z changes by at
+    most 2 |A z| . r + r' |A| r. If its modulus at the middle is greater than this change and the rounding,
+    the polydisc holds no point at infinity.
     """
     slopes = z @ quadric
     value = np.abs(np.sum(slopes * z, axis=1))

@@ -48,15 +48,15 @@ from framework.tolerances import LOOP_GAP
 MAX_CELLS = 20_000
 MAX_WORK = 3e8  # number of cells times the fourth power of the number of joints: some seconds
 CELLS_PER_BATCH = 1024
-MAX_CUTS = 12  # of the first cube; the smallest cubes are about a thousandth of the ball wide
+MAX_CUTS = 12  # halvings of the first cube; the smallest cubes are about a thousandth of the ball wide
 MAX_HALVINGS = 40  # of the radius of a single cell
-STEPS_PER_OCTAVE = 20  # radii between the largest proved half and its double
+STEPS_PER_OCTAVE = 20  # radii tried between the largest proved radius and its double
 MAX_TURN = 1.0  # [rad] below a right angle, beyond which the sine no longer determines the angle
 MAX_STEP = 0.5  # [rad, lengths] largest motion of a joint before the loops are closed
-OFF_CENTRE = 0.4370160244488211  # of the pose in the first cube, as a share: on no face of a smaller cube
+OFF_CENTRE = 0.4370160244488211  # position of the pose in the first cube, over its width: on no cube's face
 MAX_RADIUS = 10.0  # [rad, lengths] of a box of joints
 MIN_RADIUS = 1e-14  # [rad, lengths]
-PERRON_SHIFT = 0.1  # share of the largest row sum that is added to the row sums as weights
+PERRON_SHIFT = 0.1  # share of the largest row sum, added to all row sums to make positive weights
 
 
 def prove_regular_ball(
@@ -90,12 +90,14 @@ def prove_regular_ball(
 def _prove_one_cell(test: CellTest, q: Array, within: float) -> float:
     """Compute the radius of the largest ball about q (nq,) proved as one cell; 0 for none.
 
-    The radii tried [robot lengths, rad] are `within` and its halves, then steps from the largest proved half
-    to its double.
+    First `within` [robot lengths, rad] is halved repeatedly. Then radii in small steps are tried, from the
+    largest proved one to its double.
     """
     halved = _largest_proved(test, q, within * np.exp2(-np.arange(MAX_HALVINGS)))
+    if not halved:
+        return 0.0
     radii = halved * np.exp2(np.arange(STEPS_PER_OCTAVE) / STEPS_PER_OCTAVE)
-    return _largest_proved(test, q, radii[radii <= within]) if halved else 0.0
+    return _largest_proved(test, q, radii[radii <= within])
 
 
 def _largest_proved(test: CellTest, q: Array, radii: Array) -> float:
@@ -106,7 +108,7 @@ def _largest_proved(test: CellTest, q: Array, radii: Array) -> float:
 
 
 class _Cubes(NamedTuple):
-    """S cubes of a grid, each with its cell; an untested cube with its parent's."""
+    """S cubes of a grid, each with its cell; an untested cube has the cell of its parent."""
 
     level: IntArray  # (S,) number of halvings of the first cube
     numbers: IntArray  # (S, n) index of the cube along each axis, among the cubes of its level
@@ -127,11 +129,11 @@ class _Grid(NamedTuple):
     width: float  # of the first cube [robot lengths, rad]
 
     def middles(self, cubes: _Cubes) -> Array:
-        """Compute the middles (S, n) of cubes, from the pose."""
+        """Compute the middles (S, n) of cubes, relative to the pose."""
         return self.width * ((cubes.numbers + 0.5) * 0.5 ** cubes.level[:, None] - OFF_CENTRE)
 
     def nearest_points(self, cubes: _Cubes) -> Array:
-        """Compute the point (S, n) of each cube nearest to the pose."""
+        """Compute the point (S, n) of each cube that is nearest to the pose, relative to the pose."""
         size = 0.5 ** cubes.level[:, None]
         lower = cubes.numbers * size - OFF_CENTRE
         upper = (cubes.numbers + 1) * size - OFF_CENTRE
@@ -142,26 +144,26 @@ class _Grid(NamedTuple):
         return np.linalg.norm(self.nearest_points(cubes), axis=1) / ROUND_UP
 
     def inward_cubes(self, cubes: _Cubes) -> IntArray:
-        """Return the smallest cubes (S, n) that touch each cube at its nearest point, from inside.
+        """Return the numbers (S, n) of the smallest cube next to each cube, on the side of the pose.
 
-        Smallest cubes are those of the level MAX_CUTS; a cube is `size` of them wide. The result is the
-        smallest cube about the pose, moved to at most one smallest cube outside of the cube's own along every
-        axis.
+        The smallest cubes are those of the level MAX_CUTS. The next one touches the cube at the point nearest
+        to the pose. Along each axis its number is that of the smallest cube about the pose, clipped to the
+        range from one before to one behind the smallest cubes within the cube.
         """
-        pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # the smallest cube about the pose
-        size = 2 ** (MAX_CUTS - cubes.level[:, None])
-        return np.clip(pose, cubes.numbers * size - 1, (cubes.numbers + 1) * size)
+        pose = int(np.floor(OFF_CENTRE * 2**MAX_CUTS))  # number of the smallest cube about the pose
+        width = 2 ** (MAX_CUTS - cubes.level[:, None])  # (S, 1) of a cube, in smallest cubes
+        return np.clip(pose, cubes.numbers * width - 1, (cubes.numbers + 1) * width)
 
 
 def _prove_cubes(test: CellTest, q: Array, within: float, max_cells: int) -> float:
-    """Return the distance of the nearest cube not proved to be on the branch of q (nq,)."""
+    """Return the distance of the nearest cube that is not proved to be on the branch of q (nq,)."""
     n = len(test.x)
     grid = _Grid(within / OFF_CENTRE * ROUND_UP)
     start = test(np.zeros((1, n)), q[None], np.array([grid.width]))
     first = _Cubes(np.zeros(1, dtype=np.intp), np.zeros((1, n), dtype=np.intp), start)
 
     def examine(cubes: _Cubes) -> Examined[_Cubes, _Cubes]:
-        """Test cubes; split cubes without proof, and leave the smallest undecided."""
+        """Test cubes; split cubes without proof, but leave the smallest ones undecided."""
         cubes = _test_cubes(test, grid, cubes, start.signs)
         proved = cubes.cells.proved
         is_smallest = cubes.level == MAX_CUTS
@@ -197,18 +199,18 @@ def _test_cubes(test: CellTest, grid: _Grid, cubes: _Cubes, signs: Array) -> _Cu
 def _agree_with_inner_neighbours(test: CellTest, grid: _Grid, cubes: _Cubes, q: Array) -> BoolArray:
     """Return whether each cube is on the branch of its inward neighbour, (S,).
 
-    The cube about the pose must have the joints q. At its point nearest to the pose a cube has exactly one
-    pose, in the joint box of a cell of size zero. Two cubes share this pose if the joint boxes of both
-    contain this box.
+    The cube about the pose must have the joints q. At the point nearest to the pose each cube has exactly one
+    configuration, in the joint box of a cell of size zero. Two cubes share this configuration if the joint
+    boxes of both contain this box.
     """
     cells = cubes.cells
     nearest = grid.nearest_points(cubes)
     neighbour = _inward_neighbours(grid, cubes)
     joints = _continue_joints(test, cells, nearest)
-    point = test(nearest, joints, np.zeros(len(nearest)))
-    agree = point.proved & (neighbour >= 0)
-    for owners in (cells, select(cells, neighbour)):
-        agree &= _contain_joint_boxes(test, owners, joints, ROUND_UP * point.radii)
+    points = test(nearest, joints, np.zeros(len(nearest)))  # cells of size zero
+    agree = points.proved & (neighbour >= 0)
+    for sharing_cells in (cells, select(cells, neighbour)):
+        agree &= _contain_joint_boxes(test, sharing_cells, joints, ROUND_UP * points.radii)
     has_pose = (nearest == 0).all(axis=1)
     agree[has_pose] &= _contain_joint_boxes(test, select(cells, has_pose), q, LOOP_GAP)
     return agree
@@ -222,7 +224,7 @@ def _contain_joint_boxes(test: CellTest, cells: Cells, q: Array, radii: Array | 
 
 
 def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
-    """Find the index (S,) of the next cube towards the pose of each; -1 for none."""
+    """Find for each cube the index (S,) of its neighbour towards the pose; -1 for none."""
     keys = np.column_stack([cubes.level, cubes.numbers]).tolist()
     index_of = {tuple(key): index for index, key in enumerate(keys)}
     inward = grid.inward_cubes(cubes)  # smallest cubes, each within one cube of every level
@@ -237,8 +239,8 @@ def _inward_neighbours(grid: _Grid, cubes: _Cubes) -> IntArray:
 def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
     """Continue joints (S, nq) from the middles of cells to points z (S, n).
 
-    The guess is along the slope of the cell; Newton's method closes the loops. If it fails, the guess is
-    returned.
+    The joints are extrapolated along the slope of the cell, then Newton's method closes the loops. Where it
+    fails, the extrapolated joints are returned.
     """
     robot = test.bounds.robot
     change = np.clip(np.matvec(cells.slope, z - cells.z), -MAX_STEP, MAX_STEP)  # (S, k)
@@ -250,7 +252,7 @@ def _continue_joints(test: CellTest, cells: Cells, z: Array) -> Array:
 class Cells(NamedTuple):
     """S cells of platform coordinates, with the joints at their middles."""
 
-    z: Array  # (S, n) middles, from the pose [robot lengths, rad]
+    z: Array  # (S, n) middles, relative to the pose [robot lengths, rad]
     q: Array  # (S, nq)
     proved: BoolArray  # (S,) to be free of singularities
     slope: Array  # (S, k, n) of the joints along the platform's coordinates
@@ -267,8 +269,8 @@ class CellTest(NamedTuple):
     def __call__(self, z: Array, q: Array, half: Array, *, ball: bool = False) -> Cells:
         """Test cells about z (S, n) of half width `half` (S,), or balls of that radius.
 
-        q (S, nq) are the joints at the middles. F is [platform - x ; loops], dF its Jacobian along the
-        joints, and P the block of dF of loops and passive joints.
+        q (S, nq) are the joints at the middles. F is [platform - x ; loops], and dF (S, k, k) its Jacobian
+        along the joints. The rows of the loops and the columns of the passive joints are the block P of dF.
         """
         robot = self.bounds.robot
         derivatives = self.bounds.evaluate(q)
@@ -280,8 +282,8 @@ class CellTest(NamedTuple):
         slope = Y[:, :, : robot.n]
         boxes = _prove_joint_boxes(derivatives, F, Y, _bound_over_cell(slope, half, ball))
         regular = _passive_block_is_regular(derivatives, slope, half, boxes, ball)
-        blocks = (dF, dF[:, robot.n :, robot.n_a :])
-        signs = np.stack([np.linalg.slogdet(block).sign for block in blocks], axis=1)
+        P = dF[:, robot.n :, robot.n_a :]
+        signs = np.stack([np.linalg.slogdet(block).sign for block in (dF, P)], axis=1)
         return Cells(z, q, boxes.proved & regular, slope, boxes.radii, signs)
 
 
@@ -291,18 +293,18 @@ class _JointBoxes(NamedTuple):
     proved: BoolArray  # (S,)
     radii: Array  # (S, k)
     image: Array  # (S, k) radii of the box in which the joints are, for all x of the cell
-    error: Array  # (S, k) of the joints, from their linear change with x
-    remainders: Remainders
+    error: Array  # (S, k) largest distance of the joints from their linear change with x
+    remainders: Remainders  # of the equations within the radii
 
 
 def _bound_over_cell(slopes: Array, half: Array, ball: bool) -> Array:
-    """Bound |slopes . dz| (S, ..) over cells or balls, slopes (S, .., n).
+    """Bound |slopes . dz| (S, ..) over changes dz (S, n) in cells or balls, slopes (S, .., n).
 
     Over balls of radius `half` (S,) the Cauchy-Schwarz inequality gives the bound, over cubes of half width
     `half` the triangle inequality.
     """
     sizes = np.linalg.norm(slopes, axis=-1) if ball else np.abs(slopes).sum(axis=-1)
-    return sizes * half.reshape(-1, *[1] * (sizes.ndim - 1))
+    return (sizes.T * half).T  # `half` multiplies along the first axis
 
 
 def _prove_joint_boxes(derivatives: Derivatives, values: Array, Y: Array, reach: Array) -> _JointBoxes:
@@ -340,8 +342,9 @@ def _passive_block_is_regular(
 ) -> BoolArray:
     """Return whether P is regular all over the cells, (S,): no Type 2 singularity.
 
-    P is the block of dF/dq of loops and passive joints, and Y is near its inverse at the middle. The joints
-    change by `slope` (S, k, n) times z, up to their error. P is regular where the bound N on |1 - Y P|,
+    P is the block of dF/dq of loops and passive joints, P_m its value at the middle, and Y is near the
+    inverse of P_m. The joints change by `slope` (S, k, n) times z, up to their error. P is regular where the
+    bound N on |1 - Y P|,
 
         N = |1 - Y P_m| + |Y dP slope| |z| + |Y| (|dP| error + |change of dP| radii / 2),
 
@@ -374,7 +377,7 @@ def _spectral_radius_below_one(N: Array, weights: Array) -> BoolArray:
     """Return whether matrices N >= 0 (S, k, k) have a spectral radius below 1, (S,).
 
     This holds if N w < w for a vector w > 0 (Collatz 1942). The vectors tried are the `weights` (S, k), ones,
-    and the row sums, which are close to the Perron eigenvector.
+    and the shifted row sums, which are close to the Perron eigenvector.
     """
     sums = N.sum(axis=2)
     near_perron = sums + PERRON_SHIFT * sums.max(axis=1, keepdims=True)

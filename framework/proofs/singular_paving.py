@@ -2,15 +2,14 @@
 
 Boxes are of all moving joints: hinges turn all the way round, slides move within a reach. `SingularBoxTest`
 drops, keeps, narrows or cuts a box. A box that is kept encloses an arc of a smooth curve of singular poses
-(with one
-freedom: a single pose); undecided boxes are listed. The proof trusts pinocchio's positions and directions at
-one configuration up to `tolerances.FRAME_ROUNDING`.
+(with one freedom: a single pose). Undecided boxes are listed. The proof trusts pinocchio's positions and
+directions at one configuration up to `tolerances.FRAME_ROUNDING`.
 
-A singular set is the poses in which a block of dF/dq loses rank, F = [platform - x ; loops]: there the
-bordered scalar g of the block is zero. A box is dropped if the loops cannot close in it or if g is not zero
-in it, and it is narrowed by the equations {loops = 0, g = 0}. It is kept if Krawczyk's test proves that a
-slightly larger box holds exactly one singular pose for each value of one of its joints, and the tube about
-this arc is small.
+Let F = [platform - x ; loops]. A singular set consists of the poses in which a block of dF/dq loses rank, so
+that the bordered scalar g of the block is zero. A box is dropped if the loops cannot close in it, or if g is
+zero nowhere in it. It is narrowed by the equations {loops = 0, g = 0}. It is kept if Krawczyk's test proves
+that a slightly larger box holds exactly one singular pose for each value of one of its joints, and if the
+tube about this arc is small.
 
 Sources: Merlet, Parallel Robots, 2nd ed., Springer 2006, chapter 11; Bohigas, Manubens and Ros, Singularities
 of Robot Mechanisms, Springer 2017, who pave {closures = 0, rank lost} by linear relaxations.
@@ -49,9 +48,9 @@ RESOLUTION = 1e-3  # [m], or in robot lengths of turns
 SLIDE_REACH = 1.2  # [robot lengths] of slides about the reference
 MAX_BOXES = 500_000  # tested for each set
 MAX_HESSIAN_ENTRIES = 4_000_000  # second derivatives of a batch of boxes: 32 MB
-TESTED_BOX_RATIO = 1.5  # radii of the box of Krawczyk's test over those of the box itself
-WIDENING_CURVATURE = 4.0  # [1/rad] times the largest radius squared: added to the tested box for curved arcs
-MIN_SIZE_RATIO = 0.01  # of the resolution: a smaller box is not cut but undecided
+TESTED_BOX_RATIO = 1.5  # radii of the box of Krawczyk's test, divided by those of the box itself
+WIDENING_CURVATURE = 4.0  # [1/rad] times the largest radius squared: widens tested boxes for curved arcs
+MIN_SIZE_RATIO = 0.01  # a box smaller than this share of the resolution is left undecided
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class PavedSet(ReadOnlyArrays):
     x: Array  # (B, n) middles in the platform's coordinates
     x_radii: Array  # (B, n) the proved poses are within these radii
     q: Array  # (B, nq) middles
-    along: IntArray  # (B,) index into the moving joints; -1 for none
+    along: IntArray  # (B,) index of the parameter among the moving joints; -1 with one freedom
     undecided_x: Array  # (U, n)
     undecided_x_radii: Array  # (U, n)
 
@@ -99,9 +98,9 @@ class SingularPaving:
         if self.robot.sliding[self.robot.moving].any():
             where += f", slides within {self.reach:.3g} robot lengths of the reference,"
         counts = ", ".join(f"{paved.name}: {len(paved.x)}" for paved in self.sets)
-        left = sum(len(paved.undecided_x) for paved in self.sets)
-        rest = "no box undecided" if self.complete else f"or within {left} undecided ones"
-        return f"all singular poses{where} lie within boxes of {self.resolution:.3g} ({counts}), {rest}"
+        count = sum(len(paved.undecided_x) for paved in self.sets)
+        undecided = "no box undecided" if self.complete else f"or within {count} undecided ones"
+        return f"all singular poses{where} lie within boxes of {self.resolution:.3g} ({counts}), {undecided}"
 
 
 def pave_singularities(
@@ -235,8 +234,8 @@ class MeasureEnclosure(NamedTuple):
 def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Remainders) -> MeasureEnclosure:
     """Enclose the bordered scalar g of a block P (S, s, s), and its slope (S, k), over boxes.
 
-    [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0; 1]. The slope is -psi' dP eta (Govaerts
-    2000).
+    With border vectors b and c, g solves [P b; c' 0] [eta; g] = [0; 1] and [P' c; b' 0] [psi; g] = [0; 1].
+    Its slope is -psi' dP eta (Govaerts 2000).
     """
     entries = (slice(None), block.rows[:, None], block.columns)  # of the block
     rounding = derivatives.bounds.rounding
@@ -266,33 +265,34 @@ def enclose_measure(block: SingularSet, derivatives: Derivatives, remainders: Re
 
 
 def _bilinear_form(left: Array, matrices: Array, right: Array) -> Array:
-    """Compute left' M_l right (S, k) of vectors (S, s) and k matrices M_l (S, s, s, k)."""
+    """Compute left' M_l right (S, k) for vectors (S, s) and the k matrices M_l in (S, s, s, k)."""
     return np.einsum("si,sijl,sj->sl", left, matrices, right, optimize=True)
 
 
 class Arcs(NamedTuple):
-    """B boxes with a proved arc in each, and the platform's coordinates on the arc."""
+    """B boxes with a proved arc in each, and the platform's coordinates along the arcs."""
 
-    x: Array  # (B, n)
-    x_radii: Array  # (B, n)
+    x: Array  # (B, n) at the middles
+    x_radii: Array  # (B, n) the arcs are within these radii
     middle: Array  # (B, k) of the joints
-    along: IntArray  # (B,) the joint that is the parameter
+    along: IntArray  # (B,) index of the joint that is the parameter
 
 
 class _SingularEquations(NamedTuple):
     """The m loop equations and g = 0 in S boxes, and the platform's coordinates."""
 
     enclosure: LinearEnclosure  # in the box itself
-    value_errors: Array  # (S, m + 1) at the middle
-    changes: Array  # (S, m + 1, k) of the slopes in the wider box
-    x: Array  # (S, n)
-    x_slopes: Array  # (S, n, k) without dimension
-    x_errors: Array  # (S, n) of x + x_slopes d in the wider box, without dimension
+    value_errors: Array  # (S, m + 1) bounds on the errors of the values at the middle
+    slope_changes: Array  # (S, m + 1, k) bounds on the changes of the slopes in the wider box
+    x: Array  # (S, n) at the middle
+    x_slopes: Array  # (S, n, k) dimensionless
+    x_errors: Array  # (S, n) bounds on the error of x + x_slopes d in the wider box, dimensionless
 
     def bound_arcs(self, proof: Existence, reach: Array) -> Array:
-        """Bound the extent (S, n) of arcs in x, parameters within reach (S,), without dimension.
+        """Bound the half widths (S, n) of arcs in x, dimensionless.
 
-        An arc runs along the parameter p, within a tube about its tangent: x = x_slopes (along p + spread).
+        An arc runs along the parameter p, |p| <= reach (S,), within a tube about its tangent: at the middle,
+        plus x_slopes (along p), up to `spread`.
         """
         along = np.abs(np.matvec(self.x_slopes, proof.along)) * reach[:, None]
         spread = np.matvec(np.abs(self.x_slopes), proof.spread)
@@ -303,9 +303,9 @@ class _Decision(NamedTuple):
     """The remaining parts of S boxes, and the proved arcs."""
 
     remaining: Contracted  # the parts that hold all singular poses
-    axis: IntArray  # (S,) to cut across if an arc is proved that is not small enough yet, else NO_AXIS
-    is_arc: BoolArray  # (S,) whether a proved arc is small enough to be kept
-    arcs: Arcs  # the kept arcs
+    axis: IntArray  # (S,) parameter of the arc, across which a box is cut if large; NO_AXIS without proof
+    is_arc: BoolArray  # (S,) whether an arc is proved and small enough
+    arcs: Arcs  # these arcs
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +323,7 @@ class SingularBoxTest:
         The loops narrow all boxes. Where the measure g is valid, loops and g narrow the box further and prove
         arcs.
         """
-        boxes, remaining, derivatives, loops = self._drop_open_boxes(boxes)
+        boxes, remaining, derivatives, loops = self._drop_unclosable_boxes(boxes)
         wider = TESTED_BOX_RATIO * boxes.radii
         wider += WIDENING_CURVATURE * boxes.radii.max(axis=1, keepdims=True, initial=0.0) ** 2
         remainders = derivatives.remainders(wider)
@@ -331,6 +331,7 @@ class SingularBoxTest:
         equations = self._join_equations(derivatives, remainders, loops, g, boxes.radii)
         decision = self._decide_arcs(select(boxes, g.valid), wider[g.valid], select(equations, g.valid))
 
+        # where g is valid, the decision replaces what the loops alone have left
         remaining.lower[g.valid], remaining.upper[g.valid] = decision.remaining
         axis = np.full(boxes.size, NO_AXIS)
         axis[g.valid] = decision.axis
@@ -338,16 +339,15 @@ class SingularBoxTest:
         is_open[g.valid] &= ~decision.is_arc
         narrow = select(boxes.sub_boxes(*remaining), is_open)
         is_small = self.bounds.robot.length * narrow.radii.sum(axis=1) < MIN_SIZE_RATIO * self.resolution
-        return Examined(
-            decision.arcs, *narrow_or_halve(select(boxes, is_open), narrow, axis[is_open], is_small)
-        )
+        undecided, pending = narrow_or_halve(select(boxes, is_open), narrow, axis[is_open], is_small)
+        return Examined(decision.arcs, undecided, pending)
 
-    def _drop_open_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
-        """Drop boxes in which the loops cannot close within the window.
+    def _drop_unclosable_boxes(self, boxes: Boxes) -> tuple[Boxes, Contracted, Derivatives, LinearEnclosure]:
+        """Drop boxes in which the loops cannot close, and boxes outside of the window.
 
         Returns:
-            The other boxes, their parts in which loops may close, the derivatives and the loop equations in
-            them.
+            The other boxes, the parts of them in which the loops may close, and the derivatives and loop
+            equations in these boxes.
         """
         n = self.bounds.robot.n
         derivatives = self.bounds.evaluate(self.bounds.configurations(boxes.middle))
@@ -362,7 +362,7 @@ class SingularBoxTest:
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Return whether boxes may have poses in the window, (S,).
 
-        Angles count up to whole turns. `errors` (S, R) are the remainders within `radii` (S, k).
+        Angles are compared modulo whole turns. `errors` (S, R) are the remainders within `radii` (S, k).
         """
         robot = self.bounds.robot
         if self.window is None:
@@ -391,7 +391,7 @@ class SingularBoxTest:
         return _SingularEquations(
             loops.concatenate(measure),
             value_errors=np.column_stack([loop_errors, g.g_error]),
-            changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
+            slope_changes=np.concatenate([remainders.slopes[:, n:], g.slope_changes[:, None]], axis=1),
             x=self.bounds.robot.platform.coordinates(derivatives.frames),
             x_slopes=derivatives.slopes[:, :n],
             x_errors=remainders.values[:, :n],
@@ -400,8 +400,9 @@ class SingularBoxTest:
     def _decide_arcs(self, boxes: Boxes, wider: Array, equations: _SingularEquations) -> _Decision:
         """Narrow boxes by the equations, and prove an arc in boxes of radii `wider` (S, k).
 
-        With two freedoms the set is a curve. Its parameter is the joint along which it leaves the box first;
-        along this joint the tested box is not widened. With one freedom the set is a point.
+        With two freedoms the set is a curve. Its parameter is the joint along which the tangent leaves the
+        box first; along this joint the tested box is not wider than the box. With one freedom the set is a
+        point.
         """
         robot = self.bounds.robot
         enclosure = equations.enclosure
@@ -410,13 +411,14 @@ class SingularBoxTest:
         along = np.full(boxes.size, NO_AXIS)
         reach = np.zeros(boxes.size)  # of the parameter
         if robot.n == 2:
-            tangent = np.linalg.svd(enclosure.slopes)[2][:, -1]  # (S, k) the null vector of the slopes
+            tangent = np.linalg.svd(enclosure.slopes).Vh[:, -1]  # (S, k) the null vector of the slopes
             along = parameter = np.argmax(np.abs(tangent) / boxes.radii, axis=1)
             each = np.arange(boxes.size)
-            reach = wider[each, parameter] = boxes.radii[each, parameter]
+            reach = boxes.radii[each, parameter]
+            wider[each, parameter] = reach
         middle_enclosure = enclosure._replace(errors=equations.value_errors)
-        proof = prove_existence(middle_enclosure, equations.changes, wider, parameter)
-        proved = proof.proved[:, None]
+        proof = prove_existence(middle_enclosure, equations.slope_changes, wider, parameter)
+        proved = proof.proved[:, None]  # a proof bounds all solutions, so it narrows the box further
         np.maximum(remaining.lower, proof.lower, out=remaining.lower, where=proved)
         np.minimum(remaining.upper, proof.upper, out=remaining.upper, where=proved)
 

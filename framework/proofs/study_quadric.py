@@ -11,7 +11,7 @@ degree 40):
 Such conditions make a system of a linear family (`QuadricFamily`): K equations z' (sum_j c_ij G_j) z = 0 with
 coefficients c (K, M), and F fixed equations z' S z = 0, for a point z of projective space P^(N-1), N = K + F
 + 1. For almost all coefficients a system has the same number of isolated solutions, and no system of the
-family has more (Morgan and Sommese 1989; not counted are base points, where all members vanish). `homotopy`
+family has more (Morgan and Sommese 1989). Base points, where all members vanish, do not count. `homotopy`
 finds the solutions.
 """
 
@@ -59,13 +59,14 @@ class QuadricFamily:
         return self.size - 1 - len(self.fixed)
 
     def quadrics(self, coefficients: ComplexArray | Array) -> ComplexArray:
-        """Return the matrices (K + F, N, N) of a system with coefficients (K, M)."""
+        """Return the matrices (K + F, N, N) of the system with coefficients (K, M)."""
         matrices = np.tensordot(coefficients, self.members, axes=1)
         return np.concatenate([matrices, self.fixed]).astype(complex)
 
     def quadrics_slack(self, slack: Array) -> Array:
-        """Bound the change (K + F, N, N) of `quadrics` within slack (K, M)."""
-        return np.concatenate([np.tensordot(slack, np.abs(self.members), axes=1), 0.0 * self.fixed])
+        """Bound the change (K + F, N, N) of `quadrics` where coefficients change by up to `slack` (K, M)."""
+        changes = np.tensordot(slack, np.abs(self.members), axes=1)
+        return np.concatenate([changes, np.zeros_like(self.fixed)])
 
     def values(self, z: ComplexArray) -> ComplexArray:
         """Evaluate the members (S, M) at points z (S, N)."""
@@ -74,7 +75,7 @@ class QuadricFamily:
     def random_point(self, rng: np.random.Generator) -> ComplexArray:
         """Find a random point (N,) on all fixed quadrics, by Newton's method."""
         z = complex_normal(rng, self.size)
-        for _ in range(NEWTON_STEPS if len(self.fixed) else 0):
+        for _ in range(NEWTON_STEPS):  # without fixed quadrics a step is zero
             slopes = 2 * self.fixed @ z
             z = z - np.linalg.pinv(slopes) @ (slopes @ z / 2)
         return z / np.linalg.norm(z)
@@ -87,10 +88,10 @@ class QuadricFamily:
     def is_dependent(self, coefficients: Array) -> bool:
         """Return whether the equations depend on one another, so that no solution is isolated.
 
-        The equations are the quotients f_k / f_1 of the combinations with coefficients (K, M) by the first
-        member, which is zero only at infinity, and the fixed quadrics. If their gradients have full rank
-        anywhere, they have it with probability one at a random point z of the fixed quadrics. Two points are
-        tried.
+        Let f_1 be the first member, which is zero only at infinity, and f_k the combinations of members with
+        coefficients (K, M). The equations are f_k / f_1 and the fixed quadrics. If their gradients have full
+        rank anywhere, they have full rank with probability one at a random point z of the fixed quadrics. Two
+        points are tried.
         """
         rng = np.random.default_rng(RANDOM_SEED)
         quadrics = self.quadrics(coefficients)
@@ -99,7 +100,8 @@ class QuadricFamily:
             z = self.random_point(rng)
             gradients = quadrics @ z  # (K + F, N) half the gradients of f_k
             quotients = (gradients @ z)[: self.equations] / (z @ first @ z)  # (K,) f_k / f_1
-            gradients[: self.equations] -= np.outer(quotients, first @ z)  # of f_k / f_1, times f_1 / 2
+            # f_1 / 2 times the gradient of f_k / f_1
+            gradients[: self.equations] -= np.outer(quotients, first @ z)
             sizes = singular_values(gradients)
             if sizes[-1] > RANK_ROUNDING * sizes[0]:
                 return False
@@ -123,9 +125,9 @@ def append_row(matrices: Any, row: Any) -> Any:
 
 
 def first_occurrences(z: ComplexArray) -> BoolArray:
-    """Return whether each unit point z (S, N) differs from all earlier ones, (S,).
+    """Return whether each unit point z (S, N) differs from all earlier points, (S,).
 
-    Points of projective space are equal up to a complex factor.
+    Points that differ by a complex factor are one point of the projective space.
     """
     cosine = np.minimum(np.abs(z.conj() @ z.T), 1.0)
     coincide = np.sqrt(1.0 - cosine**2) < DISTINCT_SOLUTIONS
@@ -143,8 +145,8 @@ def _quaternion_products() -> Array:
 def _function_forms() -> Array:
     """Return the 17 functions as quadratic forms (17, 8, 8) of z = (x, y).
 
-    They are ordered as in `displacement_functions`. Times |x|^2 the functions are |x|^2, 4 |y|^2, 2 y x*, 2
-    x* y and the columns x e x* of R, e = i, j, k.
+    They are in the order of `displacement_functions`. Multiplied by |x|^2, the functions are |x|^2, 4 |y|^2,
+    2 y x*, 2 x* y and, for the unit quaternions e = i, j, k, the columns x e x* of R.
     """
     product = _quaternion_products()
     star = np.diag([1.0, -1.0, -1.0, -1.0])  # star x = x*, the conjugate
@@ -171,8 +173,8 @@ def displacement_functions(R: Array, p: Array) -> Array:
 def displacements_of_quaternions(z: Array) -> tuple[Array, Array]:
     """Compute R (T, 3, 3), p (T, 3) of real dual quaternions z (T, 8)."""
     values = np.einsum("mij,ti,tj->tm", _function_forms(), z, z)
-    values = values / values[:, :1]  # of 1, |p|^2, p, R'p, R
-    return values[:, 8:].reshape(-1, 3, 3), values[:, 2:5]
+    values = values / values[:, :1]  # the first function is 1
+    return np.take(values, _ROTATION, axis=1), np.take(values, _POSITION, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,17 +191,16 @@ class Displacements:
         return not np.isin(_X, self.coordinates).any()
 
     def eliminate_square(self, coefficients: Array) -> tuple[Array, Array]:
-        """Eliminate |p|^2 from all but the first of the conditions (K, M).
+        """Eliminate |p|^2 from all conditions (K, M) but one.
 
-        Towards infinity |p|^2 outgrows all other functions, so that conditions with |p|^2 differ in small
-        terms only. The condition with the largest share of |p|^2 is divided by its coefficient, and multiples
-        of it are subtracted from the others.
+        Towards infinity |p|^2 outgrows all other functions, so conditions that contain |p|^2 become nearly
+        parallel. The condition with the largest share of |p|^2 is the pivot. It is divided by its coefficient
+        of |p|^2, and multiples of it are subtracted from the others.
 
         Returns:
-            Equivalent conditions (K, M), the one with |p|^2 first, and the sizes (K, M) to which their
-            rounding is relative. All entries of a condition are as uncertain as its largest. The entries of
-            |p|^2 are exactly
-            1 and 0: their size is 0.
+            Equivalent conditions (K, M), the pivot first, and the sizes (K, M) to which the rounding of their
+            coefficients is relative. All coefficients of a condition are as uncertain as its largest one,
+            except those of |p|^2, which are exactly 1 and 0 and have the size 0.
         """
         square = np.flatnonzero(self.chosen == _SQUARE)  # the column of |p|^2, if any
         largest = np.abs(coefficients).max(axis=1, keepdims=True)  # (K, 1)
@@ -207,11 +208,11 @@ class Displacements:
         k = int(np.argmax(shares))
         if not shares[k]:
             return coefficients, np.broadcast_to(largest, coefficients.shape)
-        first = coefficients[k] / coefficients[k, square]  # |p|^2 has the coefficient 1
+        pivot = coefficients[k] / coefficients[k, square]  # |p|^2 has the coefficient 1
         others = np.delete(coefficients, k, axis=0)
         multiples = others[:, square]  # (K - 1, 1)
-        rows = np.vstack([first, others - multiples * first])
-        other_sizes = np.delete(largest, k, axis=0) + 2 * np.abs(multiples) * np.abs(first).max()
+        rows = np.vstack([pivot, others - multiples * pivot])
+        other_sizes = np.delete(largest, k, axis=0) + 2 * np.abs(multiples) * np.abs(pivot).max()
         sizes = np.repeat(np.vstack([1.0 / shares[k], other_sizes]), len(self.chosen), axis=1)
         rows[1:, square] = 0.0
         sizes[:, square] = 0.0
@@ -262,8 +263,7 @@ def planar_displacements(axis: int) -> Displacements:
 def translation_displacements(axes: tuple[int, ...]) -> Displacements:
     """Return the translations along two or three base axes: at most 2 solutions.
 
-    The conditions are circles or spheres. With z = (1, p) the functions are 1, |p|^2 and the coordinates of
-    p.
+    The conditions are circles or spheres. The functions of z = (1, p) are 1, |p|^2 and the coordinates of p.
     """
     size = len(axes) + 1
     forms = np.zeros((size + 1, size, size))

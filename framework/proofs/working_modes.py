@@ -57,7 +57,7 @@ class WorkingModes:
     modes: tuple[WorkingMode, ...]
     solutions: tuple[int, ...]  # number of solutions of each leg
     legs: tuple[tuple[str, ...], ...]  # the motors of each leg
-    proved_legs: tuple[bool, ...]  # whether each has no other solutions, the legs before it as in the modes
+    proved_legs: tuple[bool, ...]  # whether each leg has no other solutions beside the legs it depends on
     truncated: bool  # whether there are more combinations than were tested
 
     @property
@@ -71,13 +71,13 @@ class WorkingModes:
         """The numbers of modes and of solutions of each leg, in a sentence."""
         proved = sum(mode.proved for mode in self.modes)
         inside = sum(mode.within_limits for mode in self.modes)
-        of_legs = []
+        leg_counts = []
         for count, motors, all_known in zip(self.solutions, self.legs, self.proved_legs, strict=True):
             number = f"{count}" if all_known else f"{count} or more"
-            of_legs.append(f"{number} of {' and '.join(motors) or 'joints without a motor'}")
+            leg_counts.append(f"{number} of {' and '.join(motors) or 'joints without a motor'}")
         total = f"{proved}, proved to be all" if self.status == "proved" else f"at least {proved}"
         return (
-            f"{total}, each proved to exist and to be single ({', '.join(of_legs)}); "
+            f"{total}, each proved to exist and to be single ({', '.join(leg_counts)}); "
             f"{inside} within the joints' limits"
         )
 
@@ -94,25 +94,25 @@ def working_modes(robot: ParallelRobot, x: ArrayLike) -> WorkingModes:
     solutions = _search_leg_solutions(robot, x)
     modes = _closed_modes(robot, _combine_solutions(robot, solutions), x)
     q = np.array([mode.q for mode in modes]).reshape(-1, robot.model.nq)
-    all_legs = legs(robot)
+    robot_legs = legs(robot)
     counts = tuple(map(len, solutions))
+    proved_legs = [
+        _is_leg_complete(robot, leg, joints, q, x) for leg, joints in zip(robot_legs, solutions, strict=True)
+    ]
     return WorkingModes(
         modes=tuple(modes),
         solutions=counts,
-        legs=tuple(leg.motors for leg in all_legs),
-        proved_legs=tuple(
-            _is_leg_complete(robot, leg, joints, q, x)
-            for leg, joints in zip(all_legs, solutions, strict=True)
-        ),
+        legs=tuple(leg.motors for leg in robot_legs),
+        proved_legs=tuple(proved_legs),
         truncated=prod(counts) > MAX_COMBINATIONS,
     )
 
 
 def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
-    """Search the joints (solutions, k) of each leg with the platform at x (n,).
+    """Search the solutions (solutions, k) of each leg, of k joints, with the platform at x (n,).
 
-    Joints are offsets from the reference [rad, robot lengths]. Newton's method solves the equations of loops
-    and platform from random starts.
+    Solutions are offsets of the joints from the reference [rad, robot lengths]. Newton's method solves the
+    equations of loops and platform from random starts.
     """
     scale = robot.platform_scale
     columns = robot.moving
@@ -122,8 +122,8 @@ def _search_leg_solutions(robot: ParallelRobot, x: Array) -> list[Array]:
         offsets = robot.platform.residual(frames, np.tile(x, (len(frames.q), 1))) / scale
         return offsets, robot.platform.jacobian(frames) * robot.column_scale / scale[:, None]
 
-    starts = draw_starts(robot, robot.reference.q[None], RANDOM_STARTS, columns)
-    q, closed = close_all_loops(robot, starts, platform_equations, columns)
+    starts = draw_starts(robot, robot.reference.q[None], columns, RANDOM_STARTS)
+    q, closed = close_all_loops(robot, starts, columns, platform_equations)
     q = q[closed]
     q = remove_idle_spin(robot, robot.reference.q, q, np.tile(x, (len(q), 1)))
     offsets = (_reference_offset(robot, q) / robot.column_scale)[:, columns]
@@ -149,10 +149,11 @@ def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
 
 
 def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
-    """Return whether a leg provably has no solutions besides `solutions` (k, n).
+    """Return whether a leg of k joints provably has no solutions besides `solutions` (s, k).
 
     Solutions are offsets from the reference. The legs on which this leg depends are placed as in each of the
-    modes q (T, nq) in turn. Without modes, only a leg that depends on no other one can be proved.
+    modes q (T, nq) in turn. Without modes, only a leg that depends on no other one can be proved, and only
+    for a platform without attitude.
     """
     columns = robot.moving[leg.columns]
     previous = robot.moving[leg.needed]
@@ -171,9 +172,10 @@ def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array,
 
 
 def _closed_modes(robot: ParallelRobot, q: Array, x: Array) -> list[WorkingMode]:
-    """Return the modes: configurations (T, nq) with closed loops, the platform at x.
+    """Return the modes among configurations q (T, nq): the loops close at x (n,).
 
-    Modes within joint limits come first, then those near the reference.
+    Modes within the joint limits come first. Among them, and among the others, the nearest to the reference
+    comes first.
     """
     if not len(q):
         return []

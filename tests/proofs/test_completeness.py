@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from framework.proofs.branch_and_bound import Boxes
-from framework.proofs.completeness import KnownSolutions, has_no_others
+from framework.proofs.completeness import KnownSolutions, has_only_known_solutions
 from framework.proofs.interval_newton import LinearEnclosure
 
 
@@ -26,7 +26,7 @@ def paved(equations, points):
     known = KnownSolutions(
         np.reshape(points, (-1, 2)), np.full(len(points), 0.05), np.array([np.inf, np.inf])
     )
-    return has_no_others(equations, Boxes(np.zeros((1, 2)), np.full((1, 2), 4.0)), known)
+    return has_only_known_solutions(equations, Boxes(np.zeros((1, 2)), np.full((1, 2), 4.0)), known)
 
 
 def test_all_points_of_two_circles_are_known_or_one_is_missed():

@@ -134,7 +134,7 @@ def _is_moving(tree: UrdfTree, closure: Closure) -> bool:
 
 
 def _remarks_on_omissions(tree: UrdfTree) -> Iterator[str]:
-    """Yield remarks on unread decisive elements of fixed parts, and on unused ones."""
+    """Yield remarks on decisive elements that act on fixed parts alone, and on unused tags."""
     for item in tree.left_out:
         if item.is_decisive and not any(is_moved(tree, name) for name in item.acts_on):
             yield f"not used, since it does not move: {item.what}"
@@ -143,7 +143,7 @@ def _remarks_on_omissions(tree: UrdfTree) -> Iterator[str]:
 
 
 def _check_closures(closures: Sequence[Closure]) -> None:
-    """Refuse too many closures, repeated names, and a frame joined with itself."""
+    """Refuse too many closures, repeated names, and closures of a frame with itself."""
     if len(closures) > MAX_LOOPS:
         raise RobotFileError(f"{len(closures)} loops; at most {MAX_LOOPS} are read")
     check_unique("closures", [closure.name for closure in closures])
@@ -154,7 +154,7 @@ def _check_closures(closures: Sequence[Closure]) -> None:
 
 
 def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileError:
-    """Return the error for a file without a loop that moves."""
+    """Return the error for a file in which no loop moves."""
     if options.base is not None:
         return RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
     if not closures or options.locked:
@@ -166,7 +166,7 @@ def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileEr
 
 
 def _choose_name(root: Element, file: Path) -> str:
-    """Choose a telling file name: the model's, the file's or a folder's name."""
+    """Choose the name of the robot: that of the model, the file or a folder, unless generic."""
     folders = file.absolute().parents[:2]
     for name in (root.get("name", ""), file.stem, *(folder.name for folder in folders)):
         file_name = re.sub(r"[^\w-]", "_", name)
@@ -176,7 +176,7 @@ def _choose_name(root: Element, file: Path) -> str:
 
 
 def _moving_dynamics(tree: UrdfTree) -> dict[str, JointDynamics]:
-    """Return the dynamics of moving coordinates, from the dialect, else from <dynamics>."""
+    """Return the dynamics of moving coordinates as the dialect states, else by <dynamics>."""
     dynamics = merge_joint_dynamics(declared_dynamics(tree.root), {}) | tree.dynamics
     moving = {name: value for name, value in dynamics.items() if name in tree.coordinates}
     for name, value in moving.items():
@@ -331,7 +331,8 @@ def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
         RobotFileError: platform or motors are missing (the message names the options and the candidates), or
             the options name unknown or repeated ones.
     """
-    joints, description = partial.tree.movable, partial.description
+    joints = partial.tree.movable
+    description = partial.description
     if options.motors is not None:
         check_distinct("--motors", "movable joint", options.motors, joints)
         motors = {motor.joint: motor for motor in description.actuators}

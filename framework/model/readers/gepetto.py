@@ -57,7 +57,10 @@ def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: O
 
 
 def _check_count(key: str, entries: Sequence[str], what: str, others: Sequence[Any]) -> None:
-    """Refuse two lists of different lengths."""
+    """Refuse two lists of different lengths.
+
+    In the message `key` names the list `entries`, and `what` names one entry of `others`.
+    """
     if len(entries) != len(others):
         raise RobotFileError(f"{key}: needs one entry a {what} ({len(others)}), got {len(entries)}")
 

@@ -78,7 +78,7 @@ def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
 
 
 def _placements(positions: Array, quaternions: Array) -> Iterator[Array]:
-    """Yield the placement (4, 4) for each position (3,) and quaternion (4,)."""
+    """Yield a placement (4, 4) for each position (3,) and quaternion w, x, y, z (4,)."""
     for position, quaternion in zip(positions, quaternions, strict=True):
         yield placement(from_quaternion(*quaternion), position)
 
@@ -96,7 +96,7 @@ class _Joint(NamedTuple):
         return self.kind not in SEVERAL
 
     def coordinates_at(self, qpos: Array) -> list[float]:
-        """Convert the joint's part of qpos to coordinates, 0 in MuJoCo's zero pose."""
+        """Convert the joint's part of qpos to its coordinates, which are 0 in MuJoCo's zero pose."""
         zero = self.view.qpos0
         if self.has_one_freedom:
             return list((qpos - zero).tolist())
@@ -148,11 +148,11 @@ class _Model:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element, with the bodies or joints under its action."""
+        """Report an unread element that acts on some bodies or joints."""
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
     def _make_urdf(self, name: str, taken: set[str]) -> Element:
-        """Return the URDF, with a link for each body and between its joints."""
+        """Return the URDF, with a link for each body and a massless link between joints of a body."""
         model = self.compiled
         root = Element("robot", name=name)
         links = [SubElement(root, "link", name=body) for body in self.bodies]
@@ -160,8 +160,8 @@ class _Model:
         for k in range(1, model.nbody):  # without the world
             motions: list[NewJoint] = []
             end = origins[k]
-            # A joint of MuJoCo stands in a point `pos` of the body, a link of the URDF in its joint. So the
-            # chain leads to that point before each joint, and back to the body's origin after it.
+            # MuJoCo's joint is at the point `pos` of the body, but a URDF's link has its origin in the joint
+            # before it. So the chain leads to `pos` before each joint, and back to the origin after it.
             for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
                 point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
                 motions.append(joint.urdf_joint(end @ placement(None, point)))
@@ -178,9 +178,9 @@ class _Model:
         return root
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return d length / d q by joint; None for a spatial tendon."""
+        """Return the moment arms d length / d q, by joint; None for a spatial tendon."""
         model = self.compiled
-        if number < 0:
+        if number < 0:  # MuJoCo's number for no second joint or tendon
             return {}
         if kind == "joint":
             return {self.joints[number].name: 1.0}
@@ -209,23 +209,29 @@ class _Model:
     def _close_loop(self, k: int, name: str, kind: str) -> None:
         """Close a loop by a connect or a weld of sites or bodies."""
         model = self.compiled
-        data = model.eq_data[k]  # connect: anchors 0:3, 3:6; weld: anchor 0:3, pose 3:10, torque scale 10
-        first, second = np.eye(4), np.eye(4)
+        # connect: anchor in the first body, anchor in the second
+        # weld: anchor in the second body, pose of the second body in the first, torque scale
+        data = model.eq_data[k]
+        first = second = np.eye(4)
         frames = self.sites if model.eq_objtype[k] == _SITE else self.bodies
         if frames is self.bodies and kind == "connect":
-            first, second = placement(None, data[:3]), placement(None, data[3:6])
+            first = placement(None, data[:3])
+            second = placement(None, data[3:6])
         elif frames is self.bodies:
-            first, second = placement(from_quaternion(*data[6:10]), data[3:6]), placement(None, data[:3])
+            first = placement(from_quaternion(*data[6:10]), data[3:6])
+            second = placement(None, data[:3])
         ends = [("1", frames[model.eq_obj1id[k]], first), ("2", frames[model.eq_obj2id[k]], second)]
-        locks_rotation = kind == "weld" and data[10]
+        locks_rotation = kind == "weld" and data[10]  # with the torque scale 0 it does not
         self.tree.close(name, locked_axes("fixed" if locks_rotation else "spherical"), ends)
 
     def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
         """Read an equality of joints or tendons, as a coupling or a fixed joint.
 
-        The lengths, measured from the zero pose, satisfy first = offset + ratio * second.
+        The lengths, measured from the zero pose, satisfy first = offset + ratio * second. In moment arms this
+        is sum(arm q) = offset.
         """
-        model, tree = self.compiled, self.tree
+        model = self.compiled
+        tree = self.tree
         where = f"{kind} equality {name!r}"
         polynomial = model.eq_data[k, :5]
         offset, ratio = polynomial[:2].tolist()
@@ -235,7 +241,6 @@ class _Model:
             where += ": of a spatial tendon, which is not read"
             self.leave_out(where, self.all_joints, is_decisive=True)
             return
-        # sum(arm q) = offset
         all_arms = {joint: first.get(joint, 0.0) - ratio * second.get(joint, 0.0) for joint in first | second}
         arms = {joint: arm for joint, arm in all_arms.items() if arm}
         problem = ""
@@ -256,7 +261,8 @@ class _Model:
     def _couple(self, name: str, arms: Mapping[str, float], offset: float) -> None:
         """Couple two joints by sum(arm q) = offset.
 
-        Equal angles of parallel hinges become a closure, which all proofs support; others a coupling.
+        Equal angles of parallel hinges become a closure, which all proofs support. Any other equation becomes
+        a coupling.
         """
         tree = self.tree
         (joint, arm), (of, arm_of) = arms.items()
@@ -318,13 +324,13 @@ class _Model:
             self.tree.transmissions.append(motor)
 
     def _read_tendon(self, k: int) -> None:
-        """Read the dynamics of tendon k if fixed."""
+        """Read the dynamics of tendon k; a spatial tendon is not read."""
         model = self.compiled
         arms = self._moment_arms("tendon", k)
         if arms is None:
             return
         low, high = model.tendon_lengthspring[k]
-        rest = low - model.tendon_length0[k] if low == high else None  # between low and high it is slack
+        rest = low - model.tendon_length0[k] if low == high else None  # slack from low to high: not read
         dynamics = _make_dynamics((getattr(model, f"tendon_{key}")[k] for key in _ACTING), rest)
         where = f"tendon {self.name('tendon', k)!r}"
         self.tree.transmissions.append(Transmission(where, arms, 1.0, dynamics, is_motor=False))
@@ -340,7 +346,8 @@ class _Model:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
         if model.actuator_trntype[k] in _JOINT_MOTORS and model.jnt_actfrclimited[joint]:
             ranges.append(model.jnt_actfrcrange[joint] / abs(gear))
-        return min((float(abs(high)) for low, high in ranges if high and low == -high), default=None)
+        symmetric = [float(abs(high)) for low, high in ranges if high and low == -high]
+        return min(symmetric, default=None)
 
     def name_unread_effects(self) -> None:
         """Report unread effects of joints, bodies, tendons and the fluid, with sizes."""
@@ -364,7 +371,8 @@ class _Model:
 
     def _name_unread_effects_of_joint(self, joint: _Joint) -> None:
         """Report the spring of a ball, and higher powers in damping and stiffness."""
-        view, where = joint.view, f"joint {joint.name!r}"
+        view = joint.view
+        where = f"joint {joint.name!r}"
         if not joint.has_one_freedom and view.stiffness[0]:
             self.leave_out(f"{where}: spring of a ball, {view.stiffness[0]:g} N m/rad", [joint.name])
         for effect, rows in (("damping", view.dampingpoly), ("stiffness", view.stiffnesspoly)):
@@ -377,7 +385,7 @@ class _Model:
         model = self.compiled
         effects = []
         if self._moment_arms("tendon", k) is None:
-            for key in ("stiffness", "damping", "frictionloss", "armature"):
+            for key in _ACTING:
                 if value := getattr(model, f"tendon_{key}")[k]:
                     effects.append(f"{key} {value:g}")
         elif model.tendon_stiffness[k] and np.ptp(model.tendon_lengthspring[k]):
@@ -390,7 +398,7 @@ class _Model:
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
     """Return joint dynamics from values in the order of _ACTING.
 
-    Without a position `rest` the dynamics have no spring.
+    If the position `rest` is None, the dynamics have no spring.
     """
     dynamics = JointDynamics(*map(float, values))
     if rest is None:

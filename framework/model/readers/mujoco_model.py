@@ -1,8 +1,8 @@
-"""Compile an MJCF file with MuJoCo, without parts that are missing and that no motion needs.
+"""Compile an MJCF file with MuJoCo, without the parts that no motion needs.
 
 MuJoCo resolves defaults, classes, includes, frames, units and the inertia of geoms. Before that, plugins,
-textures, sensors and meshes without mass are removed. MuJoCo refuses bodies without mass; they are given a
-stand-in for the compilation and are massless afterwards.
+textures, sensors and meshes without mass are removed, so that they may be missing. MuJoCo refuses bodies
+without mass; they are given a small mass for the compilation and are massless afterwards.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import MissingPackage, RobotFileError
+from framework.model.documents import erase_matches
 from framework.model.readers.urdf_tree import UnreadElement
 from framework.model.urdf_elements import check_inertia, symmetric_matrix
 from framework.numerics.input import read_text
@@ -65,7 +66,7 @@ def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
 
 
 def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadElement], Counter[str]]:
-    """Compile a specification without parts that MuJoCo refuses or no motion needs."""
+    """Compile a specification without the parts that MuJoCo refuses or that no motion needs."""
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
@@ -107,31 +108,25 @@ def _reorder_error(error: str) -> str:
 
 
 def _load_spec(mujoco: Any, file: Path) -> Any:
-    """Load MuJoCo's specification of a file; without plugins, if MuJoCo lacks one."""
+    """Load MuJoCo's specification of a file, without plugins if MuJoCo lacks any."""
     try:
         return mujoco.MjSpec.from_file(str(file))
     except ValueError as error:
         if "plugin" not in str(error):
             raise
-    text = _remove_plugins(read_text(file, "cannot read it", error=RobotFileError))
+    text = erase_matches(_PLUGIN, read_text(file, "cannot read it", error=RobotFileError))
     spec = mujoco.MjSpec.from_string(text, include=dict(_included_files(file.parent, text)))
     spec.modelfiledir = str(file.parent)
     return spec
 
 
-def _remove_plugins(text: str) -> str:
-    """Remove plugins from the text of an MJCF file; line numbers stay the same."""
-    return _PLUGIN.sub(lambda plugin: "\n" * plugin[0].count("\n"), text)
-
-
 def _included_files(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content of each file that an MJCF text includes, recursively."""
+    """Yield name and content, without plugins, of each file that an MJCF text includes, recursively."""
     for name in re.findall(r"<include\s+file\s*=\s*[\"']([^\"']+)", text):
-        other = _remove_plugins(
-            read_text(folder / name, f"<include> {name!r}: cannot read it", error=RobotFileError)
-        )
-        yield name, other.encode()
-        yield from _included_files(folder, other)
+        content = read_text(folder / name, f"<include> {name!r}: cannot read it", error=RobotFileError)
+        usable_content = erase_matches(_PLUGIN, content)
+        yield name, usable_content.encode()
+        yield from _included_files(folder, usable_content)
 
 
 def _delete_unused(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
@@ -157,7 +152,7 @@ def _delete_unused(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
 
 
 def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Give impossible bodies an inertia that MuJoCo compiles, and yield each."""
+    """Give bodies with an impossible inertia one that MuJoCo compiles; yield each such body."""
     geoms_only = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies:
         # MuJoCo itself repairs or replaces such inertias
@@ -185,14 +180,13 @@ def _make_principal(body: Any) -> None:
     """Replace the inertia matrix of a body by principal moments [kg m^2] and axes."""
     moments, axes = np.linalg.eigh(symmetric_matrix(*body.fullinertia))
     axes[:, 0] *= np.linalg.det(axes)  # makes the axes right-handed
-    rotation = pin.Quaternion(axes)
     body.fullinertia = [np.nan, 0, 0, 0, 0, 0]  # MuJoCo's mark for no inertia matrix
     body.inertia = moments
-    body.iquat = [rotation.w, rotation.x, rotation.y, rotation.z]
+    body.iquat = np.roll(pin.Quaternion(axes).coeffs(), 1)  # w first, as MuJoCo has it
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
-    """Delete meshes without mass and missing meshes; yield missing ones as decisive."""
+    """Delete meshes without mass and missing meshes with mass; yield the latter as decisive."""
     needed = set()
     for geom in list(spec.geoms):
         if not geom.meshname:
@@ -215,8 +209,10 @@ def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
 def _has_mesh(spec: Any, geom: Any) -> bool:
     """Return whether a geom's mesh is in the specification or in a file."""
     mesh = spec.mesh(geom.meshname)
-    if mesh is None or not mesh.file:
-        return mesh is not None
+    if mesh is None:
+        return False
+    if not mesh.file:
+        return True  # its vertices are in the specification
     file = Path(mesh.file).name if spec.strippath else mesh.file
     return (Path(spec.modelfiledir) / mesh.compiler.meshdir / file).is_file()
 
@@ -234,8 +230,12 @@ def _adds_mass(mujoco: Any, geom: Any) -> bool:
 
 
 def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
-    """Compile a specification; return refused meshes as decisive unread elements."""
-    least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia
+    """Compile a specification without the meshes that MuJoCo refuses.
+
+    Returns:
+        The compiled model, and the refused meshes as decisive unread elements.
+    """
+    least_mass, least_inertia = spec.compiler.boundmass, spec.compiler.boundinertia  # as the file states
     spec.compiler.boundmass = max(least_mass, STAND_IN_MASS)
     spec.compiler.boundinertia = max(least_inertia, STAND_IN_INERTIA)
     left_out: list[UnreadElement] = []
@@ -253,7 +253,7 @@ def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
 
 
 def _delete_refused_meshes(spec: Any, error: str) -> Iterator[UnreadElement]:
-    """Delete the mesh that an error names, else all; yield each use."""
+    """Delete the mesh that an error names, else all meshes; yield each geom that uses one."""
     geoms = [geom for geom in spec.geoms if geom.meshname]
     if not geoms:
         raise RobotFileError(error)

@@ -89,7 +89,7 @@ def parse_any(
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    """Read an XML file by root element; prefix errors with the line."""
+    """Read an XML file with the reader of its root element; prefix errors with the line."""
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
     from framework.model.readers.urdf import read_urdf
@@ -121,7 +121,7 @@ def _line_of_element(message: str, text: str) -> str:
 def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
-    """Read a YAML file and its URDF by the dialect of the file's keys."""
+    """Read a YAML file and its URDF in the dialect that the keys of the YAML show."""
     text, parameters = fill_parameters(text, parameters_given)
     content = parse_yaml(text)
     if not isinstance(content, dict):
@@ -150,7 +150,7 @@ def _from_yaml(
 
 
 def _find_urdf(path: Path) -> Path:
-    """Find the URDF of a foreign YAML: its namesake, else the only one nearby."""
+    """Find the URDF of a foreign YAML: the one of the same name, else the only one nearby."""
     namesake = path.with_suffix(".urdf")
     if os.path.isfile(namesake):
         return namesake
@@ -158,7 +158,7 @@ def _find_urdf(path: Path) -> Path:
         others = list(folder.glob("*.urdf"))
         if len(others) == 1:
             return others[0]
-    return namesake
+    return namesake  # the caller reports that it is missing
 
 
 def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
@@ -170,7 +170,8 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
         )
     if options == Options():
         return robot
-    description, tree = robot.description, UrdfTree(robot.urdf)
+    description = robot.description
+    tree = UrdfTree(robot.urdf)
     reference = merge_reference(options, tree.coordinates, description.reference)
     description = replace(description, reference=reference)
     completed = complete_robot(options, PartialRobot(tree, description, description.platform))

@@ -130,7 +130,9 @@ class _Joint(NamedTuple):
                 motion if motion.axis is None else motion._replace(axis=-motion.axis)
                 for motion in reversed(motions)
             ]
-        return [motions[0]._replace(origin=self.placements[is_reversed]), *motions[1:]]
+        on_parent, on_child = self.placements
+        origin = on_child if is_reversed else on_parent
+        return [motions[0]._replace(origin=origin), *motions[1:]]
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -177,7 +179,7 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
         if (kind := element.get("type")) in _NOT_READ:
             acts_on = name, *_links_of_joint(scope, name)
             gears.append(UnreadElement(f"joint {name!r}: {kind}: not read", acts_on, is_decisive=True))
-    tree.left_out[:0] = gears  # first, since their errors are the more precise ones
+    tree.left_out[:0] = gears  # in front, since their messages are more precise
 
     links = {link for joint in joints for link in joint.links}
     apart = []
@@ -209,7 +211,7 @@ def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> l
 
 
 def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add the models in an element and in files that the element includes."""
+    """Add the models in an element, and the models in files that the element includes."""
     for model in parent.findall("model"):
         _add_model(scope, model, folder, prefix, base)
     for include in parent.findall("include"):
@@ -299,9 +301,9 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
 
 
 def _constraint_elements(element: Element, kind: str, name: str) -> Iterator[Element]:
-    """Yield Drake's constraint of two bodies as two frames and a joint.
+    """Yield two frames and a joint that stand for Drake's constraint of two bodies.
 
-    The parts of the constraint have a text in SDF, and an attribute in a URDF.
+    In SDF the children of the constraint state their values as text, in a URDF as an attribute.
     """
     parts: dict[str, str] = {}
     for child in element:
@@ -333,10 +335,20 @@ def _end_name(joint: Element, end: str) -> str:
 
 
 def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
-    """Read an element's `<pose>`: base frame and placement (4, 4)."""
+    """Read the pose of an element: a frame, and the placement (4, 4) in this frame.
+
+    The frame is `default` unless the pose names another one in the model with the `prefix`.
+    """
     pose = element.find("pose")
+    relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
+    frame = _scope_name(prefix, relative_to) if relative_to else default
+    return frame, _read_placement(pose, where)
+
+
+def _read_placement(pose: Element | None, where: str) -> Array:
+    """Read the placement (4, 4) in a `<pose>`; the identity without one."""
     if pose is None:
-        return default, np.eye(4)
+        return np.eye(4)
     has_quaternion = pose.get("rotation_format") == "quat_xyzw"
     count = 7 if has_quaternion else 6
     numbers = parse_numbers(f"{where}: <pose>", pose.text or " 0" * count, count)
@@ -347,8 +359,7 @@ def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple
     else:
         in_degrees = pose.get("degrees") in ("true", "1")
         rotation = from_rpy(np.radians(orientation) if in_degrees else orientation)
-    relative_to = pose.get("relative_to") or pose.get("frame")
-    return _scope_name(prefix, relative_to) if relative_to else default, placement(rotation, position)
+    return placement(rotation, position)
 
 
 # ------------------------------------------------------------------ joints
@@ -356,7 +367,8 @@ def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple
 
 def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
     """Return the two links of a joint, the parent first."""
-    joint, where = scope.joints[name], f"joint {name!r}"
+    joint = scope.joints[name]
+    where = f"joint {name!r}"
     kind = attribute(joint, where, "type")
     check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
     with prefix_errors(where):
@@ -370,7 +382,7 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     """Make a joint with its motions and its placement in each link."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
-    on_child = scope.placement_of(f"joint {name}")
+    on_child = scope.placement_of(f"joint {name}")  # both placements are in the world
     parent = _end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
     on_parent = scope.placement_of(parent) if is_frame else on_child
@@ -399,7 +411,8 @@ def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
 
 def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     """Read an axis (3,) of a joint, in the joint's frame."""
-    joint, where = scope.joints[name], f"joint {name!r}: <{tag}>"
+    joint = scope.joints[name]
+    where = f"joint {name!r}: <{tag}>"
     axis = np.array(parse_numbers(f"{where} xyz", joint.findtext(f"{tag}/xyz", "0 0 1"), 3))
     if not axis.any():
         raise RobotFileError(f"{where}: the axis is zero")
@@ -415,13 +428,14 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
 
 
 def _has_property(joint: Element, *properties: str) -> bool:
-    """Return whether the `<axis>` of a joint has one of the properties."""
+    """Return whether the first axis of a joint has a child with a tag in `properties`."""
     return any(joint.find(f"axis/{tag}") is not None for tag in properties)
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
-    """Yield the coupling of a mimic joint, and that of a screw's slide."""
-    where, element = f"joint {joint.name!r}", joint.element
+    """Yield the coupling of a mimic joint, and the coupling of a screw's slide to its hinge."""
+    where = f"joint {joint.name!r}"
+    element = joint.element
     for mimic in element.findall("axis/mimic"):
         of = element.get("scope", "") + mimic.get("joint", "")
         check_name(f"{where}: <mimic>", "joint", of, names)
@@ -452,12 +466,12 @@ def _joints_of_main_part(scope: Scope) -> list[_Joint]:
         mimics = sum(_has_property(scope.joints[name], "mimic") for name in names)
         has_loop = len(names) + mimics >= len(links)
         parts.append((has_loop, len(names), names))
-    *_, names = max(parts, key=itemgetter(0, 1))
+    _, _, names = max(parts, key=itemgetter(0, 1))
     return [_make_joint(scope, name, ends[name]) for name in names]
 
 
 def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
-    """Choose the joints of a spanning tree; cut loops where a closure loses least."""
+    """Choose the joints of a spanning tree; cut loops at joints that a closure expresses best."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
     def reasons_to_cut(joint: _Joint) -> tuple[bool, ...]:
@@ -484,23 +498,26 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
 
 def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str], name: str) -> Element:
-    """Return the tree as a URDF, from the world or a link without parent."""
+    """Return the tree as a URDF, whose root is the world or else a link without a parent."""
     root = Element("robot", name=name)
     ends = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
     links = [link for link in scope.links if link in ends]
-    base = WORLD if WORLD in ends else next((link for link in links if link not in children), links[0])
-    reached = [base]
     taken = {*links, WORLD}
+    reached = [WORLD]
+    if WORLD not in ends:
+        reached = [next((link for link in links if link not in children), links[0])]
     tree_joints = [joint for joint in joints if joint.name in tree_names]
     for link in reached:  # grows during the loop: breadth first
         root.append(_make_link(scope, link))
         for joint in tree_joints:
-            is_reversed = link != joint.links[0]  # the tree leads from the joint's child to its parent
-            inner, outer = joint.links[is_reversed], joint.links[not is_reversed]
-            if link != inner or outer in reached:
+            parent, child = joint.links
+            is_reversed = link == child  # the tree leads from the joint's child to its parent
+            outer = parent if is_reversed else child
+            if link not in joint.links or outer in reached:
                 continue
-            end = invert_placement(joint.placements[not is_reversed])
+            in_outer = joint.placements[0 if is_reversed else 1]  # the joint's placement in the outer link
+            end = invert_placement(in_outer)
             root.extend(chain_elements(link, joint.chain(is_reversed=is_reversed), outer, end, taken))
             reached.append(outer)
     return root
@@ -511,12 +528,13 @@ def _make_link(scope: Scope, name: str) -> Element:
     link = Element("link", name=name)
     if name == WORLD:
         return link
-    where, element = f"link {name!r}", scope.links[name]
+    where = f"link {name!r}"
+    element = scope.links[name]
     inertial = element.find("inertial")
     if inertial is None:
         inertial = Element("inertial")
     mass, *moments = _read_values(inertial, where, _INERTIA)
-    _, origin = _read_pose(inertial, "", "", where)
+    origin = _read_placement(inertial.find("pose"), where)
     axes = origin[:3, :3]
     link.append(inertial_element(mass, origin[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
     for visual in element.findall("visual"):
@@ -524,7 +542,7 @@ def _make_link(scope: Scope, name: str) -> Element:
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
                 sizes = {key: (geometry.findtext(key) or "1").strip() for key in keys}
-                _, origin = _read_pose(visual, "", "", where)
+                origin = _read_placement(visual.find("pose"), where)
                 link.append(visual_element(shape, sizes, origin))
     return link
 

@@ -81,7 +81,7 @@ _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
 class _Syntax(NamedTuple):
-    """The syntax of a loop element: tags of its ends and axes, and its types."""
+    """The syntax of a loop element: its types, and the tags of its ends and axes."""
 
     ends: tuple[str, str]
     kinds: Mapping[str, str]  # closure kind by type
@@ -125,7 +125,7 @@ def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> 
         return []
     axes = []
     for tag in tags:
-        # a second axis is optional but for a universal joint
+        # only a universal joint requires a second axis
         if tag == tags[0] or kind == "universal" or element.find(tag) is not None:
             axes.append(read_axis(child_element(element, where, tag), f"{where}: <{tag}>"))
     if kind == "prismatic" and len(axes) == 2:
@@ -155,7 +155,7 @@ def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[s
     if attributes:
         origins.append(Element("origin", attributes))
     if len(origins) > 1:
-        raise RobotFileError(f"{label}: has more than one origin; leave one")
+        raise RobotFileError(f"{label}: has more than one origin; keep one of them")
     if not origins:
         return link, np.eye(4)
     (origin,) = origins
@@ -163,7 +163,7 @@ def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[s
 
 
 def _read_coupling(tree: UrdfTree, element: Element) -> None:
-    """Read a `<coupling>` as a fixed joint, as equal rotations, or as `<mimic>`."""
+    """Read a `<coupling>`: fix a joint, close equal rotations of links, or write a `<mimic>`."""
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     check_parts(element, where, (*ends, "ratio"), ("name", "type"))
@@ -273,7 +273,7 @@ def _close_named_frames(tree: UrdfTree) -> bool:
 def _close_joints_of_other_programs(tree: UrdfTree) -> None:
     """Close the loops of Gazebo's joints and Drake's constraints.
 
-    They are the content of an SDF model, in which the links stand as at zero of the joints.
+    They are read as the content of an SDF model, whose links have the poses at zero joint positions.
     """
     scope = Scope(version=np.inf)
     for link in tree.links:
@@ -288,7 +288,7 @@ def _close_joints_of_other_programs(tree: UrdfTree) -> None:
 
 
 def _find_loop_closures(file: Path) -> Mapping[str, Any]:
-    """Return the content of the loop_closures.yaml near a URDF; empty without one."""
+    """Return the content of the loop_closures.yaml near a URDF; an empty mapping without one."""
     folder = file.parent
     for place in (folder, folder.parent, folder.parent / "config"):
         path = place / LOOP_CLOSURES
@@ -300,7 +300,7 @@ def _find_loop_closures(file: Path) -> Mapping[str, Any]:
 
 
 def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
-    """Close the hinges of a loop_closures.yaml, given in base axes at zero."""
+    """Close the hinges in a loop_closures.yaml, stated in the base frame at zero joint positions."""
     link = required(one_of("link", tree.links))
     hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
     read = list_of(lambda where, given: read_table(where, given, hinge, others=None))

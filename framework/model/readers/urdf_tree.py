@@ -22,6 +22,7 @@ from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_
 from framework.model.urdf_elements import (
     MAX_TREE_ELEMENTS,
     SEVERAL,
+    Complaints,
     Joint,
     Tree,
     local_name,
@@ -114,7 +115,7 @@ def _is_xacro(element: Element) -> bool:
 
 
 def _unused_parts(element: Element, tag: str) -> Iterator[str]:
-    """Yield the tags of an element and of its children that are not read."""
+    """Yield the tags that are not read: of an element, and of its children."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
     for child in element if tag in _USED else ():
@@ -131,7 +132,7 @@ def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
         union = list(dict.fromkeys([*shared, *members]))
         unions.append(union)
         union_of |= dict.fromkeys(union, union)
-    # a union that was merged into a later one is no longer that of its members
+    # the members of a union that was merged into a later one belong to the later one
     return [union for union in unions if union and union_of[union[0]] is union]
 
 
@@ -166,7 +167,7 @@ class UrdfTree(Tree):
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
 
-        impossible: list[tuple[str, str]] = []  # links and joints, and what is wrong with each
+        impossible: Complaints = []
         tree = read_tree(root, impossible)
         super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
@@ -244,8 +245,10 @@ class UrdfTree(Tree):
             RobotFileError: see `add_frame`.
         """
         letters = "xy" if locked == locked_axes("universal") else "zz"
-        # one axis stands for both ends: the doubled list is cut to two
-        rotations = list(map(rotation_with_axis, letters, 2 * list(axes))) or 2 * [np.eye(3)]
+        rotations = 2 * [np.eye(3)]
+        if axes:
+            end_axes = axes[0], axes[-1]  # one axis stands for both ends
+            rotations = list(map(rotation_with_axis, letters, end_axes))
         frames = []
         for (suffix, link, origin), rotation in zip(ends, rotations, strict=True):
             in_link = origin @ placement(rotation)
@@ -312,8 +315,10 @@ class UrdfTree(Tree):
         from scipy.spatial.transform import Rotation
 
         others = "xyz".replace(axis, "")
-        locked_angle, *angles = Rotation.from_rotvec(rotation_vector).as_euler(f"{axis}{others}".upper())
-        locked_angle = locked_angle if value is None else value
+        sequence = f"{axis}{others}".upper()  # capitals: about the axes of the turned body
+        locked_angle, *angles = Rotation.from_rotvec(rotation_vector).as_euler(sequence)
+        if value is not None:
+            locked_angle = value
         ball.origin = ball.origin @ placement(rotation_about(unit_vector(axis), locked_angle))
         names = [f"{ball.name}_r{other}" for other in others]
         self.replace_by_turns(ball, others, names)
@@ -363,7 +368,7 @@ class UrdfTree(Tree):
             axes.append(axis / np.linalg.norm(axis))
         if not axes or any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
-        # frames on the links with the axes of the base, in which `axes` are
+        # `axes` are in the base, so the frames on the links have the axes of the base
         ends = [
             (end, link, placement(self.zero_pose(link)[:3, :3].T))
             for end, link in (("first", first), ("second", second))
