@@ -46,7 +46,7 @@ def hand_document(robot: ParallelRobot) -> Document:
             "push": f"{HELD_WRENCH:g} {wrench_unit(robot)} {wrench_kind(robot).split()[1]} t_s",
             "flat": robot.n == 2,
             "lines": _has_lines(robot),
-            "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
+            "no_figure": why_no_figure(robot) if len(robot.passive) else "",
             "drag": len(robot.platform.sliding) > 0,
             "poses": encode_floats(poses),
             "locus": encode_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),

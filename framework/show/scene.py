@@ -112,7 +112,7 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
         "stated": describe_motors(robot, limit, peak, reason=reason),
         "band": encode_floats(film.motors.band(film.t_s, limit)),
         "polytope": _force_figure(film, limit),
-        "no_figure": why_no_figure(robot) or "",
+        "no_figure": why_no_figure(robot),
         "lines": _action_line_document(film),
         "t_s": _arrow_document(film.twists),
         "W_p": W_p,
@@ -252,7 +252,7 @@ def force_edges(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array
     flat across t_s. Its edges are the forces or torques of each motor at its limit. None where the set is no
     figure of the plane or of space: for one motor, or for forces together with torques.
     """
-    if robot.n == 1 or why_no_figure(robot) is not None:
+    if robot.n == 1 or why_no_figure(robot):
         return None
     return figure_vectors(robot, limit[:, None] * motor_speed)
 
@@ -268,17 +268,17 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
     return vectors
 
 
-def why_no_figure(robot: ParallelRobot) -> str | None:
-    """Return why the motors' forces are not drawn as one figure; None if they are."""
+def why_no_figure(robot: ParallelRobot) -> str:
+    """Return why the motors' forces are not drawn as one figure; empty if they are."""
     platform, kinds = robot.platform, len(set(robot.translations))
     if robot.n == 1:
-        return None
+        return ""
     if not isinstance(platform, FramePlatform) or not platform.constant:
         return "on axes of its own: not drawn in the scene"
     if kinds > 1:
         return f"forces and torques have {robot.n} dimensions: not drawn in the scene"
     if (robot.n == 2 and platform.is_point) or (robot.n == 3 and robot.n_a == 3):
-        return None
+        return ""
     return f"{robot.n_a} motors for {robot.n} freedoms: not drawn in the scene"
 
 
