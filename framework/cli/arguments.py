@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 AUTO = "auto"
 MotionOptions = dict[str, Any]  # options of `plan_crossing`, by name
-WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
+WRENCH_OPTIONS = ("wrench", "wrench_on")
 
 
 def take_level(options: Namespace) -> ChosenLevel | None:
@@ -283,4 +283,15 @@ def flag_of(key: str) -> str:
 
 
 _NO_LINE = dict.fromkeys(("from", "to", "via", "blend"))  # remedy: leave these options out
-_OF_A_PLAN = ("scene", "scenes", "start", "end", "via", "blend", "set", "flexibility", *TYPED, *WRENCH_FLAGS)
+_OF_A_PLAN = (
+    "scene",
+    "scenes",
+    "start",
+    "end",
+    "via",
+    "blend",
+    "set",
+    "flexibility",
+    *TYPED,
+    *WRENCH_OPTIONS,
+)

@@ -103,13 +103,15 @@ def run(options: Namespace) -> Report:
     _check_options(options, file)
     robot, text, lines = WRITERS[options.program](options, file)
     write_file(file, text, option="--out")
-    document = select_fields(robot, "flexibility") | {
+    document = {
         "robot": robot.name,
+        "flexibility": robot.flexibility,
         "format": options.program,
         "file": str(file),
     }
-    lines[0] = f"{robot.name}, {robot.flexibility}: {lines[0]}, written to {file}"
-    return document, lines
+    description, *rest = lines
+    head = f"{robot.name}, {robot.flexibility}: {description}, written to {file}"
+    return document, [head, *(f"  {line}" for line in rest)]
 
 
 def _check_options(options: Namespace, file: FilePath) -> None:
