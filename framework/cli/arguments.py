@@ -75,7 +75,7 @@ def load(options: Namespace) -> ParallelRobot:
 
 
 def load_mechanism(options: Namespace) -> Mechanism:
-    """Load the mechanism with the springs of --flexibility; warn if they do not exist."""
+    """Load the mechanism with the springs of --flexibility; warn if springs are missing."""
     flexibility = getattr(options, "flexibility", "rigid")
     others = ", or a folder of `crossing plan --out`" if hasattr(options, "robot_file") else ""
     file = robot_file(options.robot, others=others)
@@ -111,10 +111,10 @@ def _missing_fields(options: Namespace) -> MotionOptions:
     form = "JOINT=VALUE"
     fields["reference"] = named_numbers("--reference", values.get("reference") or [], form)
     fields["parameters"] = named_numbers("--set", values.get("set") or [], "NAME=VALUE")
-    fields["locked"] = {}  # by None: at the reference
+    locked = dict[str, float | None]()  # None: at the reference
     for word in values.get("lock") or []:
-        fields["locked"] |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
-    return fields
+        locked |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
+    return fields | {"locked": locked}
 
 
 def path(options: Namespace, robot: ParallelRobot) -> Path:

@@ -58,7 +58,7 @@ def run(options: Namespace) -> Report:
 
 
 def _find_refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:
-    """Return why other commands refuse the robot; None if they take it.
+    """Return the reason why other commands refuse the robot, or None.
 
     `reference` states the reference in words.
     """

@@ -257,7 +257,7 @@ def _move_last(words: Sequence[str], flag: str) -> list[str]:
 
 
 def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
-    """Return the plain numbers of a text with units or commas; None if it has others.
+    """Return the plain numbers of a text with units or commas; None for other texts.
 
     The units are those in the help of the option, such as [m, rad].
     """

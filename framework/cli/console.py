@@ -66,7 +66,7 @@ def printable(text: str, allowed: str = "\n") -> str:
     """Escape control characters, except `allowed`, and lone surrogates of a text."""
 
     def write(letter: str) -> str:
-        """Return a letter, or the blank or escape that replaces it."""
+        """Return a letter, or a blank or an escape in its place."""
         if letter.isprintable() or letter in allowed:
             return letter
         return " " if letter.isspace() else letter.encode("unicode_escape").decode("ascii")
@@ -108,7 +108,7 @@ def _print_answer(text: str, stream: TextIO | None) -> None:
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr; in a terminal wrap the line, and break it before `TRY`.
+    """Print one line on stderr; a terminal gets a new line before `TRY`.
 
     If stderr cannot be written, the exit code alone reports the failure.
     """
@@ -135,7 +135,7 @@ def _print_text(text: str, stream: TextIO) -> None:
 
 
 def _close_stream(stream: TextIO) -> None:
-    """Redirect a stream to the null device, so that the interpreter can flush it on exit."""
+    """Redirect a stream to the null device, which the interpreter can flush on exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
@@ -213,18 +213,16 @@ def _lay_out_table(
     Columns that do not fit follow in a second table below, which repeats the first column.
     """
     room = math.inf if width is None else width - indent
-    least = [max(len(word) for cell in column for word in _split_words(cell)) for column in columns]
+    least = [max(map(_least_width, column)) for column in columns]
     ends = itertools.accumulate(least, lambda end, most: end + len(GAP) + most)
     fitting = max(2, sum(end <= room for end in ends))
     if fitting < len(columns):
-        rest = [columns[0], *columns[fitting:]]
-        tables = [_lay_out_table(part, width, indent, colour) for part in (columns[:fitting], rest)]
-        return tables[0] + tables[1]
+        first = _lay_out_table(columns[:fitting], width, indent, colour)
+        return first + _lay_out_table([columns[0], *columns[fitting:]], width, indent, colour)
     widths = [max(map(len, column)) for column in columns]
     room -= len(GAP) * (len(widths) - 1)
     while sum(widths) > room and widths != least:  # narrow the widest of the columns that can be narrowed
-        widest = max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))
-        widths[widest] -= 1
+        widths[max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
     cells = map(_wrap_column, columns, widths)
     head, *rows = (_join_cells(row, indent) for row in zip(*cells, strict=True))
     if colour:
@@ -248,9 +246,9 @@ def _wrap_column(column: Sequence[str], width: int) -> list[list[str]]:
     return [[align(line, width) for line in wrap_line(cell, width, 0)] for cell in column]
 
 
-def _split_words(cell: str) -> list[str]:
-    """Return the unbreakable parts of a cell: words, and numbers with their units."""
-    return GLUED.sub("\xa0", cell).split(" ")
+def _least_width(cell: str) -> int:
+    """Return the length of the longest part of a cell that no line break divides."""
+    return max(map(len, GLUED.sub("\xa0", cell).split(" ")))
 
 
 # ------------------------------------------------------------------ progress

@@ -40,7 +40,8 @@ def run(options: argparse.Namespace) -> Report:
         "remarks": parsed.remarks,
         "left_out": description.left_out,
     }
-    loops = [row.name for row in (*description.closures, *description.couplings)]
+    loops = [closure.name for closure in description.closures]
+    loops += [coupling.name for coupling in description.couplings]
     lines = [
         f"{description.name}, read as {DIALECTS[parsed.dialect]}: loops closed by {', '.join(loops)}",
         *(f"  {remark}" for remark in remarks),

@@ -19,8 +19,7 @@ from framework.numerics.output import Document, json_text
 from framework.planning.options import LIMITS
 
 STUDY_FILE = "fidelity.json"
-SAME_LAW = 1e-12  # difference of two laws in s that is rounding
-LARGEST_SHARE = 10.0  # errors from here on are printed as > 1000 %
+SAME_LAW, LARGEST_SHARE = 1e-12, 10.0  # rounding in s of a law; error from which on > 1000 % is printed
 
 HEAD = """\
 {0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
@@ -153,6 +152,6 @@ def _format_percent(share: float) -> str:
 
 
 def _largest_error(study: FidelityStudy, errors: Array) -> str:
-    """State the largest error, and s there."""
+    """State the largest error, and where on the path this is."""
     place = study.place(errors)
     return _format_percent(np.nanmax(errors)) + ("" if place is None else f" (at s = {place:.4g})")

@@ -184,7 +184,7 @@ def _make_plan(
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the bound that no law can pass, and the plan's gap to it.
+    """Return the fact on the bound that no law can pass, with the plan's gap.
 
     Empty without a bound.
     """

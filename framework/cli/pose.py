@@ -246,7 +246,7 @@ def _wrench_in_words(wrench: Array) -> str:
 
 
 def _explain_failure(robot: ParallelRobot, options: Namespace) -> str:
-    """Return a clause on units that seem mistaken; empty if they do not.
+    """Return a clause on units that seem mistaken; empty if none does.
 
     Motors that turn more than once suggest degrees, a platform out of reach suggests millimetres.
     """

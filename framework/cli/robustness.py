@@ -305,19 +305,19 @@ def replay_run(options: Namespace) -> Report:
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
     name, failures = _chosen_study(options.controller, stated["studies"])
-    number, runs = options.replay, stated["runs"]
-    if number >= runs:
-        raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
+    number = options.replay
+    if number >= stated["runs"]:
+        raise InvalidInput(f"--replay: the study has the runs 0 to {stated['runs'] - 1}, got {number}")
     run, seed = setup.run(name, number, record=True), [setup.seed, number]
     written = [failure for failure in failures if failure.get("seed") == seed]
     repeated = [] if run.passed[0] else [_describe_failure(run, 0, seed)]
-    scalars = ("passed", "why", "tracking_error", "end_error", "payload")
     document = {
         "robot": setup.plan.robot.name,
         "controller": name,
         "run": number,
-        **{key: getattr(run, key)[0] for key in scalars},
+        **{key: getattr(run, key)[0] for key in ("passed", "why", "tracking_error", "end_error")},
         "peak_torque": run.peak_torque.max(),
+        "payload": run.payload[0],
         "as_written": written == repeated,
         "versions": {"then": stated["versions"], "now": library_versions()},
     }

@@ -73,7 +73,7 @@ def report_failure(error: Exception, heard: Heard, arguments: Sequence[str]) -> 
 
 
 def exit_code_of(error: Exception) -> int:
-    """Return 1 if there is no answer, 2 for misuse or wrong input."""
+    """Return 1 for a question without an answer, 2 for misuse or wrong input."""
     return 1 if isinstance(error, NoAnswer) else 2
 
 

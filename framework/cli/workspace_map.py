@@ -234,18 +234,17 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> 
     """Return a map as a document, and in text its counts, locus and statistics."""
     robot, window = workspace.robot, workspace.window
     rows, columns = window.shape
-    spans = _format_spans(robot, window)
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    head = f"{robot.name}: {rows} x {columns} poses, {spans}, {workspace.seconds:.2f} s"
-    lines = [head, "  poses\tcount"]
+    size = f"{robot.name}: {rows} x {columns} poses"
+    lines = [f"{size}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s", "  poses\tcount"]
     lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
     lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
     lines += [f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges]
     lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
     lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
-        entry = document["quantities"][quantity.key]
-        cells = ("-" if entry[key] is None else f"{entry[key]:.3g}" for key in STATISTICS)
+        values = map(document["quantities"][quantity.key].get, STATISTICS)
+        cells = ("-" if value is None else f"{value:.3g}" for value in values)
         lines.append("\t".join([f"  {quantity.name} [{quantity_unit(robot, quantity)}]", *cells]))
     if margin is not None:
         lines += _margin_lines(robot, margin)
@@ -279,17 +278,16 @@ def report_design_study(options: Namespace) -> Report:
     file = robot_file(options.robot)
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
-    first, second = map_axes(robot, options.over)
+    axis_names = [robot.axis_names[k] for k in map_axes(robot, options.over)]
     window = options.window and tuple(finite_numbers("--window", options.window, 4).tolist())
-    quantities = choose_quantities(robot, options.quantity)
     task = StudyTask(
         file=str(file.resolve()),
         names=designs.names,
         flexibility=options.flexibility,
-        axes=(robot.axis_names[first], robot.axis_names[second]),
+        axes=(axis_names[0], axis_names[1]),
         window=window,
         size=options.size or STUDY_EDGE_POSES,
-        keys=tuple(quantity.key for quantity in quantities),
+        keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
     setup = study_setup(task, designs)
     with mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store, executor):

@@ -144,7 +144,7 @@ def _chain_left_turns(points: list[list[float]]) -> list[list[float]]:
     """Return one side of the hull of sorted points, without its last point."""
     chain: list[list[float]] = []
     for point in points:
-        while len(chain) > 1 and not _turns_left(*chain[-2:], point):
+        while len(chain) > 1 and not _turns_left(chain[-2], chain[-1], point):
             chain.pop()
         chain.append(point)
     return chain[:-1]

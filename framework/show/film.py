@@ -102,7 +102,7 @@ class Film:
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
-    """Plan and film a motion; film it unproved where its torques are unbounded.
+    """Plan and film a motion, as unproved where the torques are unbounded.
 
     Args:
         name: title of the picture, such as Scene C.

@@ -207,7 +207,7 @@ def _film_to_draw(films: Sequence[Film]) -> Film:
 
 
 def _film_axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
-    """Make axes for the robot; draw the eye or, without a crossing, the torques beside it."""
+    """Make axes for the robot beside the eye or, without a crossing, the torques."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
     film = _film_to_draw(films)

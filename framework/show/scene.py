@@ -269,7 +269,7 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
 
 
 def why_no_figure(robot: ParallelRobot) -> str:
-    """Return why the motors' forces are not drawn as one figure; empty if they are."""
+    """Return why the motors' forces are not drawn as one figure; empty if drawn."""
     platform, kinds = robot.platform, len(set(robot.translations))
     if robot.n == 1:
         return ""

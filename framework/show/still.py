@@ -68,23 +68,25 @@ def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
 
     A platform that only turns has the axes of its rotation and its torque.
     """
-    reach = ARROW_LENGTH * min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))
+    reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))
     foot = onto(film.platform[k])
     part = slice(3) if len(film.robot.platform.sliding) else slice(3, 6)
     twist, demands = film.twists[k, part], film.demands[:, part]
     largest = np.linalg.norm(demands, axis=1).max()
+    twist = twist * ARROW_LENGTH * reach / (np.linalg.norm(twist) or 1.0)
+    demand = demands[k] * ARROW_LENGTH * reach / (largest or 1.0)
     label = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
-    _draw_arrow(ax, foot, onto(twist * reach / (np.linalg.norm(twist) or 1.0)), TWIST, True, label)
-    _draw_arrow(ax, foot, onto(demands[k] * reach / (largest or 1.0)), WRENCH, False, r"$\mathbf{W}_p$")
+    _draw_arrow(ax, foot, onto(twist), TWIST, True, label)
+    _draw_arrow(ax, foot, onto(demand), WRENCH, False, r"$\mathbf{W}_p$")
     _draw_turn(film, ax, k, onto)
 
 
 def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     """Draw the rotation of t_s at frame k as an arc about its axis."""
     shift, turn = np.split(film.twists[k], 2)
-    rate, speed = np.linalg.norm(turn), max(np.linalg.norm(shift), LEAST_DIVISOR)
+    rate, speed = float(np.linalg.norm(turn)), max(float(np.linalg.norm(shift)), LEAST_DIVISOR)
     arrow_time = ARROW_LENGTH * film.robot.length / speed
-    angle = min(float(rate * arrow_time), MAX_TURN)  # turned while the platform moves along its arrow
+    angle = min(rate * arrow_time, MAX_TURN)  # turned while the platform moves along its arrow
     if angle < MIN_TURN:
         return
     first, second = placement_with_z_along(np.zeros(3), turn)[:3, :2].T  # both across the axis

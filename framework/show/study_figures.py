@@ -57,7 +57,7 @@ def plot_study(study: DesignStudy) -> Axes:
 
 
 def _describe_designs(refused: BoolArray) -> str:
-    """Return the heading for designs, of which those `refused` (a mask) make no robot."""
+    """Return the heading for designs; the `refused` (a mask) make no robot."""
     refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
     return f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
 

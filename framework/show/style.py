@@ -125,7 +125,7 @@ def draw_curves(ax: Axes, curves: Iterable[Array], label: str, **style: Any) -> 
 
 
 def legend_above(ax: Axes, columns: int = 1, **options: Any) -> None:
-    """Put the legend above the axes, where it hides no curve; none without labels."""
+    """Put the legend above the axes, off the curves; none without labels."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns, **options)
 
