@@ -1,31 +1,31 @@
 """The command line: `crossing COMMAND`, one file a command. Open `plan` first, then `arguments`.
 
-It parses and prints, and computes nothing.
+This package parses and prints; it computes nothing.
 
 What commands share
-    commands            the list of commands, and its parser
-    running             one command run, the message where it fails, and the command line to try instead
-    parser              the options of several commands
+    commands            the list of commands, and the parser
+    running             run one command; on failure print a message with a command line to try instead
+    parser              the options that several commands share
     writing             files in the folder of --out
     arguments           from options to the robot, the path and the request
-    console             reports on stdout, errors in one line on stderr, progress; their layout in a terminal
+    console             reports on stdout, errors in one line on stderr, progress; layout in a terminal
 
 Commands
-    robots, check, convert   the catalogue; what a file describes; files of other dialects
+    robots, check, convert   the catalogue; the mechanism that a file describes; files of other dialects
     locate, pose             singular points on a path; all joints of a pose
     workspace_map            `map`, and `map --study`
     plan                     `plan`, and `plan --raw`
     capacity                 the largest multiple of a wrench
-    fidelity, simulate       how good the model and the plan are
+    fidelity, simulate       errors of the model and of the plan
     robustness               `robustness`, and `robustness STUDY --replay K`
     calibrate, identify      the geometry, and parameters of torques, from recorded data
     show, report, export     pages, reports, files for other programs
 
 Exit codes: 0 done, 1 the answer is no (`check`: not assembled at its reference), 2 misuse or bad input
-(`check`: a robot that no other command takes, its A not square), 70 a fault of this program, 130 ended by
-Ctrl-C, 143 by SIGTERM: all but 0 with one line on stderr, which a terminal breaks and which ends with what to
-try, where something helps. A page that is served ends by a signal as it should: 0. With --json there is one
-JSON object on stdout and nothing else.
+(`check`: A is not square, so that no other command takes the robot), 70 a fault of this program, 130 ended by
+Ctrl-C, 143 by SIGTERM. All but 0 print one line on stderr, broken to the width of a terminal; where there is
+a remedy, the line ends with the command to try. Ending a served page by a signal is no failure: 0. With
+--json, stdout has one JSON object and nothing else.
 """
 
 from __future__ import annotations
@@ -56,15 +56,15 @@ def report_interruption(stop: KeyboardInterrupt, arguments: Sequence[str]) -> in
 
 
 def _run(arguments: Sequence[str], heard: Heard) -> int:
-    """Parse and run; import numpy and its users only after --help is answered."""
+    """Parse and run; --help is answered without importing numpy and its users."""
     try:
-        with defer_signals():  # compiled modules do not bear an exception while they are imported
+        with defer_signals():  # a signal must not interrupt the import of compiled modules
             parser = parser_of(arguments)
         options = parser.parse_args(arguments)
         with defer_signals():
             from framework.cli.running import run
         return run(options, heard, arguments)
-    except Exception as error:  # noqa: BLE001 - any other error is a fault of the program
+    except Exception as error:  # noqa: BLE001 - all other errors are faults of the program
         from framework.cli.running import report_failure
 
         return report_failure(error, heard, arguments)

@@ -1,4 +1,4 @@
-"""The robot, the path and the motion that a command line asks for."""
+"""Make the robot, the path and the motion that a command line requests."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
 
 AUTO = "auto"
-MotionOptions = dict[str, Any]  # of `plan_crossing`, by their names
-WRENCH_FLAGS = {"wrench": "--wrench", "wrench_on": "--wrench-on"}
+MotionOptions = dict[str, Any]  # options of `plan_crossing`, by name
+WRENCH_OPTIONS = ("wrench", "wrench_on")
 
 
 def take_level(options: Namespace) -> ChosenLevel | None:
-    """Choose the level of --flexibility auto and set its options.
+    """Choose the level of --flexibility auto, and set its options; None otherwise.
 
-    It is the level that the scene keeps of a study, where the motion is the scene's unchanged; else the
-    predicted one. None with another flexibility.
+    If the motion is the scene's, unchanged, it is the level that the scene keeps of a study. Else the level
+    is predicted.
 
     Raises:
-        InvalidInput: --geometry beside it, or no motion.
+        InvalidInput: --geometry as well, or no motion.
     """
     if options.flexibility != AUTO:
         return None
@@ -70,12 +70,12 @@ def take_level(options: Namespace) -> ChosenLevel | None:
 
 
 def load(options: Namespace) -> ParallelRobot:
-    """Load the robot, assembled; options as for `load_mechanism`."""
+    """Load the robot, assembled at its reference, as `load_mechanism` does."""
     return ParallelRobot.of(load_mechanism(options))
 
 
 def load_mechanism(options: Namespace) -> Mechanism:
-    """Load the mechanism with the springs of --flexibility; warn where the mechanism has none."""
+    """Load the mechanism with the springs of --flexibility; warn if springs are missing."""
     flexibility = getattr(options, "flexibility", "rigid")
     others = ", or a folder of `crossing plan --out`" if hasattr(options, "robot_file") else ""
     file = robot_file(options.robot, others=others)
@@ -89,12 +89,12 @@ def load_mechanism(options: Namespace) -> Mechanism:
 
 
 def parse_file(options: Namespace, *, propose: Propose | None = None) -> ParsedRobot:
-    """Read a robot file, or a foreign file completed by the options."""
+    """Read a robot file, or a file of a foreign dialect completed by the options."""
     return parse_any(robot_file(options.robot), propose=propose, **_missing_fields(options))
 
 
 def named_numbers(option: str, words: Sequence[str], form: str) -> dict[str, float]:
-    """Parse finite numbers with names, NAME=VALUE."""
+    """Parse words NAME=VALUE with finite numbers."""
     values = {}
     for word in words:
         name, _, text = word.rpartition("=")
@@ -108,12 +108,13 @@ def _missing_fields(options: Namespace) -> MotionOptions:
     """Return the fields that options add to a foreign file, for `parse_any`."""
     values = vars(options)
     fields = {key: values.get(key) for key in ("platform", "axes", "motors", "base", "platform_joints")}
-    form, locked = "JOINT=VALUE", dict[str, float | None]()
+    form = "JOINT=VALUE"
     fields["reference"] = named_numbers("--reference", values.get("reference") or [], form)
+    fields["parameters"] = named_numbers("--set", values.get("set") or [], "NAME=VALUE")
+    locked = dict[str, float | None]()  # None: at the reference
     for word in values.get("lock") or []:
         locked |= named_numbers("--lock", [word], form) if "=" in word else {word: None}
-    parameters = named_numbers("--set", values.get("set") or [], "NAME=VALUE")
-    return fields | {"locked": locked, "parameters": parameters}
+    return fields | {"locked": locked}
 
 
 def path(options: Namespace, robot: ParallelRobot) -> Path:
@@ -143,7 +144,7 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
 
 
 def request(options: Namespace, robot: ParallelRobot) -> Request:
-    """Return the request of the options; an option that is typed overrides the scene's."""
+    """Return the request of the options; typed options override the scene's."""
     typed, along = motion_options(options, robot), path(options, robot)
     if options.scene is not None:
         return scene_request(robot, options.scene, **typed)
@@ -153,7 +154,7 @@ def request(options: Namespace, robot: ParallelRobot) -> Request:
 
 
 def options_with_wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
-    """Return typed options of the motion, with the scene's wrenches by default."""
+    """Return the typed options of the motion, by default with the scene's wrenches."""
     of_scene = {} if options.scene is None else {"wrenches": scene(robot, options.scene).wrenches}
     return of_scene | motion_options(options, robot)
 
@@ -175,43 +176,42 @@ def typed_options(options: Namespace) -> MotionOptions:
 
 
 def wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
-    """Return the wrenches of --wrench and --wrench-on; empty without any.
-
-    They are an option of `plan_crossing`.
+    """Return the option `wrenches` by --wrench and --wrench-on; nothing without any.
 
     Raises:
-        InvalidInput: they are no numbers, or two on the same frame.
+        InvalidInput: a wrench is not 6 numbers, or a frame has two wrenches.
     """
-    stated = [] if options.wrench is None else [wrench_on_platform(robot, options.wrench)]
+    by_frame = {} if options.wrench is None else dict([wrench_on_platform(robot, options.wrench)])
     for frame, *words in options.wrench_on or []:
+        if frame in by_frame:
+            raise InvalidInput(f"--wrench, --wrench-on: {frame} has two wrenches; add them up")
         try:
-            stated.append((frame, tuple(map(float, words))))
+            by_frame[frame] = tuple(map(float, words))
         except ValueError:
             raise InvalidInput(f"--wrench-on {frame}: needs 6 numbers, got {' '.join(words)}") from None
-    by_frame = dict(stated)
-    if len(by_frame) < len(stated):
-        *_, twice = sorted(by_frame, key=[frame for frame, _ in stated].count)
-        raise InvalidInput(f"--wrench, --wrench-on: {twice} has two wrenches; add them up")
-    return {"wrenches": by_frame} if stated else {}
+    return {"wrenches": by_frame} if by_frame else {}
 
 
 def limits(option: str, words: Sequence[str]) -> list[float | None] | dict[str, float | None]:
     """Parse limits of motors: numbers, or JOINT=N of some; `none` is no limit."""
-    pairs = [word.rpartition("=")[::2] for word in words]
-    try:
-        values = [None if value == "none" else float(value) for _, value in pairs]
-    except ValueError:
-        raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
-    joints = [joint for joint, _ in pairs if joint]
-    if not joints:
+    joints: list[str] = []
+    values: list[float | None] = []
+    for word in words:
+        joint, _, text = word.rpartition("=")
+        joints.append(joint)
+        try:
+            values.append(None if text == "none" else float(text))
+        except ValueError:
+            raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
+    if not any(joints):
         return values
-    if len(joints) < len(words):
+    if not all(joints):
         raise InvalidInput(f"{option}: needs either numbers or JOINT=N of some, got {' '.join(words)}")
     return dict(zip(joints, values, strict=True))
 
 
 def share(name: str, text: str) -> float:
-    """Parse a share, as 10% or 0.1."""
+    """Parse a share such as 10% or 0.1."""
     try:
         return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
     except ValueError:
@@ -219,11 +219,10 @@ def share(name: str, text: str) -> float:
 
 
 def load_or_plan(options: Namespace) -> CrossingPlan:
-    """Load the plan of a folder, else plan as the options ask.
+    """Load the plan of a folder, or else plan by the options.
 
     Raises:
-        InvalidInput: options of the motion beside a folder, which has a motion already.
-        FrameworkError: whatever `load_plan` and `plan_crossing` raise.
+        As `saved_plan`, `load_plan` and `plan_crossing`.
     """
     saved = saved_plan(options)
     if saved is not None:
@@ -234,7 +233,7 @@ def load_or_plan(options: Namespace) -> CrossingPlan:
 
 
 def check_columns(options: Namespace, robot: ParallelRobot) -> None:
-    """Refuse unknown --columns before planning takes its time."""
+    """Refuse unknown --columns before the plan is computed, which takes time."""
     select_columns(motion_columns(robot), getattr(options, "columns", None))
 
 
@@ -242,8 +241,8 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
     """Load the plan if ROBOT is a folder of a plan; None otherwise.
 
     Raises:
-        InvalidInput: options of the motion beside a folder, which has a motion already; --robot-file
-            without one.
+        InvalidInput: options of the motion with a folder, which has its own motion; --robot-file without a
+            folder.
     """
     if not is_plan_folder(options.robot):
         if options.robot_file is not None:
@@ -253,7 +252,7 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
         return None
     for key in _OF_A_PLAN:
         value = getattr(options, key, None)
-        if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be its default
+        if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be the default
             flag = flag_of(key)
             raise InvalidInput(
                 f"{flag}: the plan in {options.robot} has its own; leave it out, or plan again"
@@ -278,10 +277,21 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
 
 
 def flag_of(key: str) -> str:
-    """Return the option that has this key."""
+    """Return the flag of an option by its key among the parsed options."""
     name = {"start": "from", "end": "to", "scenes": "scene"}.get(key, key)
     return f"--{name.removeprefix('spread_').replace('_', '-')}"
 
 
-_NO_LINE = dict.fromkeys(("from", "to", "via", "blend"))  # advice without these options
-_OF_A_PLAN = ("scene", "scenes", "start", "end", "via", "blend", "set", "flexibility", *TYPED, *WRENCH_FLAGS)
+_NO_LINE = dict.fromkeys(("from", "to", "via", "blend"))  # remedy: leave these options out
+_OF_A_PLAN = (
+    "scene",
+    "scenes",
+    "start",
+    "end",
+    "via",
+    "blend",
+    "set",
+    "flexibility",
+    *TYPED,
+    *WRENCH_OPTIONS,
+)

@@ -9,8 +9,8 @@ from framework.cli import arguments
 from framework.cli.parser import Report, add_number, add_out, add_robot, command
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 
-LISTED_UNSEEN = 12  # directions that the report has; the document has all
-MIN_CHANGE = 1e-3  # of a parameter over its deviation: with less, it has not changed
+LISTED_UNSEEN = 12  # directions listed in the report; the document has all
+MIN_CHANGE = 1e-3  # least change of a parameter that is reported, over its standard deviation
 
 HEAD = """\
 {0.robot.name}: {0.combinations.rank} combinations of {1} parameters are determined (gap of singular values \
@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Calibrate; report the errors of predicted poses held out of the fit."""
+    """Calibrate, and report the errors of poses that were held out of the fit."""
     robot = arguments.load(options)
     calibration = calibrate(
         robot,
@@ -71,7 +71,7 @@ def run(options: Namespace) -> Report:
 
 
 def _noise_text(calibration: Calibration) -> str:
-    """Return the estimated noise over the assumed one in words."""
+    """State the estimated noise over the assumed noise."""
     if calibration.degrees_of_freedom < 1.0:
         return "too few poses to estimate the noise: deviations are those of the noise assumed"
     return (
@@ -82,18 +82,16 @@ def _noise_text(calibration: Calibration) -> str:
 
 def calibration_lines(calibration: Calibration) -> list[str]:
     """Return the report on a calibration, in words."""
-    geometry, measured = calibration.geometry, calibration.measured
+    names, measured, unseen = calibration.geometry.names, calibration.measured, calibration.unseen
     outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
-    errors = zip(measured.names, calibration.error_before, calibration.error_after, strict=True)
-    values = zip(geometry.names, calibration.values, calibration.deviations, strict=True)
-    lines = [
-        HEAD.format(calibration, len(geometry.names), _noise_text(calibration), outliers),
-        *("  {}\t{:.2e}\t{:.2e}".format(*row) for row in list(errors)[measured.driven :]),
-        "  parameters [m, rad]",
-        "  name\toff by\tdeviation",
-        *("  {}\t{:.2e}\t{:.1e}".format(*row) for row in values if abs(row[1]) > MIN_CHANGE * row[2]),
-    ]
-    unseen = calibration.unseen
+    lines = [HEAD.format(calibration, len(names), _noise_text(calibration), outliers)]
+    errors = [*zip(measured.names, calibration.error_before, calibration.error_after, strict=True)]
+    for error in errors[measured.driven :]:  # behind the motors, which predict the other measurements
+        lines.append("  {}\t{:.2e}\t{:.2e}".format(*error))
+    lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
+    for name, value, deviation in zip(names, calibration.values, calibration.deviations, strict=True):
+        if abs(value) > MIN_CHANGE * deviation:
+            lines.append(f"  {name}\t{value:.2e}\t{deviation:.1e}")
     if unseen:
         lines.append(f"  not seen by these data: {len(unseen)} directions, which stay as in the file")
         lines += [f"    {sentence}" for sentence in unseen[:LISTED_UNSEEN]]

@@ -1,4 +1,4 @@
-"""`crossing capacity`: the largest multiple of a wrench with which a path is still crossed."""
+"""`crossing capacity`: the largest multiple of a wrench with which a path can be crossed."""
 
 from __future__ import annotations
 
@@ -36,18 +36,19 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Report the largest multiple, and why a larger one is refused."""
+    """Report the largest planned multiple, and why a larger one is refused."""
     robot = arguments.load(options)
-    path, typed = arguments.path(options, robot), arguments.options_with_wrenches(options, robot)
+    path = arguments.path(options, robot)
+    request = capacity_request(robot, path, **arguments.options_with_wrenches(options, robot))
     progress = options.progress.start("planning with multiples of the wrench", unit="plans")
-    capacity = largest_load_of(robot, capacity_request(robot, path, **typed), progress=progress)
+    capacity = largest_load_of(robot, request, progress=progress)
     if capacity.multiple == 0.0:
         options.refusal = capacity.refusal or capacity.failure
     return _make_document(capacity), capacity_lines(capacity)
 
 
 def _make_document(capacity: Capacity) -> Document:
-    """Return the capacity for JSON, in which infinite numbers are null."""
+    """Return the capacity for JSON, where infinite numbers become null."""
     plan = capacity.plan
     return {
         "robot": plan.robot.name,

@@ -1,4 +1,4 @@
-"""`crossing check`: the kind of mechanism that a file describes, and its faults."""
+"""`crossing check`: the mechanism that a file describes, and faults of the description."""
 
 from __future__ import annotations
 
@@ -39,21 +39,20 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Examine a robot and report its mobility, its masses, its pose and advice."""
+    """Examine a robot; report its mobility, masses, reference pose and advice."""
     mechanism = arguments.load_mechanism(options)
     diagnosis = check_robot(mechanism)
     options.refusal = _find_refusal(diagnosis, reference_in_words(mechanism))
     facts, smallest = asdict(diagnosis), diagnosis.smallest_singular_value
-    idle, redundant = diagnosis.idle_joints, diagnosis.redundant_rows
+    idle, redundant = len(diagnosis.idle_joints), ", ".join(diagnosis.redundant_rows)
+    angles = [f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items()]
     words = {key: ", ".join(facts[key]) or "none" for key in LISTS}
-    words |= {
-        "place": point(diagnosis.platform),
-        "idle": f", {len(idle)} of them idle" if idle else "",
-        "shape": "square" if diagnosis.square else "NOT square",
-        "redundant": f"; redundant: {', '.join(redundant)}" if redundant else "",
-        "angles": ", ".join(f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items()),
-        "smallest": "unknown" if smallest is None else f"{smallest:.3g}",
-    }
+    words["place"] = point(diagnosis.platform)
+    words["idle"] = f", {idle} of them idle" if idle else ""
+    words["shape"] = "square" if diagnosis.square else "NOT square"
+    words["redundant"] = f"; redundant: {redundant}" if redundant else ""
+    words["angles"] = ", ".join(angles)
+    words["smallest"] = "unknown" if smallest is None else f"{smallest:.3g}"
     notes = [f"  note              {advice}" for advice in diagnosis.advice]
     return facts, [REPORT.format_map(facts | words), *notes]
 
@@ -61,7 +60,7 @@ def run(options: Namespace) -> Report:
 def _find_refusal(diagnosis: Diagnosis, reference: str) -> FrameworkError | None:
     """Return the reason why other commands refuse the robot, or None.
 
-    `reference` is in words.
+    `reference` states the reference in words.
     """
     if not diagnosis.assembled:
         instead = "" if diagnosis.square else ", where A is not square: the notes say at what to look first"

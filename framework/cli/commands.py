@@ -1,4 +1,4 @@
-"""The commands in the order of --help, and the parser that lists them without importing one."""
+"""The commands in the order of --help, and a parser that lists them without importing their modules."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
-    """A command in the list of commands: its text and examples.
+    """Text and examples of a command in the help.
 
-    The examples run in the order of `COMMANDS` in one folder, each with what those before it have written.
+    All examples run in one folder, in the order of `COMMANDS`: later ones read files of earlier ones.
     """
 
     text: str
@@ -112,16 +112,17 @@ COMMANDS = {
         ),
     ),
 }
-MODULES = {"map": "workspace_map"}  # of commands whose module has another name
+MODULES = {"map": "workspace_map"}  # modules whose names are not the command's
 NEEDS_NO_FILE = re.compile(r"crossing \w+( five_bar( --.*)?)?")  # an example that runs in any folder
 FIRST_EXAMPLES = ("crossing plan five_bar --scene C", "crossing show five_bar --scene C --html crossing.html")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 class Misuse(Exception):
-    """argparse found the command line wrong.
+    """A wrong command line.
 
-    `instead`: one to try; `mend`: gives the words to put in place of one. None where nothing is known.
+    The remedy, where one is known, is `instead`, a command line to try, or `mend`, a function that returns
+    the words to write in place of a wrong word.
     """
 
     def __init__(
@@ -131,23 +132,23 @@ class Misuse(Exception):
         *,
         mend: Callable[[str], list[str] | None] | None = None,
     ) -> None:
-        """Keep the message and its remedy: a command, or words that mend."""
+        """Store the message and the remedy."""
         super().__init__(message)
         self.instead, self.mend = instead, mend
 
 
 class _Help(argparse.HelpFormatter):
-    """Help with a usage of one line; texts of several lines unchanged."""
+    """Format help with a usage of one line; leave texts of several lines unchanged."""
 
     def add_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None = None) -> None:
-        """Write the usage with needed arguments alone; options follow as [options]."""
-        needed = [
-            self._format_needed(action) for action in actions if action.required or not action.option_strings
-        ]
-        super().add_usage(usage or " ".join(["%(prog)s", *needed, "[options]"]), actions, groups, prefix)
+        """Add a usage with the required arguments; other options are [options]."""
+        # positional arguments are required as well
+        required = [action for action in actions if action.required or not action.option_strings]
+        words = ["%(prog)s", *map(self._format_required, required), "[options]"]
+        super().add_usage(usage or " ".join(words), actions, groups, prefix)
 
-    def _format_needed(self, action: argparse.Action) -> str:
-        """Return a needed argument or option with its placeholders."""
+    def _format_required(self, action: argparse.Action) -> str:
+        """Return a required argument or option with its placeholders."""
         if not action.option_strings:
             return self._format_args(action, self._get_default_metavar_for_positional(action))
         metavar = self._get_default_metavar_for_optional(action)
@@ -158,7 +159,7 @@ class _Help(argparse.HelpFormatter):
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """argparse with options in groups, errors in one line, and negative numbers with exponents."""
+    """A parser with grouped options, errors in one line, negative numbers with exponents."""
 
     def __init__(self, *, examples: Iterable[str] = (), **settings: Any) -> None:
         """Set up a parser without abbreviations, with examples at the end of its help."""
@@ -166,30 +167,33 @@ class OneLineParser(argparse.ArgumentParser):
         epilog = "\n  ".join(["examples:", *self.examples])
         super().__init__(allow_abbrev=False, epilog=epilog, formatter_class=_Help, **settings)
         self._optionals.title = "output"
-        # argparse takes -1e-3 for an option, and what has a unit; none of ours begins like a number
+        # argparse takes -1e-3 and -1m for options; no option of ours begins like a number
         self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def topic(self, title: str) -> argparse._ArgumentGroup:
-        """Return the option group of a title.
+        """Return the option group of a title, made on first use.
 
-        Options without one stand last, under `output`.
+        Options without a group come last, under `output`.
         """
         groups = [group for group in self._action_groups if group.title == title]
         return groups[0] if groups else self.add_argument_group(title)
 
     @property
     def option_actions(self) -> dict[str, argparse.Action]:
-        """The options of this command, or of its subcommand, by their flags."""
-        below = [action.choices for action in self._actions if isinstance(action, argparse._SubParsersAction)]
-        parsers = [self, *(parser for choices in below for parser in choices.values())]
-        return {flag: action for parser in parsers for flag, action in parser._option_string_actions.items()}
+        """Options of this parser and its subparsers, by flag."""
+        options = dict(self._option_string_actions)
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for parser in action.choices.values():
+                    options |= parser._option_string_actions
+        return options
 
     def format_help(self) -> str:
         self._action_groups.sort(key=lambda group: group is self._optionals)
         return super().format_help()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse arguments; refuse unknown ones in the name of their command."""
+        """Parse arguments; refuse unknown ones with a hint."""
         parsed, unknown = super().parse_known_args(_move_last(args, "--set"), namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
@@ -199,19 +203,20 @@ class OneLineParser(argparse.ArgumentParser):
         """Return a hint at options that resemble an unknown argument; empty without any."""
         from framework.errors import nearest
 
-        options = [option for option in self._option_string_actions if option.startswith("--")]
-        typed = unknown.partition("=")[0].lstrip("-").replace("_", "-")
-        similar = nearest(typed, [name[2:] for name in options])
-        meant = [f"--{name}" for name in similar if f"--{name}" != unknown]
-        if not meant and unknown.startswith("--"):
-            own = [name for name in COMMANDS if unknown.partition("=")[0] in parser_of([name]).option_actions]
-            return f"; it is an option of crossing {', crossing '.join(own[:3])}" if own else ""
+        options = [option[2:] for option in self._option_string_actions if option.startswith("--")]
         if not unknown.startswith("-"):
-            meant = [f"--scene {unknown}"] if "--scene" in options and not unknown[:1].isdigit() else []
-        return f"; did you mean {' or '.join(meant)}?" if meant else ""
+            may_be_scene = "scene" in options and not unknown[:1].isdigit()
+            return f"; did you mean --scene {unknown}?" if may_be_scene else ""
+        flag = unknown.partition("=")[0]
+        similar = nearest(flag.lstrip("-").replace("_", "-"), options)
+        meant = [f"--{name}" for name in similar if f"--{name}" != unknown]
+        if meant:
+            return f"; did you mean {' or '.join(meant)}?"
+        takers = [name for name in COMMANDS if flag in parser_of([name]).option_actions]
+        return f"; it is an option of crossing {', crossing '.join(takers[:3])}" if takers else ""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse a value that is no choice, with the nearest one."""
+        """Refuse a value that is not among the choices; name the nearest one."""
         if action.choices is not None and value not in action.choices:
             from framework.errors import did_you_mean
 
@@ -219,10 +224,7 @@ class OneLineParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint} (choose from {listed})")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """Return a value; refuse a number with its unit, or with commas.
-
-        The refusal says the plain numbers.
-        """
+        """Parse a value; refuse numbers with units or commas, and say the plain numbers."""
         try:
             return super()._get_value(action, arg_string)
         except argparse.ArgumentError as error:
@@ -235,17 +237,15 @@ class OneLineParser(argparse.ArgumentParser):
             ) from None
 
     def error(self, message: str) -> NoReturn:
-        """Raise `Misuse`; propose an example that needs no file where arguments are missing."""
-        lacking = "arguments are required" in message  # no typed word can be mended
-        anywhere = [example for example in self.examples if NEEDS_NO_FILE.fullmatch(example)]
-        raise Misuse(f"{message} (see `{self.prog} --help`)", next(iter(anywhere), None) if lacking else None)
+        """Raise `Misuse`; propose an example that needs no file if arguments are missing."""
+        instead = None
+        if "arguments are required" in message:
+            instead = next(filter(NEEDS_NO_FILE.fullmatch, self.examples), None)
+        raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
 
 
 def _move_last(words: Sequence[str], flag: str) -> list[str]:
-    """Move an option with its values to the end of a command line.
-
-    Its values are words NAME=VALUE.
-    """
+    """Move an option with its values NAME=VALUE to the end of a command line."""
     others: list[str] = []
     moved: list[str] = []
     takes_values = False
@@ -257,25 +257,23 @@ def _move_last(words: Sequence[str], flag: str) -> list[str]:
 
 
 def _meant_numbers(action: argparse.Action, text: str) -> list[str] | None:
-    """Return the numbers that a text with units or commas stands for.
+    """Return the plain numbers of a text with units or commas; None for other texts.
 
-    The units are those of the help.
+    The units are those in the help of the option, such as [m, rad].
     """
-    units = re.findall(r"\[([^\]]+)\]", action.help or "")
-    listed = [unit.strip() for listed in units for unit in listed.split(",")]
-    several = action.nargs is not None
-    numbers = [part.strip() for part in text.split(",")] if several and "," in text else [text]
-    for unit in listed:
-        numbers = [number.removesuffix(unit).strip() for number in numbers]
-    numbers = [number for number in numbers if number]
+    units = ",".join(re.findall(r"\[([^\]]+)\]", action.help or "")).split(",")
+    numbers = []
+    for part in [text] if action.nargs is None else text.split(","):
+        number = part.strip()
+        for unit in units:
+            number = number.removesuffix(unit.strip()).strip()
+        if number:
+            numbers.append(number)
     return numbers if numbers and all(map(NUMBER.fullmatch, numbers)) else None
 
 
 def _check_first(arguments: Sequence[str]) -> None:
-    """Refuse arguments that begin with neither a command nor a general option.
-
-    Raises Misuse.
-    """
+    """Raise `Misuse` for arguments that begin with neither a command nor a general option."""
     first = arguments[0] if arguments else "--help"
     meant = next((word for word in arguments if word in COMMANDS), None)
     if first == "help":
@@ -287,14 +285,14 @@ def _check_first(arguments: Sequence[str]) -> None:
         raise Misuse(f"{choose_from('command', first, COMMANDS)} (see `crossing --help`)")
     if meant and first not in ("-h", "--help", "--version"):
         index = arguments.index(meant)
-        instead = shlex.join(["crossing", meant, *arguments[index + 1 :], *arguments[:index]])
+        instead = shlex.join(["crossing", *arguments[index:], *arguments[:index]])
         raise Misuse(f"{first}: options stand behind the command", instead)
 
 
 def parser_of(arguments: Sequence[str]) -> OneLineParser:
-    """Return the parser of a command, or else of the list of commands.
+    """Return the parser of the command that the arguments begin with, or of all commands.
 
-    The arguments begin with the command. Only the module of that command is imported.
+    Only the module of this command is imported.
     """
     parser = OneLineParser(
         prog="crossing",

@@ -1,17 +1,17 @@
-"""The output of commands: reports on stdout, complaints in one line on stderr, progress in between.
+"""Print the output of commands: reports on stdout, complaints in one line on stderr, progress meanwhile.
 
-Names and numbers come from files and command lines of strangers, with control characters, line breaks or
+Texts may contain names from untrusted files and command lines, with control characters, line breaks or
 thousands of letters.
 
-A report is text. Two blanks or more end a label; a long line goes on below the text of its label. Lines with
-tabs that follow one another are a table, the first one its head. In a terminal, lines are broken between
-words and columns fit its width, with a little colour. Without a terminal lines are not broken, so that
+A report is text. A label ends with two blanks or more; continuation lines are indented below the text behind
+the label. Consecutive lines with tabs are a table, with its head first. In a terminal, lines are broken
+between words, columns fit the width, and a few words have colours. Otherwise lines are not broken, so that
 programs find each fact in one line.
 
-The progress line has the work of a command, the share done and the time taken. It appears once a command
-takes longer than `FIRST` seconds and is removed when the command ends. A thread writes it, also during work
-that counts nothing. Where stderr is no terminal, or one that cannot rewrite a line, nothing is shown: logs
-and pipes have the answer alone.
+The progress line states the work of a command, the share done and the time taken. It appears `FIRST` seconds
+after the start and is erased when the command ends. A thread writes it, so that it also moves during work
+that reports no progress. If stderr is no terminal, or one that cannot rewrite a line, nothing is shown: logs
+and pipes get the answer alone.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from typing import TextIO
 from framework.errors import OutputError
 from framework.numerics.interruption import defer_signals
 
-PROGRAM, TRY = "crossing: ", "try: "  # what a complaint begins with, and what advice does
+PROGRAM, TRY = "crossing: ", "try: "  # prefixes of a complaint, and of its advice
 MAX_MESSAGE_LENGTH = 1000  # [characters]
 GAP = "  "  # between columns
 RED, GREEN, YELLOW, BOLD = "31;1", "32", "33", "1"
 LABELS = {"warning": YELLOW, "note": YELLOW, "undecided": YELLOW, "failed": RED, "refused": RED}
-# blanks within what is read as one: a name and its value, a number and its unit
+# blanks at which no line is broken: between a name and its value, between a number and its unit
 GLUED = re.compile(
     r" (?==)|(?<==) |(?<=\d) (?=(?:N|m|mm|s|ms|rad|kg|Hz|%|1/s2?|MB)\b|%)|(?<=\bN) (?=m\b)"
     r"|(?<=t_s) (?=\. W_p)|(?<=t_s \.) |(?<=\b[xyz],) (?=r?[xyz]\b)|(?<=\b[xyz]) (?=-?\d)"
@@ -45,14 +45,14 @@ GLUED = re.compile(
 )
 NUMBER = re.compile(r"[-+<>~]?\s?(\d|-?$)|-|inf|nan")
 LABEL = re.compile(r" *\S.*? {2,}(?=\S)")
-FIRST, INTERVAL = 1.0, 0.2  # s
+FIRST, INTERVAL = 1.0, 0.2  # [s] until the progress line appears, and between its changes
 ERASE = "\r\x1b[K"
 
 
 def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
     """Return a message as one printable line of at most `most` letters.
 
-    Its middle is left out.
+    A longer message loses its middle.
     """
     line = printable(" ".join(message.splitlines()))
     if len(line) <= most:
@@ -63,10 +63,10 @@ def one_line(message: str, most: int = MAX_MESSAGE_LENGTH) -> str:
 
 
 def printable(text: str, allowed: str = "\n") -> str:
-    """Return a text with control characters, except `allowed`, and lone surrogates as escapes."""
+    """Escape control characters, except `allowed`, and lone surrogates of a text."""
 
     def write(letter: str) -> str:
-        """Return a letter; a blank or an escape for a control character."""
+        """Return a letter, or a blank or an escape in its place."""
         if letter.isprintable() or letter in allowed:
             return letter
         return " " if letter.isspace() else letter.encode("unicode_escape").decode("ascii")
@@ -75,9 +75,10 @@ def printable(text: str, allowed: str = "\n") -> str:
 
 
 def report(text: str) -> None:
-    """Print a report on stdout in the layout of its terminal.
+    """Print a report on stdout, laid out for the terminal.
 
-    Raises as `tell`.
+    Raises:
+        As `tell`.
     """
     if sys.stdout is not None:
         visible = printable(text, "\n\t")
@@ -85,21 +86,21 @@ def report(text: str) -> None:
 
 
 def tell(text: str, *, aside: bool = False) -> None:
-    """Print a text unchanged on stdout, or `aside` on stderr.
+    """Print a text on stdout without layout, or `aside` on stderr.
 
     Raises:
-        OutputError: the text cannot be written, for a full disk say; later texts get lost.
+        OutputError: the text cannot be written, because the disk is full for example. Later texts are lost.
     """
     _print_answer(printable(text), sys.stderr if aside else sys.stdout)
 
 
 def _print_answer(text: str, stream: TextIO | None) -> None:
-    """Print a text; close a stream whose reader has gone."""
-    if stream is None:  # closed by whoever started the program
+    """Print a text; close the stream if its reader has gone."""
+    if stream is None:  # closed by the process that started the program
         return
     try:
         _print_text(text, stream)
-    except BrokenPipeError:  # whoever reads has seen enough, as `head` does
+    except BrokenPipeError:  # the reader has seen enough, as `head` does
         _close_stream(stream)
     except OSError as error:
         _close_stream(stream)
@@ -107,18 +108,21 @@ def _print_answer(text: str, stream: TextIO | None) -> None:
 
 
 def complain(message: str) -> None:
-    """Print one line on stderr, wrapped and broken before `TRY`.
+    """Print one line on stderr; a terminal gets a new line before `TRY`.
 
-    It is wrapped to the width of a terminal. If that fails, the exit code alone tells.
+    If stderr cannot be written, the exit code alone reports the failure.
     """
     stream = sys.stderr
-    if stream is None:  # closed by whoever started the program
+    if stream is None:  # closed by the process that started the program
         return
     line = f"{PROGRAM}{printable(message)}"
     width, colour = width_of(stream), shows_colours(stream)
     if width is not None:
-        why, advised, command = line.partition(f"; {TRY}")
-        line = "\n".join([*wrap_line(why, width, 2), *([f"  {TRY}{command}"] if advised else [])])
+        why, _, command = line.partition(f"; {TRY}")
+        lines = wrap_line(why, width, 2)
+        if command:
+            lines.append(f"  {TRY}{command}")
+        line = "\n".join(lines)
     if colour:
         line = line.replace(PROGRAM, add_colour(PROGRAM, RED), 1).replace(TRY, add_colour(TRY, GREEN))
     with suppress(OSError):
@@ -140,33 +144,36 @@ def _close_stream(stream: TextIO) -> None:
 
 
 def width_of(stream: TextIO) -> int | None:
-    """Return the columns of a terminal, None where the stream is none."""
+    """Return the columns of a terminal; None for another stream."""
     return shutil.get_terminal_size().columns if stream.isatty() else None
 
 
 def shows_colours(stream: TextIO) -> bool:
-    """Whether a stream shows colours: a terminal does unless NO_COLOR; FORCE_COLOR: any stream does."""
+    """Return whether a stream shows colours, by the terminal, NO_COLOR and FORCE_COLOR."""
     if os.environ.get("NO_COLOR"):
         return False
-    able = stream.isatty() and os.environ.get("TERM") != "dumb"
-    return able or os.environ.get("FORCE_COLOR", "") not in ("", "0")
+    if os.environ.get("FORCE_COLOR", "") not in ("", "0"):
+        return True
+    return stream.isatty() and os.environ.get("TERM") != "dumb"
 
 
 def add_colour(text: str, colour: str) -> str:
-    """Add the codes by which a terminal shows a text in a colour."""
+    """Wrap a text in the codes of a colour."""
     return f"\x1b[{colour}m{text}\x1b[0m" if text else text
 
 
 def lay_out(text: str, width: int | None, *, colour: bool = False) -> str:
-    """Lay a report out in `width` columns; in lines of any length if None."""
+    """Lay a report out in `width` columns; None: lines of any length."""
     lines: list[str] = []
     for tabbed, rows in itertools.groupby(text.split("\n"), lambda line: "\t" in line):
         if tabbed:
             cells = [row.split("\t") for row in rows]
-            columns = list(itertools.zip_longest(*cells, fillvalue=""))
-            indent = len(columns[0][0]) - len(columns[0][0].lstrip())
-            stripped = [[cell.strip() for cell in column] for column in columns]
-            lines += _lay_out_table(stripped, width, indent, colour)
+            head = cells[0][0]
+            indent = len(head) - len(head.lstrip())
+            columns = [
+                [cell.strip() for cell in column] for column in itertools.zip_longest(*cells, fillvalue="")
+            ]
+            lines += _lay_out_table(columns, width, indent, colour)
             continue
         for row in rows:
             pieces = wrap_line(row, width)
@@ -178,10 +185,9 @@ def lay_out(text: str, width: int | None, *, colour: bool = False) -> str:
 
 
 def wrap_line(line: str, width: int | None, indent: int | None = None) -> list[str]:
-    """Break a line longer than `width` between words.
+    """Break a line longer than `width` between words; keep numbers with their units.
 
-    A number and its unit stay together. `indent`: of all lines but the first; by default that of the text
-    behind a label.
+    `indent` is that of all lines but the first, by default the column of the text behind the label.
     """
     if width is None or len(line) <= width:
         return [line]
@@ -202,68 +208,63 @@ def wrap_line(line: str, width: int | None, indent: int | None = None) -> list[s
 def _lay_out_table(
     columns: Sequence[Sequence[str]], width: int | None, indent: int, colour: bool
 ) -> list[str]:
-    """Lay out a table by columns, its cells wrapped to fit the width.
+    """Lay out a table by columns; wrap cells to fit the width.
 
-    Columns beyond the width stand in a second table below, behind the first column once more.
+    Columns that do not fit follow in a second table below, which repeats the first column.
     """
     room = math.inf if width is None else width - indent
-    least = [max(len(word) for cell in column for word in _split_words(cell)) for column in columns]
+    least = [max(map(_least_width, column)) for column in columns]
     ends = itertools.accumulate(least, lambda end, most: end + len(GAP) + most)
     fitting = max(2, sum(end <= room for end in ends))
     if fitting < len(columns):
-        rest = [columns[0], *columns[fitting:]]
-        return _lay_out_table(columns[:fitting], width, indent, colour) + _lay_out_table(
-            rest, width, indent, colour
-        )
+        first = _lay_out_table(columns[:fitting], width, indent, colour)
+        return first + _lay_out_table([columns[0], *columns[fitting:]], width, indent, colour)
     widths = [max(map(len, column)) for column in columns]
-    while sum(widths) + len(GAP) * (len(widths) - 1) > room and widths != least:
+    room -= len(GAP) * (len(widths) - 1)
+    while sum(widths) > room and widths != least:  # narrow the widest of the columns that can be narrowed
         widths[max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))] -= 1
     cells = map(_wrap_column, columns, widths)
     head, *rows = (_join_cells(row, indent) for row in zip(*cells, strict=True))
-    return [
-        *([add_colour(line, BOLD) for line in head] if colour else head),
-        *itertools.chain.from_iterable(rows),
-    ]
+    if colour:
+        head = [add_colour(line, BOLD) for line in head]
+    return list(itertools.chain(head, *rows))
 
 
 def _join_cells(cells: Sequence[list[str]], indent: int) -> list[str]:
-    """Join cells, each of lines of one width, into indented lines side by side."""
-    height = max(map(len, cells))
-    padded = [lines + [" " * len(lines[0])] * (height - len(lines)) for lines in cells]
-    return [(" " * indent + GAP.join(parts)).rstrip() for parts in zip(*padded, strict=True)]
+    """Join the cells of a row, each lines of one width, into indented lines."""
+    widths = [len(lines[0]) for lines in cells]
+    joined = []
+    for parts in itertools.zip_longest(*cells, fillvalue=""):
+        padded = map(str.ljust, parts, widths)
+        joined.append((" " * indent + GAP.join(padded)).rstrip())
+    return joined
 
 
 def _wrap_column(column: Sequence[str], width: int) -> list[list[str]]:
-    """Wrap the cells of a column into lines of one width.
-
-    Numbers stand to the right.
-    """
-    right = all(NUMBER.match(cell) for cell in column[1:])
-    return [
-        [line.rjust(width) if right else line.ljust(width) for line in wrap_line(cell, width, 0)]
-        for cell in column
-    ]
+    """Wrap the cells of a column into lines of one width; align numbers to the right."""
+    align = str.rjust if all(map(NUMBER.match, column[1:])) else str.ljust
+    return [[align(line, width) for line in wrap_line(cell, width, 0)] for cell in column]
 
 
-def _split_words(cell: str) -> list[str]:
-    """Return the unbreakable parts of a cell: words, and numbers with their units."""
-    return GLUED.sub("\xa0", cell).split(" ")
+def _least_width(cell: str) -> int:
+    """Return the length of the longest part of a cell that no line break divides."""
+    return max(map(len, GLUED.sub("\xa0", cell).split(" ")))
 
 
 # ------------------------------------------------------------------ progress
 
 
 class Progress:
-    """The line of one command, shown while the block runs."""
+    """The progress line of one command, shown while the block runs."""
 
     def __init__(self, doing: str) -> None:
-        """Prepare the line; no thread runs before the block begins."""
+        """Prepare the line; its thread starts with the block."""
         self.start(doing)
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Progress:
-        """Begin to show the line, if standard error is a terminal that can erase."""
+        """Start to show the line, if stderr is a terminal that can erase."""
         if sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb":
             self._thread = threading.Thread(target=self._show, daemon=True)
             self._thread.start()
@@ -273,25 +274,21 @@ class Progress:
         self.end()
 
     def start(self, doing: str, total: float = math.inf, unit: str = "") -> Callable[[float], None]:
-        """Name the current work; return the function for its progress.
-
-        That is called with the number done of `total`.
-        """
+        """Name the current work; return the function to call with the number done of `total`."""
         self._doing, self._total, self._unit = doing, total, unit
         self._done, self._since = 0.0, time.monotonic()
         return self._advance
 
     def end(self) -> None:
         """Remove the line, for good."""
-        if self._thread is not None:
-            with defer_signals():
-                self._ended.set()
+        with defer_signals():
+            self._ended.set()
+            if self._thread is not None:
                 self._thread.join()
-            self._thread = None
 
     @property
     def sentence(self) -> str:
-        """The current work, the share done and the time taken."""
+        """Current work, share done, and time taken."""
         seconds = time.monotonic() - self._since
         if self._done and math.isfinite(self._total):
             left = seconds * (self._total / self._done - 1.0)
@@ -305,15 +302,13 @@ class Progress:
         self._done = done
 
     def _show(self) -> None:
-        """Rewrite the line at each change until the block ends; then erase the line."""
+        """Rewrite the line at each change until the block ends, then erase the line."""
         printed, wait = "", FIRST
         with suppress(OSError, ValueError):  # the terminal has gone
             while not self._ended.wait(wait):
-                line, wait = printable(self.sentence)[: shutil.get_terminal_size().columns - 1], INTERVAL
+                line = printable(self.sentence)[: shutil.get_terminal_size().columns - 1]
                 if line != printed:
-                    sys.stderr.write(f"{ERASE}{line}")
-                    sys.stderr.flush()
-                printed = line
+                    print(f"{ERASE}{line}", end="", file=sys.stderr, flush=True)
+                printed, wait = line, INTERVAL
             if printed:
-                sys.stderr.write(ERASE)
-                sys.stderr.flush()
+                print(ERASE, end="", file=sys.stderr, flush=True)

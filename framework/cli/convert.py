@@ -1,4 +1,4 @@
-"""`crossing convert`: a robot file out of a file of a foreign dialect."""
+"""`crossing convert`: write a robot file from a file of a foreign dialect."""
 
 from __future__ import annotations
 
@@ -52,13 +52,10 @@ def run(options: argparse.Namespace) -> Report:
 
 
 def _dry_friction(parsed: ParsedRobot) -> str:
-    """Return the dry friction of joints without a motor, as text.
-
-    Each size has its unit and its joints.
-    """
-    slides = {joint.get("name") for joint in parsed.urdf.findall("joint") if joint.get("type") == "prismatic"}
-    joints = defaultdict[str, list[str]](list)
-    for name, acting in parsed.description.joints.items():
-        if acting.friction and name not in parsed.description.motor_joints:  # theirs is planned with
-            joints[f"{acting.friction:g} {'N' if name in slides else 'N m'}"].append(name)
+    """State the dry friction of joints without a motor, by size."""
+    slides = {joint.get("name") for joint in parsed.urdf.findall("./joint[@type='prismatic']")}
+    joints = defaultdict[str, list[str]](list)  # by size and unit
+    for name, dynamics in parsed.description.joints.items():
+        if dynamics.friction and name not in parsed.description.motor_joints:  # plans count that of motors
+            joints[f"{dynamics.friction:g} {'N' if name in slides else 'N m'}"].append(name)
     return "; ".join(f"{', '.join(names)} {size} each" for size, names in joints.items())

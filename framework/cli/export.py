@@ -1,4 +1,4 @@
-"""`crossing export`: a robot for MuJoCo, a plan for ros2_control, or a page to learn from."""
+"""`crossing export`: a robot for MuJoCo, a plan for ros2_control or as a table, or a lesson."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ from framework.planning.result import CrossingPlan
 from framework.planning.saved import is_plan_folder
 from framework.planning.scenes import scene, scene_path
 
-Export = tuple[ParallelRobot, str, list[str]]  # robot, content, description and lines of the report
-SIDE = "joint"  # of the gears, by default
+Export = tuple[ParallelRobot, str, list[str]]  # robot, content of the file, lines of the report
+SIDE = "joint"  # side of the gears by default
 SUFFIXES = {
     "mjcf": (".xml", ".mjcf"),
     "ros2_control": (".yaml", ".yml", ".json"),
     "csv": (".csv",),
     "lesson": (".html",),
 }
-FORMATS_OF = {  # of the options that not every format has
+FORMATS_OF = {  # formats that take an option; all formats take the others
     "scene": ("ros2_control", "csv", "lesson"),
     "samples": ("ros2_control", "csv"),
     "side": ("ros2_control",),
@@ -98,7 +98,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Write the file, whole or not at all."""
+    """Write the complete file, or none."""
     file = FilePath(options.out)
     _check_options(options, file)
     robot, text, lines = WRITERS[options.program](options, file)
@@ -115,7 +115,7 @@ def run(options: Namespace) -> Report:
 
 
 def _check_options(options: Namespace, file: FilePath) -> None:
-    """Refuse a file of another format, and options that the format does not have."""
+    """Refuse a file of another format, and options that the format does not take."""
     program, suffixes = options.program, SUFFIXES[options.program]
     if not file.name:
         raise InvalidInput(f"--out: needs the name of a file, got {options.out!r}")
@@ -131,7 +131,7 @@ def _check_options(options: Namespace, file: FilePath) -> None:
 
 
 def _model_file(options: Namespace, file: FilePath) -> Export:
-    """Return the robot as a MuJoCo model, without a motion."""
+    """Return a robot as a MuJoCo model, without a motion."""
     saved = arguments.saved_plan(options)
     robot = arguments.load(options) if saved is None else saved.robot
     lines = ["a MuJoCo model with its loops", START]
@@ -141,7 +141,7 @@ def _model_file(options: Namespace, file: FilePath) -> Export:
 
 
 def _plan_of(options: Namespace) -> CrossingPlan:
-    """Return the plan of a folder or of --scene."""
+    """Return the plan of a folder, or plan --scene."""
     if not (is_plan_folder(options.robot) or options.scene):
         raise InvalidInput("give --scene, or the folder that `crossing plan --out` wrote, to be exported")
     return arguments.load_or_plan(options)
@@ -171,7 +171,7 @@ def _trajectory_file(options: Namespace, file: FilePath) -> Export:
 
 
 def _lesson_file(options: Namespace, file: FilePath) -> Export:
-    """Return the page about a scene of a robot."""
+    """Return a page on which readers try condition (8) for a scene."""
     if options.scene is None:
         raise InvalidInput("a lesson is about a scene of a robot: give --scene")
     from framework.show.lesson import lesson_page  # matplotlib takes time to import

@@ -1,4 +1,4 @@
-"""`crossing fidelity`: the least model of a robot that is enough for a motion, with its evidence."""
+"""`crossing fidelity`: the least model that is enough for a motion, with the evidence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from framework.numerics.output import Document, json_text
 from framework.planning.options import LIMITS
 
 STUDY_FILE = "fidelity.json"
-SAME_LAW, LARGEST_SHARE = 1e-12, 10.0  # in s: rounding; of what is printed as a number
+SAME_LAW, LARGEST_SHARE = 1e-12, 10.0  # rounding in s of a law; error from which on > 1000 % is printed
 
 HEAD = """\
 {0.robot.name}: {1} levels judged to {2} of the path, {0.length:.4g} m in {0.highest.duration:g} s, and of \
@@ -31,6 +31,7 @@ GROWTH = (
     "torques carry the platform away, {}"
 )
 FRICTION = "  in no level       dry friction of {}: {} of the motors' work"
+TO_KEEP = "  to keep           fidelity: {{level: {level}, tolerance: {tolerance:g}}}"
 BY_LUCK = "  by luck           {} leaves out errors that cancel: {}, which model more, {} not enough"
 
 
@@ -57,7 +58,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Compare all levels; with --out write the numbers and the figure."""
+    """Compare all levels; with --out write numbers and a figure."""
     with written_out(options, STUDY_FILE) as folder:
         study, document, lines = _report_study(options)
         if folder is not None:
@@ -71,21 +72,19 @@ def run(options: Namespace) -> Report:
 
 
 def _report_study(options: Namespace) -> tuple[FidelityStudy, Document, list[str]]:
-    """Study the levels; return study, document and report.
+    """Study all levels; return the study, its document and its report.
 
-    The report has the line for a scene.
+    The report ends with the line to add to a scene.
     """
     robot, tolerance = arguments.load(options), arguments.share("--tolerance", options.tolerance)
     path, typed = arguments.path(options, robot), arguments.motion_options(options, robot)
     progress = options.progress.start("planning and simulating", len(LEVELS), "levels")
-    motion = options.scene or path
-    study = fidelity_study(robot, motion, tolerance=tolerance, progress=progress, **typed)
+    study = fidelity_study(robot, options.scene or path, tolerance=tolerance, progress=progress, **typed)
     options.refusal = study.refusal
     document, lines, entry = study.to_dict(), fidelity_lines(study), study.scene_entry
     if entry is not None and options.scene is not None and not typed:
         document["fidelity"] = entry
-        kept = f"{{level: {entry['level']}, tolerance: {entry['tolerance']:g}}}"
-        lines.append(f"  to keep           fidelity: {kept}")
+        lines.append(TO_KEEP.format_map(entry))
     return study, document, lines
 
 
@@ -93,12 +92,11 @@ def fidelity_lines(study: FidelityStudy) -> list[str]:
     """Return the report on a study, in words."""
     plan = study.highest
     places = ", ".join(f"{crossing.s:.6g}" for crossing in plan.crossings)
-    lines = [
-        HEAD.format(study, len(study.levels), _format_percent(study.tolerance)),
-        *(_format_row(study, comparison) for comparison in study.levels),
-        *(note for comparison in study.levels for note in _format_remarks(comparison)),
-        f"  crossing          {f's = {places}' if places else 'none'}",
-    ]
+    lines = [HEAD.format(study, len(study.levels), _format_percent(study.tolerance))]
+    lines += [_format_row(study, comparison) for comparison in study.levels]
+    for comparison in study.levels:
+        lines += _format_remarks(comparison)
+    lines.append(f"  crossing          s = {places}" if places else "  crossing          none")
     if study.fall >= 1.0:
         judged = "so the motors have controllers" if study.has_control else "and nothing corrects them"
         lines.append(GROWTH.format(plan.duration / study.fall, study.fall, judged))
@@ -109,7 +107,7 @@ def fidelity_lines(study: FidelityStudy) -> list[str]:
 
 
 def _enough_lines(study: FidelityStudy) -> list[str]:
-    """Return lines on the least level that is enough; none where no level is."""
+    """Return lines on the least level that is enough; none if no level is."""
     enough = study.enough
     if enough is None:
         return []
@@ -125,26 +123,27 @@ def _enough_lines(study: FidelityStudy) -> list[str]:
 
 def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
     """Return the row of the table for one level."""
-    name, law, spring = comparison.level.name, study.law_difference(comparison), comparison.deflection
-    predicted = _format_percent(study.indicators.error[name])
-    motion = ["-"] * 4
+    name, indicators = comparison.level.name, study.indicators
+    plan = torque = law = deflection = "-"
     if comparison.motion is not None:
-        bent = "-" if spring is None else f"{spring[0]} {spring[1]:.2g}"
-        difference = "same" if law <= SAME_LAW else f"{law:.1e}"
-        motion = [f"{1e3 * comparison.seconds:.0f} ms", _format_percent(comparison.torque), difference, bent]
-    plan, torque, difference, bent = motion
-    cells = (plan, torque, _format_percent(comparison.platform), difference, bent, predicted)
-    return "\t".join([f"  {name}", *cells, study.indicators.words[name]])
+        plan = f"{1e3 * comparison.seconds:.0f} ms"
+        torque = _format_percent(comparison.torque)
+        difference = study.law_difference(comparison)
+        law = "same" if difference <= SAME_LAW else f"{difference:.1e}"
+        if comparison.deflection is not None:
+            deflection = "{} {:.2g}".format(*comparison.deflection)
+    errors = _format_percent(comparison.platform), law, deflection, _format_percent(indicators.error[name])
+    return "\t".join([f"  {name}", plan, torque, *errors, indicators.words[name]])
 
 
 def _format_remarks(comparison: Comparison) -> list[str]:
-    """Return remarks on one level, for below the table."""
+    """Return the remarks on one level, which follow the table."""
     notes = (comparison.same_as and f"the torques of {comparison.same_as}", comparison.reason)
     return [f"  remark            {comparison.level.name}: {note}" for note in notes if note]
 
 
 def _format_percent(share: float) -> str:
-    """Return a share in per cent; rounding is 0."""
+    """Format a share in per cent, with rounding errors as 0."""
     if not np.isfinite(share):
         return "-"
     if share >= LARGEST_SHARE:
@@ -153,6 +152,6 @@ def _format_percent(share: float) -> str:
 
 
 def _largest_error(study: FidelityStudy, errors: Array) -> str:
-    """Return the largest error and its s, in words."""
+    """State the largest error, and where on the path this is."""
     place = study.place(errors)
     return _format_percent(np.nanmax(errors)) + ("" if place is None else f" (at s = {place:.4g})")

@@ -1,4 +1,4 @@
-"""`crossing identify`: inertial and motor parameters from recorded motor angles and torques."""
+"""`crossing identify`: identify inertial and motor parameters from recorded angles and torques."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Identify; report the parameters and the errors of torques held out of the fit."""
+    """Identify parameters; report the errors of torques that were held out of the fit."""
     robot = arguments.load(options)
     identification = identify(
         robot,
@@ -102,7 +102,7 @@ def identification_lines(identification: Identification) -> list[str]:
 
 
 def _format_errors(joints: tuple[str, ...], errors: np.ndarray) -> str:
-    """Return the errors (n,) of the joints in per cent, in words."""
+    """State the errors (n,) of the joints in per cent."""
     if not np.isfinite(errors).all():
         return "not known (all at Type 2)"
     return ", ".join(f"{joint} {100 * error:.2g} %" for joint, error in zip(joints, errors, strict=True))

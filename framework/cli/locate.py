@@ -1,4 +1,4 @@
-"""`crossing locate`: the singular points on a path, springs at rest, and how far the springs move them."""
+"""`crossing locate`: the singular points on a path, springs at rest, and their shift by deflections."""
 
 from __future__ import annotations
 
@@ -45,36 +45,40 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Report the singular points in the order of the path."""
+    """Report the singular points and near misses in the order of the path."""
     robot = arguments.load(options)
     path = arguments.path(options, robot)
     typed = arguments.options_with_wrenches(options, robot)
     request = Request.of(robot, path, **{"duration": 1.0, **typed})
     searched = search_path(robot, path).under(request.external_wrenches)
-    facts = [_describe_point(searched, singular) for singular in searched.points]
     optimal = optimal_durations(searched, request)
+    singularities, near_misses = [], []
+    lines: list[str] = []
+    for singular in searched.points:
+        entry, sentences = _describe_point(searched, singular)
+        singularities.append(entry)
+        lines += sentences
+    if not lines:
+        lines.append(f"{robot.name}: no singularity on the path")
+    elif optimal:
+        lines.append(f"  {optimal.sentence}")
+    for miss in searched.near_misses:
+        near_misses.append({"s": miss.s, "platform": path(miss.s), "g": miss.g})
+        lines.append(MISS.format(miss, robot.place(path(miss.s)), abs(miss.g)))
     document = {
         "robot": robot.name,
         "flexibility": robot.flexibility,
-        "singularities": [entry for entry, _ in facts],
+        "singularities": singularities,
         "least_duration": optimal and optimal.shortest,
-        "near_misses": [
-            {"s": miss.s, "platform": path(miss.s), "g": miss.g} for miss in searched.near_misses
-        ],
+        "near_misses": near_misses,
     }
-    lines = [line for _, told in facts for line in told]
-    if facts:
-        lines += [f"  {optimal.sentence}"] if optimal else []
-    else:
-        lines.append(f"{robot.name}: no singularity on the path")
-    lines += [MISS.format(miss, robot.place(path(miss.s)), abs(miss.g)) for miss in searched.near_misses]
     return document, lines
 
 
 def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Document, list[str]]:
-    """Describe a singular point as a document and in lines.
+    """Return a singular point as a document, and lines on the point.
 
-    It has its shift by deflections and condition (8).
+    Both include the shift of the point by deflections, and condition (8).
     """
     robot, shift = searched.branch.robot, _compute_shift(searched, singular)
     condition = feasibility_at(searched.branch, singular)
@@ -97,9 +101,9 @@ def _describe_point(searched: SearchedPath, singular: SingularPoint) -> tuple[Do
 
 
 def _compute_shift(searched: SearchedPath, singular: SingularPoint) -> dict[str, float] | None:
-    """Compute ds for each m or rad of deflection, by spring.
+    """Compute the shift ds by each m or rad of deflection, by spring.
 
-    None where deflections do not move the point.
+    None if the shift is not defined.
     """
     rates = spring_shift(searched.branch, singular)
     names = searched.branch.robot.elastic_names

@@ -1,10 +1,11 @@
-"""The options that commands share."""
+"""Declare the options that commands share."""
 
 from __future__ import annotations
 
 import argparse
 from argparse import Namespace
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from framework.cli.commands import COMMANDS, OneLineParser
@@ -13,33 +14,30 @@ from framework.numerics import MAX_WORKERS
 from framework.numerics.output import Document
 from framework.planning.options import MODEL, MOTION, TYPED
 
-Report = tuple[Document, list[str]]  # for machines; for people, line by line
+Report = tuple[Document, list[str]]  # for programs, and the lines for people
 
 
 def integer_between(least: int, most: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers within bounds, for argparse."""
+    """Return an argparse type: whole numbers within bounds."""
 
     def read(text: str) -> int:
-        """Return the whole number of a text; refuse others in argparse's way."""
-        try:
-            number = int(text)
-        except ValueError:
-            number = least - 1
-        if not least <= number <= most:
-            raise argparse.ArgumentTypeError(
-                f"needs a whole number of at least {least} and at most {most}, got {text!r}"
-            )
-        return number
+        """Parse a whole number; refuse other texts by argparse's error."""
+        with suppress(ValueError):
+            if least <= (number := int(text)) <= most:
+                return number
+        raise argparse.ArgumentTypeError(
+            f"needs a whole number of at least {least} and at most {most}, got {text!r}"
+        )
 
     return read
 
 
 def command(commands: Any, name: str, run: Callable[[Namespace], Report], details: str = "") -> Any:
-    """Add a command with --json.
+    """Add a command with --json, which `run` executes.
 
-    `run` gives its report, `details` are for its own help alone.
+    `details` follow the text of the list of commands in the command's own help.
     """
-    text, examples = COMMANDS[name].text, COMMANDS[name].examples
+    text, examples = COMMANDS[name]
     described = f"{text}. {details}" if details else text
     parser = commands.add_parser(name, help=text, description=described, examples=examples)
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
@@ -60,24 +58,24 @@ def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a r
 
 
 def add_number(group: Any, flag: str, metavar: str, text: str, **settings: Any) -> None:
-    """Add an option that takes a number, or several by `nargs`."""
+    """Add an option that takes a number, or several with `nargs`."""
     group.add_argument(flag, type=float, metavar=metavar, help=text, **settings)
 
 
 def not_empty(text: str) -> str:
-    """Read the name of a file or folder, for argparse."""
+    """Check the name of a file or folder; an argparse type."""
     if not text:
         raise argparse.ArgumentTypeError("needs a name, got an empty text")
     return text
 
 
 def add_out(parser: OneLineParser, text: str, *, required: bool = False) -> None:
-    """Add --out, the folder that a command writes."""
+    """Add --out, the folder into which a command writes."""
     parser.add_argument("--out", type=not_empty, metavar="DIR", required=required, help=text)
 
 
 def add_missing_fields(parser: OneLineParser) -> None:
-    """Add the options for fields that a file of a foreign dialect may lack."""
+    """Add options for fields that a file of a foreign dialect may lack."""
     group = parser.topic("what the file does not say, or says otherwise")
     group.add_argument("--platform", metavar="FRAME", help="frame of the platform")
     group.add_argument("--axes", nargs="+", metavar="AXIS", help="its axes, of x y z rx ry rz")
@@ -111,7 +109,7 @@ def add_moved_robot(parser: OneLineParser) -> None:
 
 
 def add_flexibility(parser: OneLineParser, *, auto: str = "") -> None:
-    """Add --flexibility, with the choice auto if its help `auto` is given."""
+    """Add --flexibility; the choice auto only with the help text `auto`."""
     parser.topic(MODEL).add_argument(
         "--flexibility",
         choices=(*FLEXIBILITIES, "auto") if auto else FLEXIBILITIES,
@@ -121,7 +119,7 @@ def add_flexibility(parser: OneLineParser, *, auto: str = "") -> None:
 
 
 def add_path(parser: OneLineParser, *, several: bool = False) -> None:
-    """Add --scene, which may take `several`, --from and --to."""
+    """Add --scene, which takes `several` scenes or one, and --from, --to, --via, --blend."""
     group = parser.topic(MOTION)
     if several:
         group.add_argument(
@@ -145,7 +143,7 @@ def add_path(parser: OneLineParser, *, several: bool = False) -> None:
 
 
 def add_options(parser: OneLineParser, *names: str) -> None:
-    """Add options of a plan by name, declared in `planning.options`; None if not typed."""
+    """Add options of a plan by name, as `planning.options` declares; None if not typed."""
     for name in names:
         option = TYPED[name]
         text = option.summary.replace("%", "%%")
@@ -153,14 +151,14 @@ def add_options(parser: OneLineParser, *names: str) -> None:
 
 
 def add_path_and_motion(parser: OneLineParser, *, without: str = "", several: bool = False) -> None:
-    """Add a path (or `several` scenes), springs and the options of `add_motion`."""
+    """Add the options of a path (or `several` scenes), the springs and the motion."""
     add_path(parser, several=several)
     add_flexibility(parser)
     add_motion(parser, without=without)
 
 
 def add_motion(parser: OneLineParser, *, without: str = "") -> None:
-    """Add the options of `plan_crossing` except `without` and --keep-limits, which `crossing plan` adds."""
+    """Add the options of `plan_crossing`, except `without` and --keep-limits."""
     add_options(parser, *(name for name in TYPED if name not in ("keep_limits", without)))
     add_wrenches(parser)
 
@@ -185,7 +183,7 @@ def add_wrenches(parser: OneLineParser) -> None:
 
 
 def add_rows(parser: OneLineParser) -> None:
-    """Add --rate and --columns of motion.csv, for `motion_rows`."""
+    """Add --rate and --columns of motion.csv, which `motion_rows` reads."""
     add_number(parser, "--rate", "F", "rows a second instead, the last at the end, such as 1000 [1/s]")
     parser.add_argument(
         "--columns",
@@ -196,7 +194,7 @@ def add_rows(parser: OneLineParser) -> None:
 
 
 def add_executor(parser: OneLineParser) -> None:
-    """Add --workers and --dask, for `executor_of`."""
+    """Add --workers and --dask, which `executor_of` reads."""
     group = parser.topic("processes")
     group.add_argument(
         "--workers",

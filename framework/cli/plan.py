@@ -49,12 +49,12 @@ if TYPE_CHECKING:
     from framework.fidelity.chosen_level import ChosenLevel
 
 MOTION_FILE = "motion.csv"
-LEAST_BEND = "least"  # --bend without a value
+LEAST_BEND = "least"  # value of --bend without a number
 MAX_SAMPLES = 1_000_000
 IMPROVING = "planning: there is a law; Ctrl-C ends the search for better ones"
 FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
 FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf"))  # PDFs are one now
-# about a plan that another one replaces: its report, and figures that not every plan has
+# files of a plan that a new plan in the same folder replaces, also those that the new one does not have
 OF_A_PLAN = ("report.html", *FIGURE_FILES)
 
 RAW = "{0.name}: raw sampling, proves nothing: {1} samples, largest {2}"
@@ -93,7 +93,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Plan, and with --out write plan.json, motion.csv and figures, all or nothing."""
+    """Plan; with --out write plan.json, motion.csv and figures, all or none."""
     level = arguments.take_level(options)
     robot = arguments.load(options)
     request = arguments.request(options, robot)
@@ -132,7 +132,7 @@ def _check_options(options: Namespace, level: ChosenLevel | None) -> None:
 
 
 def _describe_replaced(folder: FilePath) -> str:
-    """Return the plan that --out replaces, as a clause; empty without one."""
+    """Return a clause on the plan that --out replaces; empty without one."""
     with suppress(InvalidInput):
         saved = read_document(folder / FILE, "plan")
         if {"robot", "duration"} <= saved.keys():
@@ -154,9 +154,9 @@ def _write_plan(plan: CrossingPlan, document: Document, motion: MotionTable, fol
 def _make_plan(
     options: Namespace, robot: ParallelRobot, request: Request, level: ChosenLevel | None
 ) -> tuple[CrossingPlan, Document, list[str]]:
-    """Plan; return also a document and lines on the choices made.
+    """Plan; return the plan, and a document and lines on the level or the bend chosen.
 
-    These are the level of --flexibility auto, or the bend of --bend.
+    The level is that of --flexibility auto, the bend that of --bend.
     """
     bend, progress = options.bend, options.progress
     progress.start("planning")
@@ -170,9 +170,13 @@ def _make_plan(
 
     share = None if bend == LEAST_BEND else arguments.share("--bend", bend)
     modified = plan_request_with_modified_path(robot, request, bend=share)
-    size = f"{1e3 * modified.moved:.3g} mm" + f" and {modified.turned:.3g} rad" * bool(modified.turned)
-    bent = f"by at most {size}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
-    facts = [Fact("path bent", bent if modified.share else "not at all: it needs none")]
+    size = f"{1e3 * modified.moved:.3g} mm"
+    if modified.turned:
+        size += f" and {modified.turned:.3g} rad"
+    bent = "not at all: it needs none"
+    if modified.share:
+        bent = f"by at most {size}, {100 * modified.share:.2g} % of its length, its ends kept; a spline now"
+    facts = [Fact("path bent", bent)]
     for choice in modified.choices:
         peaks = torque_text(robot, choice.peak_torque, 4)
         facts.append(Fact(f"  --bend {100 * choice.share:.3g}%", f"peak torque {peaks}"))
@@ -182,14 +186,14 @@ def _make_plan(
 
 
 def _bound_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact on the bound of all laws, if any.
+    """Return the fact on the bound that no law can pass, with the plan's gap.
 
-    It also has the plan's gap to the bound.
+    Empty without a bound.
     """
     best = plan.optimality
     if best is None:
         return []
-    from framework.planning.optimal.peak_bound import bound_plan  # which other plans do not need
+    from framework.planning.optimal.peak_bound import bound_plan  # other plans do not need it
 
     bound = bound_plan(plan)
     if bound is None:
@@ -217,24 +221,21 @@ def plan_lines(plan: CrossingPlan) -> list[str]:
     return [head, *(fact.line for fact in facts)]
 
 
-def report_raw(
-    options: Namespace,
-    robot: ParallelRobot,
-    request: Request,
-    folder: FilePath | None,
-) -> Report:
-    """Report the law without its proof: raw samples of its torques.
+def report_raw(options: Namespace, robot: ParallelRobot, request: Request, folder: FilePath | None) -> Report:
+    """Report raw samples of the torques of a law that is not proved.
 
     Raises:
-        InvalidInput: the optimal law is asked for, which is nothing without its proof.
+        InvalidInput: the optimal law or --keep-limits is requested; both need a proof.
     """
-    refused = ""
+    no_raw = {"raw": None}
     if request.kind == "optimal":
-        refused = "--raw samples the polynomial law only, which needs no proof to be chosen"
-    elif request.keep_limits:
-        refused = "--keep-limits: is for a plan, and --raw proves none; leave one of them out"
-    if refused:
-        raise InvalidInput(refused).advising({"raw": None})
+        raise InvalidInput(
+            "--raw samples the polynomial law only, which needs no proof to be chosen"
+        ).advising(no_raw)
+    if request.keep_limits:
+        raise InvalidInput(
+            "--keep-limits: is for a plan, and --raw proves none; leave one of them out"
+        ).advising(no_raw)
     searched = search_path(robot, request.path).under(request.external_wrenches)
     law, crossings = law_before_proof(searched, request)
     raw = finite_difference_torques(
@@ -251,7 +252,7 @@ def report_raw(
         "raw": True,
         "proved": False,
         "samples": len(raw.time),
-        # a sample at the singular instant itself can be infinite, for which JSON has no number
+        # a sample at the singular instant can be infinite, which becomes null in JSON
         "largest_sample": largest,
         "crossings": [select_fields(each, "s", "time", "wrench") for each in crossings],
     }
@@ -264,7 +265,7 @@ def report_raw(
 def _write_raw(
     raw: Any, robot: ParallelRobot, poles: list[float], document: Document, folder: FilePath
 ) -> None:
-    """Write raw samples of the torques: table, document and figure."""
+    """Write raw samples of the torques: a table, the document and a figure."""
     from framework.show.plots import plot_raw_torques, save_figure
 
     rows = np.column_stack([raw.time, raw.motor_angle, raw.torque, raw.deflection])

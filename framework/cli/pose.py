@@ -1,4 +1,4 @@
-"""`crossing pose`: all joints of a pose, from its motors or from its platform, and its loads in motion."""
+"""`crossing pose`: all joints of a pose, by its motors or its platform, and its loads in motion."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ HEAD = """\
   motor angles      {motor_angles} (motor side)
   joints            {joints}
   mode              working {working_mode:+d}, assembly {assembly_mode:+d}"""
+NEAREST = "the nearest pose found within the joints' ranges has {1}, {0.distance:.6g} {0.unit} away: {2}"
 DISTANCES = "  distances         g {0.g:.3g}, sigma_A {0.sigma_A:.3g} (length {0.length:.3g} m){1}"
+OF_ONE_POSE = ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")  # options
 WORST = (
     "  worst torque      {0.motor_torque_largest:.3g} {1} of one motor, norm {0.motor_torque_norm:.3g} "
     "(motor side), to hold a unit force in any direction"
@@ -85,56 +87,42 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Report the pose of motor angles or of a platform point.
-
-    Springs are at rest.
-    """
+    """Report the pose of motor angles or of a platform point, springs at rest."""
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):
         motors = robot.actuated_coordinates(robot.reference.q[None])[0].tolist()
-        raise InvalidInput("give either --motors or --platform").advising(
-            {"platform": None, "motors": motors}
-        )
-    stated = [
-        name
-        for name in ("torque_limit", "speed_limit", "velocity", "acceleration", "wrench", "wrench_on")
-        if getattr(options, name) is not None
-    ]
-    if options.every and stated:
+        remedy = {"platform": None, "motors": motors}
+        raise InvalidInput("give either --motors or --platform").advising(remedy)
+    stated = [name for name in OF_ONE_POSE if getattr(options, name) is not None]
+    if not options.every:
+        return _report_pose(robot, _close_pose(robot, options, advise_all=not stated), options)
+    if stated:
         flag = arguments.flag_of(stated[0])
-        raise InvalidInput(f"--all: lists poses alone; {flag} is for a single pose").advising(
-            dict.fromkeys(stated)
-        )
-    if options.every:
-        report_all = _report_working_modes if options.motor_joints is None else _report_assembly_modes
-        return report_all(robot, options)
-    return _pose_report(robot, _close_pose(robot, options, advise_all=not stated), options)
+        message = f"--all: lists poses alone; {flag} is for a single pose"
+        raise InvalidInput(message).advising(dict.fromkeys(stated))
+    report_all = _report_working_modes if options.motor_joints is None else _report_assembly_modes
+    return report_all(robot, options)
 
 
-def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
+def _report_pose(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
     """Report the pose q (nq,): coordinates, modes, singularity, limits and loads."""
     pose, classification = describe_pose(robot, q), classify(robot, q)
     limits, instant = _compute_limits(robot, q, options), _compute_loads(robot, q, options)
-    facts = asdict(pose)
-    words = {
-        key: _format_values(facts[key]) for key in ("platform", "motor_joints", "motor_angles", "joints")
-    }
-    twists = [dict(zip(robot.axis_names, twist, strict=True)) for twist in classification.twists]
-    lines = [
-        HEAD.format_map(facts | words),
-        f"  singularity       {classification.sentence}",
-        *(f"  t_s               {_format_values(twist, 6)}" for twist in twists),
-        DISTANCES.format(classification, _format_angles(robot, classification)),
-        *_worst_torques(robot, classification),
-        *_limits_in_words(robot, limits),
-        *_loads_in_words(robot, instant),
-        f"  closures          closed to {pose.closure_error:.1e} m or rad",
-        *(fact.line for fact in excess_facts(pose.exceeded)),
-    ]
-    document = facts | {
-        "singularity": _singularity_document(classification),
-        "limits": _limits_document(limits),
-    }
+    document = asdict(pose)
+    by_name = ("platform", "motor_joints", "motor_angles", "joints")
+    words = {key: _format_values(document[key]) for key in by_name}
+    lines = [HEAD.format_map(document | words), f"  singularity       {classification.sentence}"]
+    for twist in classification.twists:
+        components = dict(zip(robot.axis_names, twist, strict=True))
+        lines.append(f"  t_s               {_format_values(components, 6)}")
+    lines.append(DISTANCES.format(classification, _format_angles(robot, classification)))
+    lines += _worst_torques(robot, classification)
+    lines += _limits_in_words(robot, limits)
+    lines += _loads_in_words(robot, instant)
+    lines.append(f"  closures          closed to {pose.closure_error:.1e} m or rad")
+    lines += [fact.line for fact in excess_facts(pose.exceeded)]
+    document["singularity"] = _singularity_document(classification)
+    document["limits"] = _limits_document(limits)
     if pose.exceeded and options.point is not None:
         _, sentence, document["nearest"] = _find_nearest(robot, options.point)
         lines.append(f"  within ranges     {sentence}")
@@ -147,14 +135,16 @@ def _pose_report(robot: ParallelRobot, q: Array, options: Namespace) -> Report:
 
 
 def _singularity_document(classification: Classification) -> Document:
-    """Return the class of a pose for JSON."""
+    """Return the singularity class of a pose for JSON."""
     return {"regular": classification.regular, **vars(classification)}
 
 
 def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -> Array:
     """Compute the pose q (nq,) of --motors or --platform.
 
-    Without one, advise --all where this may help.
+    Raises:
+        NotAssembled, Type1Singularity: no pose in the modes of the reference. With `advise_all` the remedy
+            is --all, unless the numbers are impossible in all modes.
     """
     motor_joints, point = options.motor_joints, options.point
     try:
@@ -175,10 +165,7 @@ def _close_pose(robot: ParallelRobot, options: Namespace, *, advise_all: bool) -
 
 
 def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str, Document]:
-    """Find the nearest pose to a platform point.
-
-    Return q (nq,), a sentence and the entry for JSON.
-    """
+    """Find the pose nearest to a platform point: q (nq,), a sentence, the entry for JSON."""
     nearest = nearest_pose(robot, point)
     motors = robot.actuated_coordinates(nearest.q[None])[0].tolist()
     document = {
@@ -187,17 +174,14 @@ def _find_nearest(robot: ParallelRobot, point: list[float]) -> tuple[Array, str,
         **select_fields(nearest, "distance", "unit", "stops"),
     }
     place = robot.place(nearest.x)
-    if not nearest.stops:
-        return nearest.q, f"another pose with {place}", document
-    sentence = (
-        f"the nearest pose found within the joints' ranges has {place}, {nearest.distance:.6g} "
-        f"{nearest.unit} away: {' and '.join(nearest.stops)}"
-    )
+    sentence = f"another pose with {place}"
+    if nearest.stops:
+        sentence = NEAREST.format(nearest, place, " and ".join(nearest.stops))
     return nearest.q, sentence, document
 
 
 def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Mapping[str, Any]:
-    """Compute the platform's limits by name; none where the platform does not determine the motors."""
+    """Compute the platform's limits by name; none at a Type 1 singularity."""
     try:
         return platform_limits(robot, q, **arguments.typed_options(options)).polytopes
     except NotAssembled:
@@ -205,7 +189,7 @@ def _compute_limits(robot: ParallelRobot, q: Array, options: Namespace) -> Mappi
 
 
 def _limits_in_words(robot: ParallelRobot, limits: Mapping[str, Any]) -> list[str]:
-    """Return lines on the platform's limits; none where no motor has one."""
+    """Return lines on the platform's limits; none if no motor has a limit."""
     if not limits:
         return []
     lines = []
@@ -233,7 +217,7 @@ def _limits_document(limits: Mapping[str, Any]) -> Document:
 def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instant | None:
     """Compute the forces of motors, loops and joints.
 
-    None where the options describe no motion.
+    None without a velocity, an acceleration or a wrench among the options.
     """
     wrenches = arguments.wrenches(options, robot)
     if options.velocity is None and options.acceleration is None and not wrenches:
@@ -242,35 +226,29 @@ def _compute_loads(robot: ParallelRobot, q: Array, options: Namespace) -> Instan
 
 
 def _loads_in_words(robot: ParallelRobot, instant: Instant | None) -> list[str]:
-    """Return lines on the forces of motors, loops and joints.
-
-    None without loads.
-    """
+    """Return lines on the forces of motors, loops and joints."""
     if instant is None:
         return []
     torques = zip(robot.actuator_names, instant.torque, robot.torque_units, strict=True)
     values = ", ".join(f"{joint} {round(torque, 12) + 0.0:.9g} {unit}" for joint, torque, unit in torques)
     lines = [f"  motor torque      {values} (motor side)"]
-    for what, wrenches in (("loop", instant.loop_forces), ("joint", instant.reactions)):
-        lines += [f"  {what:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in wrenches.items()]
+    for label, wrenches in (("loop", instant.loop_forces), ("joint", instant.reactions)):
+        lines += [f"  {label:<17} {name}: {_wrench_in_words(wrench)}" for name, wrench in wrenches.items()]
     if instant.indeterminate:
         lines.append(f"  indeterminate     {', '.join(instant.indeterminate)}")
     return lines
 
 
 def _wrench_in_words(wrench: Array) -> str:
-    """Return a force and a moment on base axes in words.
-
-    Indeterminate parts are `-`.
-    """
+    """State a wrench (6,) on base axes; indeterminate components are `-`."""
     numbers = ["-" if np.isnan(value) else f"{round(value, 12) + 0.0:.6g}" for value in wrench]
     return f"force ({', '.join(numbers[:3])}) N, moment ({', '.join(numbers[3:])}) N m"
 
 
 def _explain_failure(robot: ParallelRobot, options: Namespace) -> str:
-    """Describe mistaken units of motors or platform as a clause.
+    """Return a clause on units that seem mistaken; empty if none does.
 
-    Motors turn more than once, or the platform is out of reach.
+    Motors that turn more than once suggest degrees, a platform out of reach suggests millimetres.
     """
     if options.point is not None:
         return remark_on_reach(robot, np.array(options.point)[robot.platform.sliding])
@@ -308,11 +286,8 @@ def _report_working_modes(robot: ParallelRobot, options: Namespace) -> Report:
         beyond = "" if mode.within_limits else "; beyond the joints' limits"
         lines.append(f"  {signs:17s} {_format_values(pose.motor_joints)}{beyond}")
         modes.append(asdict(pose) | {"signs": mode.signs, "proved": mode.proved})
-    about = {
-        "complete": working.status == "proved",
-        **select_fields(working, "status", "solutions", "legs", "proved_legs"),
-        "modes": modes,
-    }
+    about = select_fields(working, "status", "solutions", "legs", "proved_legs")
+    about |= {"complete": working.status == "proved", "modes": modes}
     return _report_modes(robot, {"working_modes": about}, lines)
 
 
@@ -323,7 +298,7 @@ def _report_modes(robot: ParallelRobot, facts: Document, lines: list[str]) -> Re
 
 
 def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
-    """Return the transmission angles in words; empty where undefined."""
+    """State the transmission angles; empty where undefined."""
     angles = np.rad2deg(classification.transmission_angle)
     if not np.isfinite(angles).all():
         return ""
@@ -332,13 +307,10 @@ def _format_angles(robot: ParallelRobot, classification: Classification) -> str:
 
 
 def _worst_torques(robot: ParallelRobot, classification: Classification) -> list[str]:
-    """Return the line about the worst torques per newton.
-
-    None for a platform that only turns.
-    """
+    """Return the line on the worst torques per newton; none if the platform only turns."""
     if np.isnan(classification.torque_norm):
         return []
-    units = " or ".join(sorted({f"{unit}/N" for unit in robot.torque_units}))
+    units = " or ".join(f"{unit}/N" for unit in sorted(set(robot.torque_units)))
     return [WORST.format(classification, units)]
 
 

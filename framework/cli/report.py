@@ -1,4 +1,4 @@
-"""`crossing report`: one HTML page about a saved plan."""
+"""`crossing report`: write one HTML page about a saved plan."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Read a plan, prove its torques anew, and write the page."""
+    """Read a plan, prove its torques again, and write the page."""
     from framework.show.captions import describe_saved_plan
     from framework.show.report import report_page
 
     options.progress.start("proving the plan anew, and drawing the page")
-    plan = load_plan(options.folder, robot_file=options.robot_file)
-    page = report_page(plan, name=describe_saved_plan(plan, Path(options.folder).resolve().name))
-    return write_page(Path(options.html or Path(options.folder) / "report.html"), page)
+    folder = Path(options.folder)
+    plan = load_plan(folder, robot_file=options.robot_file)
+    page = report_page(plan, name=describe_saved_plan(plan, folder.resolve().name))
+    return write_page(Path(options.html or folder / "report.html"), page)

@@ -1,4 +1,4 @@
-"""`crossing robots`: the catalogue, and what each robot is."""
+"""`crossing robots`: list the catalogue, with facts about each robot."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """List the catalogue, one row for each entry."""
+    """List the catalogue, one row for each robot."""
     rows: list[Document] = []
     robots: list[ParallelRobot] = []
     lines, remarks = ["name\tdof\tloops\tsprings\tscenes"], []
     for name, entry in catalogue().items():
         try:
             robot = entry.load()
-        except MissingPackage as missing:  # the package that has its URDF is not installed
+        except MissingPackage as missing:  # the URDF is part of a package that is not installed
             figures: Document = {"needs": missing.package}
             cells = ["-", "-", "-", f"not installed: pip install {missing.package}"]
         else:

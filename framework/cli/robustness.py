@@ -1,4 +1,4 @@
-"""`crossing robustness`: a controlled crossing on many robots that differ from their model."""
+"""`crossing robustness`: control a crossing on many robots that differ from their model."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ COLUMNS = (
     "payload",
     "why",
 )
-DIFFERENCES = (  # of the robots from their model: option, default, meaning
+DIFFERENCES = (  # of the robots from their model: option, default value, meaning
     ("payload", 0.05, "share of the payload, uniform in +-"),
     ("stiffness", 0.0, "share of each spring's stiffness, uniform in +-"),
     ("places", 0.0, "[m] standard deviation of each joint's place"),
@@ -66,7 +66,7 @@ def add(commands: Any) -> None:
     """Add the command to the parser."""
     parser = command(commands, "robustness", run)
     add_robot_or_plan(parser)
-    add_path_and_motion(parser, without="friction")  # which is one of the differences of the robots
+    add_path_and_motion(parser, without="friction")  # --friction is one of the differences of the robots
     group = parser.topic("the study")
     group.add_argument(
         "--controller",
@@ -133,7 +133,7 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Study each controller on the same robots, or repeat one run."""
+    """Study each controller on the same robots, or repeat a single run."""
     if options.replay is not None:
         return replay_run(options)
     setup = _make_setup(options)
@@ -143,6 +143,7 @@ def run(options: Namespace) -> Report:
     }
 
     def count_runs() -> int:
+        """Count the finished runs of all studies."""
         kept = (arrays for store in stores.values() for arrays in store.read().values())
         return sum(len(arrays["passed"]) for arrays in kept)
 
@@ -157,7 +158,7 @@ def run(options: Namespace) -> Report:
 
 
 def _make_setup(options: Namespace) -> StudySetup:
-    """Return the plan and the settings of a study."""
+    """Return the setup of a study: the plan and the settings."""
     spread = Spread(**{name: getattr(options, f"spread_{name}") for name, *_ in DIFFERENCES})
     limit = None if options.limit is None else tuple(options.limit)
     plan = arguments.load_or_plan(options)
@@ -167,7 +168,7 @@ def _make_setup(options: Namespace) -> StudySetup:
 
 
 def _parse_tolerance(text: str, length: float) -> float:
-    """Parse a number of robot lengths (`length` [m]) and radians, or of millimetres."""
+    """Parse a tolerance in robot lengths (`length` [m]) and radians, or in millimetres."""
     try:
         number = float(text.removesuffix("mm"))
     except ValueError:
@@ -193,7 +194,7 @@ def _make_document(setup: StudySetup, studies: list[Study], folder: Path | None)
 
 
 def _run_studies(options: Namespace, setup: StudySetup, stores: dict[str, KeptChunks]) -> list[Study]:
-    """Run one study for each controller, by several processes."""
+    """Run one study for each controller, in several processes."""
     controllers = {name: setup.controller(name) for name in _controller_names(options)}
     studies: list[Study] = []
     chunk = None if options.dask else -(-options.runs // options.workers)
@@ -273,24 +274,14 @@ def _write_studies(setup: StudySetup, studies: list[Study], document: Document, 
     save_figure(lambda: plot_robustness(studies, loop=setup.loop), folder / "robustness")
 
 
+# keys of robustness.json that --replay reads
 _STUDY: Table = {"controller": required(text), "failures": required(list_of(mapping))}
 _RUNS: Table = {
     "runs": required(whole),
     "versions": required(mapping_of(text)),
     "studies": required(list_of(lambda where, study: read_table(where, study, _STUDY, others=None))),
 }
-OF_A_REPLAY = (
-    "robot",
-    "robot_file",
-    "replay",
-    "controller",
-    "json",
-    "warnings",
-    "refusal",
-    "progress",
-    "parser",
-    "written",
-)
+OF_A_REPLAY = ("robot_file", "replay", "controller", "json")  # options beside --replay
 
 
 REPORT = """\
@@ -304,21 +295,22 @@ def replay_run(options: Namespace) -> Report:
     """Repeat run number --replay of the study in the folder ROBOT.
 
     Raises:
-        InvalidInput: options that the study has already; no such study, controller or run.
+        InvalidInput: an option that the study determines; no such study, controller or run.
     """
     defaults = vars(options.parser.parse_args([options.robot]))
-    for key, value in vars(options).items():
-        if key not in OF_A_REPLAY and value != defaults[key]:
+    for key, default in defaults.items():
+        if key not in OF_A_REPLAY and getattr(options, key) != default:
             raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)
     name, failures = _chosen_study(options.controller, stated["studies"])
-    number, runs = options.replay, stated["runs"]
-    if number >= runs:
-        raise InvalidInput(f"--replay: the study has the runs 0 to {runs - 1}, got {number}")
+    number = options.replay
+    if number >= stated["runs"]:
+        raise InvalidInput(f"--replay: the study has the runs 0 to {stated['runs'] - 1}, got {number}")
     run, seed = setup.run(name, number, record=True), [setup.seed, number]
     written = [failure for failure in failures if failure.get("seed") == seed]
+    repeated = [] if run.passed[0] else [_describe_failure(run, 0, seed)]
     document = {
         "robot": setup.plan.robot.name,
         "controller": name,
@@ -326,14 +318,14 @@ def replay_run(options: Namespace) -> Report:
         **{key: getattr(run, key)[0] for key in ("passed", "why", "tracking_error", "end_error")},
         "peak_torque": run.peak_torque.max(),
         "payload": run.payload[0],
-        "as_written": written == ([] if run.passed[0] else [_describe_failure(run, 0, seed)]),
+        "as_written": written == repeated,
         "versions": {"then": stated["versions"], "now": library_versions()},
     }
     return document, _describe_replay(document)
 
 
 def _chosen_study(names: list[str] | None, studies: list[Document]) -> tuple[str, list[Document]]:
-    """Return the controller chosen, by default the only one, and its failures."""
+    """Return the name of the chosen or only controller, and its failures."""
     failures = {study["controller"]: study["failures"] for study in studies}
     chosen = names or list(failures)
     if len(chosen) != 1 or chosen[0] not in failures:
@@ -350,10 +342,7 @@ def _describe_failure(runs: Study | Run, number: int, seed: Sequence[int]) -> Do
 
 
 def _describe_replay(document: Document) -> list[str]:
-    """Return the report on a repeated run, in words.
-
-    It has the differences from the study.
-    """
+    """Return the report on a repeated run, and on differences from the study."""
     then, now = document["versions"]["then"], document["versions"]["now"]
     changed = [library for library in now if then.get(library) != now[library]]
     versions = ", ".join(f"{library} {then.get(library)} then, {now[library]} now" for library in changed)

@@ -1,7 +1,7 @@
-"""One command run: its report on stdout, or one sentence about its failure on stderr, and the exit code.
+"""Run one command: its report on stdout, or one sentence on its failure on stderr, and the exit code.
 
-A failure ends with the command line to try instead, from the remedy that the error carries: never from its
-words.
+The sentence ends with the command line to try instead. The remedy in the error determines it, and never the
+message.
 """
 
 from __future__ import annotations
@@ -25,20 +25,23 @@ from framework.errors import FrameworkError, NoAnswer
 from framework.numerics.interruption import Heard
 from framework.numerics.output import Document, plain
 
-UNEXPECTED_EXIT_CODE = 70  # exit code; sysexits.h calls it EX_SOFTWARE
-DEBUG_VARIABLE = "CROSSING_DEBUG"  # environment variable: set, an unexpected error shows its traceback
-VALUE_COUNTS = {"None": 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # of an option, by its `nargs`
+UNEXPECTED_EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+DEBUG_VARIABLE = "CROSSING_DEBUG"  # if this is set, an unexpected error shows its traceback
+VALUE_COUNTS = {None: 1.0, "?": 1.0, "+": math.inf, "*": math.inf}  # largest number of values by `nargs`
 
 
 def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
     """Run the parsed command, print its report and return the exit code.
 
     Raises:
-        FrameworkError: the command refuses.
+        FrameworkError: the command ends without a report.
     """
     options.warnings = []
     options.refusal = options.written = None
-    with np.errstate(all="ignore"), Progress("at work") as options.progress:  # errors tell what is not finite
+    with (
+        np.errstate(all="ignore"),
+        Progress("at work") as options.progress,
+    ):  # commands report values that are not finite
         document, lines = options.run(options)
     if options.written is not None:
         lines.append(f"  written to        {options.written}")
@@ -61,7 +64,7 @@ def run(options: Namespace, heard: Heard, arguments: Sequence[str]) -> int:
 
 def report_failure(error: Exception, heard: Heard, arguments: Sequence[str]) -> int:
     """Report why a command ended without an answer and return the exit code."""
-    heard.check()  # an import that is interrupted may fail in other words
+    heard.check()  # an interrupted import may raise another error
     if isinstance(error, FrameworkError | Misuse):
         return report_refusal(error, str(error), exit_code_of(error), arguments)
     if os.environ.get(DEBUG_VARIABLE):
@@ -75,10 +78,7 @@ def exit_code_of(error: Exception) -> int:
 
 
 def report_refusal(error: BaseException, message: str, code: int, arguments: Sequence[str]) -> int:
-    """Print one sentence on stderr; return the exit code.
-
-    With --json also print a document on stdout.
-    """
+    """Print the refusal on stderr, with --json also on stdout; return the exit code."""
     line, entry = describe_error(error, message, arguments)
     complain(line)
     if "--json" in arguments:
@@ -87,14 +87,13 @@ def report_refusal(error: BaseException, message: str, code: int, arguments: Seq
 
 
 def _describe_fault(error: Exception) -> str:
-    """Return the sentence for a fault: the error, its place, the remedy."""
+    """Return the sentence for a fault: the error, its place in this package, the remedy."""
     package = Path(__file__).parents[1]
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename]
-    ours = [frame for frame in frames if package in Path(frame.filename).parents]
-    where = "".join(
-        f" ({Path(frame.filename).relative_to(package.parent).as_posix()}, line {frame.lineno})"
-        for frame in ours[-1:]
-    )
+    where = ""
+    for frame in traceback.extract_tb(error.__traceback__):  # the innermost frame comes last
+        file = Path(frame.filename)
+        if package in file.parents:
+            where = f" ({file.relative_to(package.parent).as_posix()}, line {frame.lineno})"
     return (
         f"unexpected {type(error).__name__}: {str(error)[:300] or 'no message'}{where}. This is a fault of "
         f"the program: please report it with the command and the files that it reads "
@@ -103,10 +102,7 @@ def _describe_fault(error: Exception) -> str:
 
 
 def describe_error(error: BaseException, message: str, arguments: Sequence[str]) -> tuple[str, Document]:
-    """Return the line about an error, and its entry for JSON.
-
-    The line has the advice, the entry the numbers.
-    """
+    """Return the line about an error, with advice, and its entry for JSON, with numbers."""
     instead = advise(error, arguments)
     advice = "" if instead is None else f"; {TRY}{instead}"
     line = one_line(message, most=MAX_MESSAGE_LENGTH - len(advice)) + advice
@@ -140,50 +136,50 @@ def advise(error: BaseException, arguments: Sequence[str]) -> str | None:
         if value is not None and value is not False:
             words += [flag, *_typed_words(value)]
     instead = one_line(shlex.join(["crossing", *words]))
-    tried = sorted(words) == sorted(typed)
-    return None if tried or len(instead) > 500 else instead
+    is_same = sorted(words) == sorted(typed)
+    return None if is_same or len(instead) > 500 else instead
 
 
 def _mend_words(mend: Callable[[str], list[str] | None], arguments: Sequence[str]) -> str:
-    """Replace the words of a command line that `mend` has others for.
-
-    They stand alone or behind an option's `=`.
-    """
-    words: list[str] = []
+    """Replace the words, or values behind an option's `=`, that `mend` corrects."""
+    words = ["crossing"]
     for word in arguments:
-        flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        flag, _, value = word.partition("=") if word.startswith("--") else ("", "", word)
         meant = mend(value)
-        words += [word] if meant is None else [*([flag] if equals else []), *meant]
-    return one_line(shlex.join(["crossing", *(word for word in words if word != "--json")]))
+        if meant is not None:
+            words += [flag, *meant] if flag else meant
+        elif word != "--json":
+            words.append(word)
+    return one_line(shlex.join(words))
 
 
 def _remove_option(words: Sequence[str], option: argparse.Action) -> list[str]:
     """Remove an option and its values from the words of a command line."""
+    count = option.nargs
+    most = count if isinstance(count, int) else VALUE_COUNTS[count]
     rest: list[str] = []
-    values = 0.0  # number of values of the option that may follow
+    values = 0.0  # number of values of the option that may still follow
     for word in words:
         flag, equals, _ = word.partition("=")
         if flag in option.option_strings:
-            count = option.nargs
-            many = float(count) if isinstance(count, int) else VALUE_COUNTS.get(str(count), 0.0)
-            values = 0.0 if equals else many
+            values = 0.0 if equals else most
         elif values and not word.startswith("--"):
             values -= 1
         else:
-            values = 0
+            values = 0.0
             rest.append(word)
     return rest
 
 
 def _typed_words(value: Any) -> list[str]:
-    """Return the value of an option as words of a command line."""
+    """Return the value of an option as words of a command line; none for True."""
     if value is True:
         return []
     if isinstance(value, Mapping):
-        same = set(value.values())
-        return (
-            [f"{same.pop():.6g}"] if len(same) == 1 else [f"{key}={part:.6g}" for key, part in value.items()]
-        )
+        distinct = set(value.values())
+        if len(distinct) == 1:
+            return _typed_words(distinct.pop())
+        return [f"{key}={part:.6g}" for key, part in value.items()]
     if isinstance(value, list | tuple):
         return [word for part in value for word in _typed_words(part)]
     return [value if isinstance(value, str) else f"{value:.6g}"]

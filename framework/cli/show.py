@@ -1,4 +1,4 @@
-"""`crossing show`: a motion, or a robot to move by hand, in the browser or in one standalone file."""
+"""`crossing show`: motions, or a robot to move by hand, in the browser or in one standalone file."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: Namespace) -> Report:
-    """Write the page to a file, or serve the page until Ctrl-C."""
+    """Write a page or picture to a file, or serve the page until Ctrl-C."""
     from framework.show.page import film_page, hand_page
 
     if options.html is not None and options.picture is not None:
@@ -49,7 +49,7 @@ def run(options: Namespace) -> Report:
     films = _make_films(options)
     file = options.picture or options.html
     if file is not None:
-        filmed = films or [_telling_film(options)]
+        filmed = films or [_film_first_crossing(options)]
         if options.picture is None:
             page: str | bytes = film_page(filmed)
         else:
@@ -65,37 +65,34 @@ def run(options: Namespace) -> Report:
 
 
 def _report_file(file: str, page: str | bytes, films: list[Film], *, chosen: bool) -> Report:
-    """Write a page to a file and report its scenes.
+    """Write a page or picture to a file, and report its films.
 
-    `chosen`: a scene was chosen for want of a name.
+    `chosen`: no scene was typed, so that this program chose one.
     """
     from framework.show.captions import describe_flexibility, display_name
 
     document, (written,) = write_page(FilePath(file), page)
-    scenes = ", ".join(
-        f"{film.name or 'the motion asked for'} ({describe_flexibility(film)})" for film in films
-    )
+    entries, scenes = [], []
+    for film in films:
+        entries.append({"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved})
+        scenes.append(f"{film.name or 'the motion asked for'} ({describe_flexibility(film)})")
     lines = [f"no scene given: filmed {films[0].name}"] if chosen else []
-    lines.append(f"{display_name(films[0].robot.name)}, {scenes}: {written}")
-    entries = [
-        {"name": film.name, "flexibility": film.robot.flexibility, "proved": film.proved} for film in films
-    ]
+    lines.append(f"{display_name(films[0].robot.name)}, {', '.join(scenes)}: {written}")
     return document | {"films": entries}, lines
 
 
 def _make_films(options: Namespace) -> list[Film]:
-    """Film the motions asked for; return none where the robot is moved by hand."""
+    """Film the requested motions; return none if the robot is to be moved by hand."""
     from framework.show.captions import describe_saved_plan
     from framework.show.film import film_plan
 
     saved = arguments.saved_plan(options)
     if saved is not None:
         return [film_plan(saved, name=describe_saved_plan(saved, FilePath(options.robot).resolve().name))]
-    line = any(value is not None for value in (options.start, options.end, options.via))
-    if options.scenes is None and not line:
-        flags = {name: option.flag for name, option in TYPED.items()} | arguments.WRENCH_FLAGS
-        for name, flag in flags.items():
+    if not any((options.scenes, options.start, options.end, options.via)):
+        for name in (*TYPED, *arguments.WRENCH_OPTIONS):
             if getattr(options, name, None) is not None:
+                flag = arguments.flag_of(name)
                 raise InvalidInput(f"{flag}: needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
@@ -103,7 +100,7 @@ def _make_films(options: Namespace) -> list[Film]:
 
 
 def _film_scene(options: Namespace, robot: ParallelRobot, scene: str | None) -> Film:
-    """Film the motion of a scene, or of the options alone."""
+    """Film the motion of a scene, or of the options if None."""
     from framework.show.film import film_motion
 
     scene_options = Namespace(**{**vars(options), "scene": scene})
@@ -111,11 +108,8 @@ def _film_scene(options: Namespace, robot: ParallelRobot, scene: str | None) -> 
     return film_motion(robot, arguments.request(scene_options, robot), name=name)
 
 
-def _telling_film(options: Namespace) -> Film:
-    """Film the first scene that crosses, or else that moves.
-
-    It is for a file without sliders.
-    """
+def _film_first_crossing(options: Namespace) -> Film:
+    """Film the first scene with a proved crossing, or else the first that can be filmed."""
     robot = arguments.load(options)
     films: list[Film] = []
     refusals: list[NoAnswer] = []
@@ -134,7 +128,7 @@ def _telling_film(options: Namespace) -> Film:
 
 
 def _serve_page(options: Namespace, page: str, robot: ParallelRobot | None) -> Report:
-    """Serve a page on this machine, open in the browser, until interrupted."""
+    """Serve a page on this machine until interrupted, and open the browser."""
     from framework.show.jogging import move_by_hand
     from framework.show.server import PageServer
 

@@ -1,4 +1,4 @@
-"""`crossing simulate`: forward dynamics of planned torques, as a witness of the plan."""
+"""`crossing simulate`: check a plan by forward dynamics under the planned torques."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def run(options: Namespace) -> Report:
 
 
 def _read_sensors(options: Namespace) -> Sensors | None:
-    """Return the sensors of --sensors; None without."""
+    """Return the sensors of --sensors; None without the option."""
     if options.sensors is None:
         return None
     if options.out is None:
@@ -93,19 +93,21 @@ def _read_sensors(options: Namespace) -> Sensors | None:
 
 
 def _unit_and_limit(result: Simulation) -> tuple[str, float]:
-    """Return the unit of tracking errors, and the largest on a path."""
+    """Return the unit of tracking errors, and the largest error on a path."""
     moves = result.robot.translations.any()
     return ("m", MOTION_OFF_PATH * result.robot.length) if moves else ("rad", MOTION_OFF_PATH)
 
 
 def _check_on_path(result: Simulation) -> None:
-    """Refuse a simulation whose platform leaves the path by more than is allowed."""
+    """Refuse a simulation whose platform leaves the path."""
     unit, allowed = _unit_and_limit(result)
     tracking, turning = result.tracking_error or 0.0, result.turning_error or 0.0
     if tracking <= allowed and turning <= MOTION_OFF_PATH:
         return
-    how = f"{tracking:.3g} {unit}" + (f" and {turning:.3g} rad" if result.turning_error is not None else "")
-    raise NoAnswer(OFF_PATH.format(result, how))
+    error = f"{tracking:.3g} {unit}"
+    if result.turning_error is not None:
+        error += f" and {turning:.3g} rad"
+    raise NoAnswer(OFF_PATH.format(result, error))
 
 
 def simulation_lines(result: Simulation) -> list[str]:
@@ -121,17 +123,16 @@ def simulation_lines(result: Simulation) -> list[str]:
 
 
 def _write_csv(result: Simulation, plan: CrossingPlan, file: FilePath) -> None:
-    """Write time, platform, planned platform, motor angles, deflections; one row a sample, SI units."""
-    robot, axes = result.robot, result.robot.axis_names
-    names = {"platform": axes, "planned": axes, "motor_angle": robot.actuator_names}
-    times = result.times
-    rows = np.column_stack(
-        [
-            times,
-            result.platform(times),
-            plan.platform(np.minimum(times, plan.duration)),
-            robot.gear_ratio * robot.actuated_coordinates(result.q),
-            robot.coordinates.positions(result.q)[:, robot.elastic],
-        ]
-    )
-    write_csv(file, {**names, "deflection": robot.elastic_names}, rows)
+    """Write platform, planned platform, motor angles and deflections over time, SI units."""
+    robot, times, q = result.robot, result.times, result.q
+    planned = plan.platform(np.minimum(times, plan.duration))
+    motor_angles = robot.gear_ratio * robot.actuated_coordinates(q)
+    deflections = robot.coordinates.positions(q)[:, robot.elastic]
+    names = {
+        "platform": robot.axis_names,
+        "planned": robot.axis_names,
+        "motor_angle": robot.actuator_names,
+        "deflection": robot.elastic_names,
+    }
+    rows = np.column_stack([times, result.platform(times), planned, motor_angles, deflections])
+    write_csv(file, names, rows)

@@ -1,6 +1,6 @@
-"""`crossing map`: what a robot can do over its workspace, and where it is singular.
+"""`crossing map`: quantities over the workspace of a robot, and its singular locus.
 
-With --study: small maps over the named parameters of a robot file.
+With --study: a small map for each set of the parameters of a robot file.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 
 def _add_window(group: argparse._ArgumentGroup) -> None:
-    """Add the options for the poses of the map."""
+    """Add the options that choose the poses of the map."""
     group.add_argument(
         "--over", nargs=2, metavar="AXIS", help="two axes of the platform (default: its first translations)"
     )
@@ -169,14 +169,7 @@ def run(options: Namespace) -> Report:
     window = _choose_window(options, robot, path)
     if options.keep_limits:
         check_window(robot, window)
-    margin = None
-    if options.within is not None and options.nearest is None:
-        raise InvalidInput("--within: belongs to --nearest; give both, or leave it out").advising(
-            {"within": None}
-        )
-    if options.nearest is not None:
-        pose = assemble(robot, options.nearest)
-        margin = nearest_singular_pose(robot, pose.q, within=options.within)
+    margin = _find_margin(options, robot)
     setup = setup_document(robot, window, quantities)
     with mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store, executor):
         workspace = workspace_map(
@@ -196,8 +189,22 @@ def run(options: Namespace) -> Report:
     return _report_map(workspace, margin)
 
 
+def _find_margin(options: Namespace, robot: ParallelRobot) -> NearestSingularPose | None:
+    """Find the singular pose nearest to --nearest; None without the option."""
+    if options.nearest is not None:
+        pose = assemble(robot, options.nearest)
+        return nearest_singular_pose(robot, pose.q, within=options.within)
+    if options.within is None:
+        return None
+    message = "--within: belongs to --nearest; give both, or leave it out"
+    raise InvalidInput(message).advising({"within": None})
+
+
 def _quantity_names(options: Namespace, robot: ParallelRobot) -> list[str] | None:
-    """Return the quantities' names, by default all that apply; with --keep-limits also `holding`."""
+    """Return the names of the quantities; None for all that apply.
+
+    With --keep-limits and torque limits also `holding`.
+    """
     names: list[str] | None = options.quantity
     if not options.keep_limits or not has_torque_limits(robot):
         return names
@@ -205,10 +212,7 @@ def _quantity_names(options: Namespace, robot: ParallelRobot) -> list[str] | Non
 
 
 def _choose_window(options: Namespace, robot: ParallelRobot, path: Path | None) -> Window:
-    """Return the window of given bounds, or of a survey.
-
-    The survey finds the region that is reached.
-    """
+    """Return the window of --window, or else of a survey of the reachable region."""
     centre = path(np.zeros(1))[0] if options.at is None and path is not None else options.at
     size = options.size or EDGE_POSES
     if options.window is None:
@@ -230,20 +234,17 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> 
     """Return a map as a document, and in text its counts, locus and statistics."""
     robot, window = workspace.robot, workspace.window
     rows, columns = window.shape
-    spans = _format_spans(robot, window)
     document = {**map_document(workspace), "seconds": workspace.seconds}
-    lines = [
-        f"{robot.name}: {rows} x {columns} poses, {spans}, {workspace.seconds:.2f} s",
-        "  poses\tcount",
-        *(f"  {why}\t{count}" for why, count in workspace.counts.items() if count),
-        *(f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count),
-        *(f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges),
-        f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s",
-        "\t".join(["  quantity", *STATISTICS]),
-    ]
+    size = f"{robot.name}: {rows} x {columns} poses"
+    lines = [f"{size}, {_format_spans(robot, window)}, {workspace.seconds:.2f} s", "  poses\tcount"]
+    lines += [f"  {why}\t{count}" for why, count in workspace.counts.items() if count]
+    lines += [f"  under load: {why}\t{count}" for why, count in workspace.load_counts.items() if count]
+    lines += [f"  the window cuts off what is reached, at its {edge}" for edge in workspace.open_edges]
+    lines.append(f"  locus: {workspace.locus.sentence}, {workspace.locus.seconds:.2f} s")
+    lines.append("\t".join(["  quantity", *STATISTICS]))
     for quantity in workspace.quantities:
-        entry = document["quantities"][quantity.key]
-        cells = ("-" if entry[key] is None else f"{entry[key]:.3g}" for key in STATISTICS)
+        values = map(document["quantities"][quantity.key].get, STATISTICS)
+        cells = ("-" if value is None else f"{value:.3g}" for value in values)
         lines.append("\t".join([f"  {quantity.name} [{quantity_unit(robot, quantity)}]", *cells]))
     if margin is not None:
         lines += _margin_lines(robot, margin)
@@ -253,7 +254,7 @@ def _report_map(workspace: WorkspaceMap, margin: NearestSingularPose | None) -> 
 
 
 def _format_spans(robot: ParallelRobot, window: Window) -> str:
-    """Return the ends of a window in words."""
+    """State the bounds of a window."""
     ends = zip(window.axes, window.lower, window.upper, strict=True)
     return ", ".join(f"{robot.axis_names[k]} = {low:.4g} .. {high:.4g}" for k, low, high in ends)
 
@@ -270,21 +271,21 @@ def _margin_lines(robot: ParallelRobot, margin: NearestSingularPose) -> list[str
 
 
 def report_design_study(options: Namespace) -> Report:
-    """Map each design of a study; report and write the results."""
+    """Map each design of a study; write and report the results."""
     for key in NOT_FOR_STUDIES:
         if getattr(options, key) is not None:
             raise InvalidInput(f"--{key}: not for a study, whose robots have values of their own")
     file = robot_file(options.robot)
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
-    first, second = map_axes(robot, options.over)
-    window = None if options.window is None else finite_numbers("--window", options.window, 4)
+    axis_names = [robot.axis_names[k] for k in map_axes(robot, options.over)]
+    window = options.window and tuple(finite_numbers("--window", options.window, 4).tolist())
     task = StudyTask(
         file=str(file.resolve()),
         names=designs.names,
         flexibility=options.flexibility,
-        axes=(robot.axis_names[first], robot.axis_names[second]),
-        window=None if window is None else tuple(window.tolist()),
+        axes=(axis_names[0], axis_names[1]),
+        window=window,
         size=options.size or STUDY_EDGE_POSES,
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
@@ -303,24 +304,14 @@ def report_design_study(options: Namespace) -> Report:
 
 
 def _report_study(study: DesignStudy, robot: str) -> Report:
-    """Return the results of all designs as a document.
-
-    Its lines are a table of the first ones.
-    """
-    names, designs = study.designs.names, study.designs.values
-    document = {
-        "robot": robot,
-        "designs": [
-            {
-                "parameters": dict(zip(names, design, strict=True)),
-                **{key: column[k] for key, column in study.columns.items()},
-                "why": study.why[k],
-            }
-            for k, design in enumerate(designs)
-        ],
-        "units": study.units,
-    }
-    count, size = len(designs), study.task.size
+    """Return all designs as a document, and a table of the first ones."""
+    entries = []
+    for k, (design, why) in enumerate(zip(study.designs.values, study.why, strict=True)):
+        parameters = dict(zip(study.designs.names, design, strict=True))
+        values = {key: column[k] for key, column in study.columns.items()}
+        entries.append({"parameters": parameters, **values, "why": why})
+    document = {"robot": robot, "designs": entries, "units": study.units}
+    count, size = len(entries), study.task.size
     refused = sum(map(bool, study.why))
     lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
     lines += _study_table(study, with_reasons=refused > 0)
@@ -330,10 +321,7 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
 
 
 def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
-    """Return the lines of a table of the first designs.
-
-    Columns are parameters, areas, medians, and why there is no robot.
-    """
+    """Return a table of the first designs: parameters, areas, medians, and refusals."""
     columns = [key for key in study.columns if key in ("area", "free_area") or key.endswith("_median")]
     heads = [*study.designs.names, *(f"{key} [{study.units[key]}]" for key in columns)]
     numbers = np.column_stack([study.designs.values, *(study.columns[key] for key in columns)])

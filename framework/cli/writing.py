@@ -1,4 +1,4 @@
-"""Files of commands in the folder of --out; the report ends with its name."""
+"""Write the files of commands into the folder of --out, which the report names at its end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def write_page(file: Path, page: str | bytes) -> Report:
 
 @contextmanager
 def written_out(options: Namespace, document: str, beside: Collection[str] = ()) -> Iterator[Path | None]:
-    """Yield a folder whose files move into --out, as `written_together` says; None without --out."""
+    """Yield a folder whose files `written_together` moves into --out; None without --out."""
     if options.out is None:
         yield None
         return
@@ -36,7 +36,7 @@ def written_out(options: Namespace, document: str, beside: Collection[str] = ())
 def mapped_stepwise(
     options: Namespace, document: str, setup: Document, unit: str
 ) -> Iterator[tuple[Path | None, KeptChunks | None, Executor | None]]:
-    """Yield a folder as `written_stepwise`, its store of finished chunks, and the executor of the options."""
+    """Yield the folder of `written_stepwise`, the store of finished chunks, the executor."""
     store = None if options.out is None else KeptChunks.of(Path(options.out), setup)
     with (
         written_stepwise(options, document, lambda: len(store.read()) if store else 0, unit) as folder,
@@ -49,9 +49,10 @@ def mapped_stepwise(
 def written_stepwise(
     options: Namespace, document: str, count: Callable[[], int], unit: str
 ) -> Iterator[Path | None]:
-    """Yield a folder as `written_out`, for long work that an interruption may stop.
+    """Yield the folder of `written_out`, for long work that may be interrupted.
 
-    Finished parts stay; the message names their number, `count()`, with its `unit`.
+    After an interruption finished parts stay in --out, and the message states their number, `count()`, and
+    `unit`.
     """
     with written_out(options, document) as folder:
         try:

@@ -1,4 +1,4 @@
-"""Sentences about a film: they state its facts, and nothing else."""
+"""Sentences that state the facts of a film, and nothing else."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from framework.catalogue import CatalogueEntry, find_entry
 from framework.dynamics.result import SingularityCrossing
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
+from framework.numerics.output import select_fields
 from framework.planning.result import CrossingPlan
 from framework.planning.scenes import scene_path
 from framework.show.film import Film
 
-NEGLIGIBLE_SHARE = 1e-3  # of a force or an acceleration in its largest value: less is called zero in captions
+# a force or an acceleration below this share of its peak in the film is called zero in captions
+NEGLIGIBLE_SHARE = 1e-3
 
 PROVEN = (
     "Proven: the torque is finite at all times. Its series on {0.nodes} nodes leaves out {0.tail:.0e} of it; "
@@ -22,35 +24,37 @@ PROVEN = (
 
 
 def display_name(name: str) -> str:
-    """Return a name in words: five bar for five_bar."""
+    """Return a name with blanks for underscores: five bar for five_bar."""
     return name.replace("_", " ")
 
 
 def describe_saved_plan(plan: CrossingPlan, folder: str) -> str:
-    """Return "Scene NAME" for a plan of that scene, else "Plan FOLDER"."""
+    """Return "Scene NAME" if the plan is of that scene, else "Plan FOLDER"."""
     request = plan.request
     keys = ("duration", "times", "speeds", "at", "optimize")
-    requested = [request.path, *(getattr(request, key) for key in keys)]
     for name, scene in plan.robot.description.scenes.items():
-        if [scene_path(scene), *(getattr(scene, key) for key in keys)] == requested:
+        same_motion = select_fields(scene, *keys) == select_fields(request, *keys)
+        if same_motion and scene_path(scene) == request.path:
             return f"Scene {name}"
     return f"Plan {folder}"
 
 
 def wrench_kind(robot: ParallelRobot) -> str:
-    """Return "force along" t_s, or "torque about" for a platform that only turns."""
+    """Return "force along" (t_s), or "torque about" for a platform that only turns."""
     return "force along" if np.any(robot.translations) else "torque about"
 
 
 def wrench_unit(robot: ParallelRobot) -> str:
-    """Return the unit of t_s . W_p."""
+    """Return the unit of t_s . W_p: N, or N m for a platform that only turns."""
     return "N" if np.any(robot.translations) else "N m"
 
 
 def describe_motors(robot: ParallelRobot, limit: Array, peak: float, *, reason: str = "") -> str:
-    """Describe motors by their torque limits (n_a,) and the peak torque, 0 without one.
+    """Describe motors by their torque limits (n_a,) and the peak torque.
 
-    `reason` tells why the peak torque sets the limit.
+    Args:
+        peak: the peak torque, or 0 where no motion is proved.
+        reason: why the limit is a multiple of the peak, as the end of a phrase.
     """
     if np.ptp(limit) > 0 or len(set(robot.torque_units)) > 1:
         return "motors at their limits"
@@ -59,20 +63,20 @@ def describe_motors(robot: ParallelRobot, limit: Array, peak: float, *, reason: 
 
 
 def describe_film_briefly(film: Film) -> str:
-    """Describe how a film meets the singularity, in a few words."""
+    """Say in a few words how a film meets the singularity."""
     if not len(film.robot.passive):
         return "every joint has a motor: no Type 2 singularity"
     if not film.instants:
         return "keeps clear of the singularity"
     if not film.proved:
         return f"goes through while it asks for {wrench_kind(film.robot)} t_s: fails"
-    if all(coasts(film, instant) for instant in film.instants):
+    if all(_is_coasting(film, instant) for instant in film.instants):
         return "goes through coasting: works"
     return f"goes through while it asks for no {wrench_kind(film.robot)} t_s: works"
 
 
 def describe_film(film: Film) -> str:
-    """Describe the motion at its singular instants in a few sentences."""
+    """Describe how the motion passes its singular instants, in a few sentences."""
     if not film.instants:
         regular = "This motion meets no Type 2 singularity: the motors hold the platform all the way."
         return f"{regular} {_describe_peak(film)}"
@@ -105,16 +109,16 @@ def describe_catalogue_entry(robot: ParallelRobot) -> str:
 
 
 def _catalogue_entry_of(robot: ParallelRobot) -> CatalogueEntry | None:
-    """Return the catalogue's entry of a robot; None for other robots."""
+    """Return the catalogue's entry of a robot; None for robots of other files."""
     entry = find_entry(robot.name)
-    return entry if entry is not None and entry.file == robot.description.file else None
+    return None if entry is None or entry.file != robot.description.file else entry
 
 
 def explain_crossing(film: Film, instant: SingularityCrossing) -> str:
-    """Explain why a proved motion asks for nothing along t_s at a singular instant."""
+    """Explain why a proved motion needs no force along t_s at a singular instant."""
     if film.plan is None:
         return ""
-    if coasts(film, instant):
+    if _is_coasting(film, instant):
         zero = "here the acceleration itself is zero (s″ = 0): it coasts across"
     elif _relative_wrench(film, instant) < NEGLIGIBLE_SHARE:
         zero = "here it needs none at all (W_p = 0)"
@@ -126,22 +130,22 @@ def explain_crossing(film: Film, instant: SingularityCrossing) -> str:
     return f"By its timing the motion needs no {kind} t_s at this instant (t_s · W_p = 0); {zero}."
 
 
-def coasts(film: Film, instant: SingularityCrossing) -> bool:
-    """Return whether neither force nor acceleration is asked for at an instant."""
-    speeding = np.abs(film.law(film.time, 2)).max()
-    acceleration = abs(float(film.law(np.array([instant.time]), 2)[0]))
-    return _relative_wrench(film, instant) < NEGLIGIBLE_SHARE and acceleration < NEGLIGIBLE_SHARE * speeding
+def _is_coasting(film: Film, instant: SingularityCrossing) -> bool:
+    """Return whether both W_p and the acceleration s″ are negligible at an instant."""
+    largest = np.abs(film.law(film.time, 2)).max()
+    acceleration = np.abs(film.law(np.array([instant.time]), 2))
+    return (
+        _relative_wrench(film, instant) < NEGLIGIBLE_SHARE and acceleration.max() < NEGLIGIBLE_SHARE * largest
+    )
 
 
 def describe_proof(film: Film) -> str:
-    """Describe the proof of a plan's finite torque, with numbers; empty without a plan."""
-    if film.plan is None:
-        return ""
-    return PROVEN.format(film.plan.certificate)
+    """State the proof that a plan's torque is finite, with numbers; empty without a plan."""
+    return "" if film.plan is None else PROVEN.format(film.plan.certificate)
 
 
 def describe_flexibility(film: Film) -> str:
-    """Describe the flexibility with which a film was computed."""
+    """Say with which springs and which geometry a film was computed."""
     plan, robot = film.plan, film.robot
     if not robot.n_e or plan is None:
         return "rigid parts"
@@ -149,7 +153,7 @@ def describe_flexibility(film: Film) -> str:
 
 
 def _describe_peak(film: Film) -> str:
-    """Describe the largest motor torque of a film."""
+    """State the largest motor torque of a film."""
     peaks = np.abs(film.torque).max(axis=0)
     strongest = np.argmax(peaks)
     size = f"{peaks[strongest]:.3g} {film.robot.torque_units[strongest]}"
@@ -158,5 +162,5 @@ def _describe_peak(film: Film) -> str:
 
 def _relative_wrench(film: Film, instant: SingularityCrossing) -> float:
     """Return |W_p| at an instant over its largest value in the film."""
-    size = np.linalg.norm(film.W_p, axis=1)
+    size = np.linalg.norm(film.W_p, axis=1)  # (F,)
     return float(size[film.frame_at(instant.time)] / (size.max() or 1.0))

@@ -1,7 +1,7 @@
 """A motion sampled for the screen: poses, torques, and the distance from the singularity.
 
-A proven plan and an unproved law (the torques sampled as they come) make the same film; only the first may
-claim finite torques, and `proved` says which it is.
+A proved plan and an unproved law are filmed alike. The torques of an unproved law are raw samples; only a
+film whose `proved` is true may claim that its torques are finite.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ FILM_FRAMES = 481
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """F frames of a motion, the loops closed in each.
+    """F frames of a motion, with closed loops in each frame.
 
-    `W_p` is the wrench that all bodies' inertia and weight, less the wrenches of the world on them, ask of
-    the platform, W_p = (dq/dx)' r with r the forces of the open tree: with massless legs the payload's.
-    `t_s` is the least controlled twist, of unit size where |g| is least; on the locus t_s . W_p is
-    condition (8).
+    `W_p` is the wrench that the motion needs at the platform: W_p = (dq/dx)' r, with r the joint forces of
+    the open tree. It counts inertia and weight of all bodies, less the wrenches of the world; with massless
+    legs it is the payload's alone. `t_s` is the least controlled twist, of unit size where |g| is least.
+    On the locus, condition (8) is t_s . W_p = 0.
     """
 
     robot: ParallelRobot
@@ -61,10 +61,10 @@ class Film:
     g: Array  # (F,)
     t_s: Array  # (F, n)
     W_p: Array  # (F, n)
-    motors: PlatformWrench  # what the motors can give, (F, ...)
-    wrenches: tuple[AppliedWrench, ...]  # of the world, F of each
+    motors: PlatformWrench  # forces that the motors can give, (F, ...)
+    wrenches: tuple[AppliedWrench, ...]  # of the world, each in F frames
     instants: tuple[SingularityCrossing, ...]
-    drawn_rigid: bool = False  # asked for with springs, which an unproved law would tear
+    drawn_rigid: bool = False  # springs were requested, but under an unproved law the loops would tear
 
     @property
     def proved(self) -> bool:
@@ -102,13 +102,13 @@ class Film:
 
 
 def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Film:
-    """Plan and film a motion; where torques are infinite, film the law as unproved.
+    """Plan and film a motion, as unproved where the torques are unbounded.
 
     Args:
-        name: what stands above the picture, such as Scene C.
+        name: title of the picture, such as Scene C.
 
     Raises:
-        As `plan_crossing`, but no UnboundedTorque.
+        As `plan_crossing`, except UnboundedTorque.
     """
     path, wrenches = request.path, request.external_wrenches
     searched = search_path(robot, path).under(wrenches)
@@ -117,7 +117,7 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
     except UnboundedTorque as pole:
         refusal = str(pole)
     law, crossings = law_before_proof(searched, request)
-    if robot.n_e:  # at the pole springs would tear the loops
+    if robot.n_e:  # unbounded deflections at the pole would tear the loops
         rigid = ParallelRobot.from_description(robot.description, flexibility="rigid")
         searched = search_path(rigid, path).under(wrenches)
     branch = searched.branch
@@ -139,12 +139,11 @@ def film_motion(robot: ParallelRobot, request: Request, *, name: str = "") -> Fi
 
 
 def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
-    """Film a proved plan; each crossing is a frame of its own."""
-    times = _frame_times(plan.duration, [crossing.time for crossing in plan.dynamics.crossings])
-    motion = plan.dynamics.motion(times)
+    """Film a proved plan, with a frame at each crossing."""
+    times = _frame_times(plan)
     return _sample_film(
         plan.robot,
-        motion,
+        plan.dynamics.motion(times),
         name=name,
         path=plan.path,
         law=plan.law,
@@ -158,7 +157,7 @@ def film_plan(plan: CrossingPlan, *, name: str = "") -> Film:
 
 
 def _sample_film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
-    """Film F instants of a motion, with measure, wrenches and motors."""
+    """Film F instants of a motion; `facts` are the other fields of the film."""
     curves = wrench_curves(robot, motion)
     return Film(
         robot=robot,
@@ -173,9 +172,9 @@ def _sample_film(robot: ParallelRobot, motion: Motion, **facts: Any) -> Film:
     )
 
 
-def _frame_times(duration: float, instants: list[float]) -> Array:
-    """Return equidistant times (F,) [s], the nearest moved onto each instant."""
-    times = np.linspace(0.0, duration, FILM_FRAMES)
-    for instant in instants:
-        times[np.argmin(np.abs(times - instant))] = instant
+def _frame_times(plan: CrossingPlan) -> Array:
+    """Return equidistant times (F,) [s]; shift the nearest one onto each crossing."""
+    times = np.linspace(0.0, plan.duration, FILM_FRAMES)
+    for crossing in plan.dynamics.crossings:
+        times[np.argmin(np.abs(times - crossing.time))] = crossing.time
     return times

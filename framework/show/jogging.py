@@ -1,4 +1,4 @@
-"""The answers to the page on which a robot is moved by hand."""
+"""Replies to the page on which a robot is moved by hand."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ from framework.singularity.jogging import (
     move_platform,
 )
 
-HELD_WRENCH = 10.0  # [N, or N m on a platform that only turns] along t_s, that the motors are to hold
+HELD_WRENCH = 10.0  # [N, or N m on a platform that only turns] push along t_s that the motors withstand
 
 
 def hand_document(robot: ParallelRobot) -> Document:
     """Return the page's document of a robot at its reference, with sliders."""
     reference = robot.reference
+    start = describe_jogged_pose(robot, reference.q)
     poses = joint_poses(robot, reference.q[None])
     platform = platform_positions(robot, poses)
     document: Document = plain(
@@ -45,26 +46,27 @@ def hand_document(robot: ParallelRobot) -> Document:
             "push": f"{HELD_WRENCH:g} {wrench_unit(robot)} {wrench_kind(robot).split()[1]} t_s",
             "flat": robot.n == 2,
             "lines": _has_lines(robot),
-            "no_figure": (why_no_figure(robot) or "") if len(robot.passive) else "",
+            "no_figure": why_no_figure(robot) if len(robot.passive) else "",
             "drag": len(robot.platform.sliding) > 0,
             "poses": encode_floats(poses),
             "locus": encode_locus(robot, locus_curves(robot, reference.q, reference.x), platform, beside=1.2),
             "free_motors": motors_are_free(robot),
-            "sliders": _sliders(robot, describe_jogged_pose(robot, reference.q)),
-            "start": _pose_document(robot, describe_jogged_pose(robot, reference.q)),
+            "sliders": _sliders(robot, start),
+            "start": _pose_document(robot, start),
         }
     )
     return document
 
 
 def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
-    """Answer one movement of a slider or of the dragged platform.
+    """Return the page's document of the pose after one movement.
 
-    It is {q, part, index, value} or {q, part, place}, with `part` platform, motor or drag, and the `place`
-    [m] of the platform's origin in the base.
+    Args:
+        movement: {q, part: platform or motor, index, value} of a slider, or {q, part: drag, place} with the
+            place [m] of the platform's origin in the base.
 
     Raises:
-        InvalidInput: a movement that cannot be right.
+        InvalidInput: the movement lacks an entry, or has a wrong one.
     """
     try:
         q, part = np.array(movement["q"], dtype=float), movement["part"]
@@ -75,36 +77,36 @@ def move_by_hand(robot: ParallelRobot, movement: Document) -> Document:
     except (KeyError, TypeError, OverflowError, ValueError):
         raise InvalidInput("a movement needs q, part, and index and value or place") from None
     if part == "drag":
-        return _pose_document(robot, drag_platform(robot, q, place))
-    if part not in ("platform", "motor"):
+        pose = drag_platform(robot, q, place)
+    elif part == "platform":
+        pose = move_platform(robot, q, index, value)
+    elif part == "motor":
+        pose = move_motor(robot, q, index, value)
+    else:
         raise InvalidInput(f"part: needs platform, motor or drag, got {part!r}")
-    pose = (move_platform if part == "platform" else move_motor)(robot, q, index, value)
     return _pose_document(robot, pose)
 
 
 def _describe_pose(pose: JoggedPose) -> str:
-    """Describe a pose in one or two sentences, the first one short."""
-    preposition = {"near": "Near", "singular": "On"}.get(pose.level)
-    if preposition is None:
+    """Describe in one or two sentences how near a pose is to a singularity."""
+    is_near = pose.level == "near"
+    if not is_near and pose.level != "singular":
         return "The motors hold the platform. Lead it to where g is 0: the purple curve, where one is drawn."
     if pose.kind == "type_1":
-        state = "nearly stretched or folded" if pose.level == "near" else "stretched or folded"
-        end = f"It is {preposition.lower()} its end, a Type 1 singularity, and follows no further."
-        return f"A leg is {state}. {end}"
+        state, preposition = ("nearly stretched", "near") if is_near else ("stretched", "on")
+        end = f"It is {preposition} its end, a Type 1 singularity, and follows no further."
+        return f"A leg is {state} or folded. {end}"
     if pose.kind == "type_2":
-        sentence = (
-            "The arrow is the motion of the platform that the motors hold least."
-            if pose.level == "near"
-            else "Motors that are locked do not resist a small motion along the arrow."
-        )
-        return f"{preposition} a Type 2 singularity. {sentence}"
+        if is_near:
+            meaning = "The arrow is the motion of the platform that the motors hold least."
+            return f"Near a Type 2 singularity. {meaning}"
+        return "On a Type 2 singularity. Motors that are locked do not resist a small motion along the arrow."
     name, meaning = CLASSES[pose.kind]
-    adverb = "There" if pose.level == "near" else "Here"
-    return f"{preposition} a {name}. {adverb} {meaning}."
+    return f"Near a {name}. There {meaning}." if is_near else f"On a {name}. Here {meaning}."
 
 
 def _has_lines(robot: ParallelRobot) -> bool:
-    """Return whether each motor's force has a line."""
+    """Return whether each motor's force has a line of action."""
     try:
         hold = hold_at(robot, robot.reference.q, np.zeros(robot.n))
     except NotAssembled:
@@ -113,35 +115,33 @@ def _has_lines(robot: ParallelRobot) -> bool:
 
 
 def _describe_hold(robot: ParallelRobot, pose: JoggedPose) -> Document:
-    """Return the motor torques that withstand a push along t_s, the uncontrolled motion.
+    """Return the motors' torques against a push along t_s, their forces, and lines of action.
 
-    With the forces that motors can give, and their lines of action. A platform that both shifts and turns
-    has no push of one unit: it gets no torques.
+    Torques exist off the singularity only, and for a platform that either shifts or turns: a push on one
+    that does both has no single unit.
     """
+    document: Document = dict.fromkeys(("torques", "sides", "lines"))
     try:
         hold = hold_at(robot, pose.q, HELD_WRENCH * pose.twist)
     except NotAssembled:  # a Type 1 singularity: the platform does not determine the motors
-        return {"torques": None, "sides": None, "lines": None}
-    one_unit = len(set(robot.platform.translations)) == 1
-    pushed = pose.g is not None and pose.level != "singular" and one_unit
+        return document
     speeds = hold.motor_speed[None]
-    sides = force_edges(robot, speeds, np.ones(robot.n_a)) if pose.g is not None else None
+    if pose.g is not None:
+        has_one_unit = len(set(robot.platform.translations)) == 1
+        if has_one_unit and pose.level != "singular" and hold.torque is not None:
+            document["torques"] = np.abs(hold.torque)
+        sides = force_edges(robot, speeds, np.ones(robot.n_a))
+        document["sides"] = None if sides is None else sides[0]
     lines = action_lines(robot, speeds) if pose.kind == "type_2" else None
-    return {
-        "torques": np.abs(hold.torque) if pushed and hold.torque is not None else None,
-        "sides": None if sides is None else sides[0],
-        "lines": None if lines is None else np.stack([lines.point[0], lines.direction[0]], axis=1),
-    }
+    if lines is not None:
+        document["lines"] = np.stack([lines.point[0], lines.direction[0]], axis=1)
+    return document
 
 
 def _wobble_document(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
-    """Return the platform's motion along t_s on the locus, loops closed.
-
-    With the small motions of the motors.
-    """
-    if pose.kind != "type_2" or pose.level != "singular":
-        return None
-    loose = loose_motion(robot, pose)
+    """Return the platform's motion along t_s with closed loops; None off the locus."""
+    on_locus = pose.kind == "type_2" and pose.level == "singular"
+    loose = loose_motion(robot, pose) if on_locus else None
     if loose is None:
         return None
     poses = joint_poses(robot, loose.q)
@@ -155,22 +155,25 @@ def _wobble_document(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
 
 
 def _describe_wobble(robot: ParallelRobot, loose: LooseMotion) -> str:
-    """Describe how far the platform moves while the motors all but rest."""
+    """Describe how far the platform moves while the motors hardly move."""
     slides = robot.sliding[robot.actuated]
-    sizes = [f"{1e3 * loose.shift:.3g} mm"] * (loose.shift > 0) + [f"{loose.turn:.2g} rad"] * (loose.turn > 0)
-    motors = [
-        f"{scale * loose.motors[kind].max():.2g} {unit}"
-        for kind, scale, unit in ((slides, 1e3, "mm"), (~slides, 1.0, "rad"))
-        if kind.any()
-    ]
+    platform, motors = [], []
+    if loose.shift > 0:
+        platform.append(f"{1e3 * loose.shift:.3g} mm")
+    if loose.turn > 0:
+        platform.append(f"{loose.turn:.2g} rad")
+    if slides.any():
+        motors.append(f"{1e3 * loose.motors[slides].max():.2g} mm")
+    if not slides.all():
+        motors.append(f"{loose.motors[~slides].max():.2g} rad")
     return (
-        f"It wobbles: {' with '.join(sizes)} of the platform to either side take no more than "
+        f"It wobbles: {' with '.join(platform)} of the platform to either side take no more than "
         f"{' or '.join(motors)} of a motor."
     )
 
 
 def _pose_document(robot: ParallelRobot, pose: JoggedPose) -> Document:
-    """Return a pose for the page: bodies, platform, motors, measures and words."""
+    """Return a pose for the page: bodies, platform, motors, measures and sentences."""
     poses = joint_poses(robot, pose.q[None])
     twist = platform_frame_twists(robot, pose.q[None], pose.twist[None])[0]
     document: Document = plain(
@@ -194,12 +197,12 @@ def _sliders(robot: ParallelRobot, start: JoggedPose) -> dict[str, list[Document
     """Return names, units and ranges of the sliders."""
 
     def sliders(names: Sequence[str], units: list[str], values: Array, turn: float) -> list[Document]:
-        """Return sliders about values (n,): 0.8 robot lengths [m] or `turn` [rad] to both sides."""
+        """Return sliders that reach 0.8 robot lengths [m] or `turn` [rad] to both sides of values (n,)."""
         reach = np.where(np.array(units) == "m", 0.8 * robot.length, turn)
         rows = zip(names, units, values - reach, values + reach, strict=True)
-        return [dict(zip(("name", "unit", "low", "high"), row, strict=True)) for row in rows]
+        return [{"name": name, "unit": unit, "low": low, "high": high} for name, unit, low, high in rows]
 
-    turns_freely = np.sum(~robot.translations) > 1  # a rotation vector ends at half a turn
+    turns_freely = np.sum(~robot.translations) > 1  # a rotation vector is regular below half a turn only
     return {
         "platform": sliders(robot.axis_names, robot.axis_units, start.x, 1.5 if turns_freely else np.pi),
         "motor": sliders(robot.actuator_names, robot.motor_joint_units, start.motors, np.pi),

@@ -1,7 +1,7 @@
-"""A page to learn condition (8) by hand, without Python: one file, nothing fetched.
+"""A page on which readers try condition (8) by hand, without Python: one file, nothing fetched.
 
-The page has Chebyshev series in s (see `planar_crossing`) and evaluates them for any law that its reader
-makes; nothing is drawn beforehand.
+The page holds Chebyshev series in s (see `planar_crossing`) and evaluates them for every law that a reader
+shapes; no motion is computed beforehand.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from framework.numerics.output import Document
 from framework.planning.planar_crossing import PATH_SMOOTHNESS, STEP_ASIDE, PlanarCrossing, planar_crossing
 from framework.planning.result import CrossingPlan
 from framework.show.captions import display_name, why_singular
-from framework.show.drawing import visible_outlines
+from framework.show.drawing import project_faces
 from framework.show.sight import Projection, Sight, robot_sight
 from framework.show.standalone import page_part, standalone_page
 from framework.singularity.drawn_locus import locus_curves
 
-NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, until they are resolved
+NODE_COUNTS = (64, 96, 128, 192)  # of the series in s, tried until their tails are small
 LAW_NODE_COUNTS = (160, 320, 640, 1280)  # of the best law's squared speed in sigma, likewise
-SERIES_TAIL = 1e-12  # of the largest coefficient, of all series of the page
+SERIES_TAIL = 1e-12  # of the largest coefficient: a series with this tail is resolved
 
 
 def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str = "") -> str:
-    """Return the page (HTML) about a path that crosses the singular locus once.
+    """Return the page (HTML) about a path on which a robot crosses the locus once.
 
-    Of a rigid planar robot.
+    The robot is planar and rigid.
 
     Args:
         robot, path, duration: as in `planar_crossing`.
-        name: what stands beside the robot's name, such as Scene C.
+        name: part of the heading after the robot's name, such as Scene C.
 
     Raises:
-        NoAnswer: the path comes too near another singularity for series.
+        NoAnswer: the path passes so near another singularity that no series is resolved.
         As `planar_crossing`.
     """
     sight = robot_sight(robot)
     crossing = planar_crossing(robot, path, duration, sight.onto.up)
-    heading = display_name(robot.name) + (f", {name}" if name else "")
+    heading = ", ".join(filter(None, [display_name(robot.name), name]))
     title = f"Thread the needle: {heading}"
     return standalone_page(
         title,
@@ -60,9 +60,13 @@ def lesson_page(robot: ParallelRobot, path: Path, *, duration: float, name: str 
 def _lesson_document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sight) -> Document:
     """Return the lesson's data: series of all plans, outlines, locus, best laws."""
     onto = sight.onto
-    series = _fit_series(crossing, onto)
-    ends = np.cumsum([0, *(each.shape[1] for each in series.values())]).tolist()
+    columns: list[Array] = []  # all series side by side
+    slices = {}
+    for key, series in _fit_series(crossing, onto).items():
+        slices[key] = [len(columns), len(columns) + series.shape[1]]
+        columns += map(_truncate, series.T)
     locus = locus_curves(robot, crossing.point.q, crossing.point.platform)
+    curves = locus.curves if locus else []
     return {
         "robot": display_name(robot.name),
         "upright": bool(np.linalg.norm(onto(np.array(robot.description.gravity))) > 0.0),
@@ -73,10 +77,10 @@ def _lesson_document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sigh
         "crossing": crossing.point.s,
         "why": why_singular(robot),
         "length": robot.length,
-        "series": [_truncate(column) for each in series.values() for column in each.T],
-        "slices": {key: [begin, end] for key, begin, end in zip(series, ends, ends[1:], strict=False)},
+        "series": columns,
+        "slices": slices,
         "shapes": _body_outlines(crossing, sight),
-        "locus": [_places_on_paper(robot, curve, onto).round(6) for curve in (locus.curves if locus else [])],
+        "locus": [_places_on_paper(robot, curve, onto).round(6) for curve in curves],
         "best": {key: _best_law_document(plan) for key, plan in crossing.plans.items()},
     }
 
@@ -84,8 +88,8 @@ def _lesson_document(robot: ParallelRobot, crossing: PlanarCrossing, sight: Sigh
 def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
     """Fit Chebyshev series (N, k) in s to the functions that the page evaluates."""
     for count in NODE_COUNTS:
-        columns = _sample_functions(crossing, 0.5 * (1.0 + nodes(count)), onto)
-        series = {key: coefficients(values.reshape(count, -1)) for key, values in columns.items()}
+        samples = _sample_functions(crossing, 0.5 * (1.0 + nodes(count)), onto)
+        series = {key: coefficients(values.reshape(count, -1)) for key, values in samples.items()}
         if max(map(tail, series.values())) < SERIES_TAIL:
             return series
     raise NoAnswer(f"{crossing.robots['off'].name}: the path is too near another singularity for a lesson")
@@ -94,21 +98,20 @@ def _fit_series(crossing: PlanarCrossing, onto: Projection) -> dict[str, Array]:
 def _sample_functions(crossing: PlanarCrossing, s: Array, onto: Projection) -> dict[str, Array]:
     """Compute the functions that the page evaluates, at s (M,), each (M, ...)."""
     robot, samples = crossing.robots["off"], crossing.sample(s)
-    q, q_aside = samples.pop("q"), samples.pop("q_aside")
-    forward, back = (
-        np.stack([_poses_on_paper(robot, aside, onto) for aside in q_aside[:, side]]) for side in (0, 1)
-    )
-    along_axes = (forward - back) / (2.0 * STEP_ASIDE * robot.length)  # (2, M, k)
-    axes = _places_on_paper(robot, np.eye(2), onto)  # the platform's axes on the paper, orthogonal
+    rates = []  # of the poses along each axis of the platform, (M, k), by central differences
+    for forward, back in samples.pop("q_aside"):
+        change = _poses_on_paper(robot, forward, onto) - _poses_on_paper(robot, back, onto)
+        rates.append(change / (2.0 * STEP_ASIDE * robot.length))
+    axes = _places_on_paper(robot, np.eye(2), onto)  # (2, 2) the platform's axes on the paper, orthogonal
     return samples | {
         "place": _places_on_paper(robot, crossing.searched.branch.path(s), onto),
-        "poses": _poses_on_paper(robot, q, onto),
-        "pose_rates": np.einsum("ab,amk->mbk", axes, along_axes),
+        "poses": _poses_on_paper(robot, samples.pop("q"), onto),
+        "pose_rates": np.einsum("ab,amk->mbk", axes, rates),  # along the axes of the paper
     }
 
 
 def _best_law_document(plan: CrossingPlan) -> Document:
-    """Return the best law's peak, limit, and Chebyshev series of z on sigma."""
+    """Return the best law's peak, limit, and series of its squared speed in sigma."""
     law, peak = plan.law, max(plan.peak_torque.values())
     assert isinstance(law, OptimalLaw)
     for count in LAW_NODE_COUNTS:
@@ -121,31 +124,33 @@ def _best_law_document(plan: CrossingPlan) -> Document:
 def _poses_on_paper(robot: ParallelRobot, q: Array, onto: Projection) -> Array:
     """Return place (2), cosine and sine of each moving joint, (M, 4 per joint)."""
     columns = []
-    for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:
+    for pose in joint_poses(robot, q).transpose(1, 0, 2)[1:]:  # (M, 7), without the base
         columns += [onto(pose[:, :3]), onto(rotate_vector(pose[:, 3:], onto.right))]
     return np.concatenate(columns, axis=1)
 
 
 def _body_outlines(crossing: PlanarCrossing, sight: Sight) -> list[Document]:
-    """Return the outline (m, 2) of each body in its joint's frame, the farthest first."""
+    """Return the outline (m, 2) of each body in its joint's frame, farthest first."""
     robot, q = crossing.robots["off"], crossing.searched.branch.close(np.zeros(1)).q
-    poses = [np.array([0.0, 0.0, 1.0, 0.0]), *_poses_on_paper(robot, q, sight.onto)[0].reshape(-1, 4)]
+    base = np.array([0.0, 0.0, 1.0, 0.0])  # at the origin, not turned
+    poses = [base, *_poses_on_paper(robot, q, sight.onto)[0].reshape(-1, 4)]
     shapes = []
-    for node, points, colour in visible_outlines(robot, q[0], sight):
-        x, y, cosine, sine = poses[node]
-        local = (points - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
-        shapes.append({"node": node, "points": local.round(6), "colour": np.round(colour, 3)})
+    for face in project_faces(robot, q[0], sight):
+        x, y, cosine, sine = poses[face.node]
+        rotation = np.array([[cosine, -sine], [sine, cosine]])
+        points = (face.outline - (x, y)) @ rotation
+        shapes.append({"node": face.node, "points": points.round(6), "colour": face.color.round(3)})
     return shapes
 
 
 def _places_on_paper(robot: ParallelRobot, x: Array, onto: Projection) -> Array:
-    """Return places (M, 2) on the paper of platform coordinates x (M, 2)."""
-    space = np.zeros((len(x), 3))
-    space[:, robot.platform.along] = x
-    return onto(space)
+    """Project platform coordinates x (M, 2) onto the paper, (M, 2)."""
+    places = np.zeros((len(x), 3))
+    places[:, robot.platform.along] = x
+    return onto(places)
 
 
 def _truncate(series: Array) -> Array:
-    """Cut the last coefficients of a series that are rounding."""
+    """Cut off the last coefficients of a series, which are rounding."""
     large = np.flatnonzero(np.abs(series) > COEFFICIENT_ROUNDING * np.abs(series).max(initial=0.0))
     return series[: large[-1] + 1 if large.size else 1]

@@ -19,7 +19,7 @@ from framework.singularity.traced_locus import TracedLocus
 def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes | None = None) -> Axes:
     """Plot the singular locus over the plane of the platform, with a plan's path.
 
-    The working mode is that of the reference, springs at rest.
+    The locus is that of the reference's working mode, with springs at rest.
 
     Raises:
         InvalidInput: the platform has not exactly two translations, or the motors are redundant.
@@ -32,24 +32,24 @@ def plot_locus(robot: ParallelRobot, plan: CrossingPlan | None = None, ax: Axes 
             f"{robot.name}: a map needs a platform with two translations and a motor for each of its axes, "
             f"it has {', '.join(robot.axis_names)} and {robot.n_a} motors"
         )
+    axes = list(locus.axes)
     ax = ensure_axes(ax, 3.2)
     draw_curves(ax, locus.curves, "singular locus", color=LOCUS, linewidth=1.4)
-    if plan is not None:
-        line = plan.path(np.linspace(0.0, 1.0, 201))[:, list(locus.axes)]
-        _draw_from_dot(ax, line, "path")
-        for crossing in plan.crossings:
-            draw_dot(ax, *crossing.platform[list(locus.axes)])
+    if plan is None:
+        ax.plot(*reference.x[axes], "+", color=CROSSING, markersize=6, label="reference")
     else:
-        ax.plot(*reference.x[list(locus.axes)], "+", color=CROSSING, markersize=6, label="reference")
+        _draw_from_dot(ax, plan.path(np.linspace(0.0, 1.0, 201))[:, axes], "path")
+        for crossing in plan.crossings:
+            draw_dot(ax, *crossing.platform[axes])
     ax.set_aspect("equal")
-    return _label_axes(ax, [f"{robot.axis_names[k]}  [m]" for k in locus.axes])
+    return _label_axes(ax, [f"{robot.axis_names[k]}  [m]" for k in axes])
 
 
 def plot_motor_locus(locus: TracedLocus, change: AssemblyModeChange | None = None) -> Axes:
-    """Plot the locus over two free motors, its cusps, and a change of mode.
+    """Plot the locus over two free motors, with its cusps and a change of mode.
 
     Raises:
-        InvalidInput: the locus was traced in coordinates of the platform.
+        InvalidInput: the locus was traced over coordinates of the platform.
     """
     robot = locus.robot
     if locus.free[0] not in robot.actuator_names:
@@ -68,19 +68,20 @@ def plot_motor_locus(locus: TracedLocus, change: AssemblyModeChange | None = Non
 
 
 def _draw_from_dot(ax: Axes, line: Array, label: str) -> None:
-    """Draw a line (m, 2) with a dot at its start."""
+    """Draw a line (m, 2), with a dot at its start."""
     ax.plot(*line.T, label=label, **line_style(0))
     ax.plot(*line[0], "o", color=COLORS[0], markersize=3)
 
 
 def _label_axes(ax: Axes, labels: list[str]) -> Axes:
-    """Label both axes and put the legend above; return the axes."""
+    """Label both axes, and put the legend above; return the axes."""
     ax.set(xlabel=labels[0], ylabel=labels[1])
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
     return ax
 
 
 def _range_about(values: Array) -> tuple[float, float]:
-    """Return the range of an axis around values (m,), with a margin."""
-    middle, half = 0.5 * (values.min() + values.max()), 2.0 * max(np.ptp(values), 1e-6)
-    return float(middle - half), float(middle + half)
+    """Return the limits of an axis about values (m,), four times as wide as their range."""
+    middle = 0.5 * (values.min() + values.max())
+    half = 2.0 * max(np.ptp(values), 1e-6)  # not empty where all values are the same
+    return middle - half, middle + half

@@ -1,4 +1,4 @@
-"""Films as files for slides and READMEs: one picture (PNG, SVG, PDF), or an animated GIF or PNG."""
+"""Films as files for slides and READMEs: a picture (PNG, SVG, PDF), or an animated GIF or PNG."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from framework.show.still import plot_still
 from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, use_style
 
 GIF_FRAMES = 60
-FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of one at a singular instant
+FRAME_TIME, SINGULAR_FRAME_TIME = 100, 2000  # [ms] of a frame, and of a frame at a singular instant
 
 
 MOVING_KINDS = ("gif", "apng")
@@ -35,12 +35,12 @@ PICTURE_KINDS = ("png", "svg", "pdf", *MOVING_KINDS)
 def film_picture(films: Sequence[Film], kind: str) -> bytes:
     """Draw the robot beside the eye of the needle or, without a crossing, its torques.
 
-    A gif and an apng move, and have several films side by side, the torques of each below its robot. An
-    apng is a PNG of the singular instant to all programs that cannot move it.
+    The kinds gif and apng are animated, and show several films side by side with the torques below each
+    robot. Programs that do not animate PNGs show the singular instant of an apng.
 
     Args:
-        films: of one robot; several go along one path, through a singularity, unless they move.
-        kind: one of PICTURE_KINDS; those that stand still show the singular instant.
+        films: of one robot. Several films in a still picture need one path, through a singularity.
+        kind: one of PICTURE_KINDS; a still picture shows the singular instant.
 
     Raises:
         InvalidInput: no such kind, or the films do not share a robot and a path.
@@ -50,15 +50,16 @@ def film_picture(films: Sequence[Film], kind: str) -> bytes:
 
 
 def _still_picture(films: Sequence[Film], kind: str) -> bytes:
-    """Return the picture of one frame of the first film, as a file of this kind."""
+    """Draw the singular instant of one film, beside the eye of all films."""
+    film = _film_to_draw(films)
     with use_style():
-        film, (drawing, left, _) = _film_to_draw(films), _film_axes(films)
+        drawing, left, _ = _film_axes(films)
         plot_still(film, left, limit=film_limit(film, films))
         return figure_file(drawing, kind, dpi=100)
 
 
 def _moving_picture(films: Sequence[Film], kind: str) -> bytes:
-    """Draw an animated picture, which stands still at the singular instants."""
+    """Draw an animated picture, which pauses at the singular instants."""
     instants = [instant.time for film in films for instant in film.instants]
     end = max(film.time[-1] for film in films)
     times = np.unique([*np.linspace(0.0, end, GIF_FRAMES), *instants])
@@ -66,14 +67,15 @@ def _moving_picture(films: Sequence[Film], kind: str) -> bytes:
         stage = _scene_of_one_film(films) if len(films) == 1 else _scene_of_films(films)
         _fix_limits(stage, times)
         pictures = _render(stage, times)
-    durations = [SINGULAR_FRAME_TIME if t in instants or t == end else FRAME_TIME for t in times]
+    pauses = [*instants, end]
+    durations = [SINGULAR_FRAME_TIME if t in pauses else FRAME_TIME for t in times]
     return _encode_animation(pictures, durations, kind)
 
 
 def _encode_animation(pictures: Sequence[Image.Image], durations: list[int], kind: str) -> bytes:
     """Encode pictures, each shown for a duration [ms], as a gif or apng."""
-    some = Image.fromarray(np.concatenate([np.asarray(picture) for picture in pictures[::8]]))  # all colours
-    # few shades of each colour are enough for edges
+    some = Image.fromarray(np.concatenate(list(map(np.asarray, pictures[::8]))))  # has all colours
+    # 64: few shades of each colour are enough for smooth edges
     palette = some.quantize(64, method=Image.Quantize.FASTOCTREE)
     small = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     written = io.BytesIO()
@@ -81,23 +83,23 @@ def _encode_animation(pictures: Sequence[Image.Image], durations: list[int], kin
     if kind == "gif":
         small[0].save(written, "GIF", append_images=small[1:], **animated)
     else:
-        still = small[durations.index(SINGULAR_FRAME_TIME)]  # of a singular instant, or of the end
+        still = small[durations.index(SINGULAR_FRAME_TIME)]  # the first singular instant, or the end
         still.save(written, "PNG", default_image=True, append_images=small, **animated)
     return written.getvalue()
 
 
 def _fix_limits(stage: _Scene, times: Array) -> None:
-    """Give all robots the same limits of axes, wide enough at times (T,) [s]."""
-    for t in times[:: -max(1, len(times) // 8)]:
+    """Give the axes of all robots the same limits, wide enough at times (T,) [s]."""
+    for t in times[:: -max(1, len(times) // 8)]:  # some times suffice; ends at the first
         stage.move(t)
-    limits = np.array([[ax.get_xlim(), ax.get_ylim()] for ax in stage.robots])  # (N, 2, 2)
-    xlim, ylim = np.stack([limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)], axis=1)
+    low_x, high_x = np.transpose([ax.get_xlim() for ax in stage.robots])
+    low_y, high_y = np.transpose([ax.get_ylim() for ax in stage.robots])
     for ax in stage.robots:
-        ax.set(xlim=xlim, ylim=ylim)
+        ax.set(xlim=(low_x.min(), high_x.max()), ylim=(low_y.min(), high_y.max()))
 
 
 def _render(stage: _Scene, times: Array) -> list[Image.Image]:
-    """Render the figure at times (T,) [s]; parts without a mark are rendered once."""
+    """Render the figure at times (T,) [s]; render the parts that do not move once."""
     canvas = FigureCanvasAgg(stage.drawing)
     stage.drawing.draw_without_rendering()
     stage.drawing.set_layout_engine("none")
@@ -120,14 +122,11 @@ class _Mark(NamedTuple):
     """A part of a picture that changes with time."""
 
     artist: Artist
-    move: Callable[[float], object]  # to an instant [s]
+    move: Callable[[float], object]  # takes the instant [s]
 
 
 class _Scene(NamedTuple):
-    """A figure that shows films at one instant after the other.
-
-    `marks` are its moving parts.
-    """
+    """A figure that shows films at changing instants; `marks` are its moving parts."""
 
     drawing: Figure
     robots: list[Axes]
@@ -142,12 +141,12 @@ class _Scene(NamedTuple):
 def _scene_of_one_film(films: Sequence[Film]) -> _Scene:
     """Place the robot of one film beside the eye of the needle or its torques."""
     drawing, left, marks = _film_axes(films)
-    film, limit = films[0], film_limit(films[0], films)
-    return _Scene(drawing, [left], [_robot_mark(film, left, limit), *marks])
+    robot_mark = _robot_mark(films[0], left, film_limit(films[0], films))
+    return _Scene(drawing, [left], [robot_mark, *marks])
 
 
 def _scene_of_films(films: Sequence[Film]) -> _Scene:
-    """Place the robots of several films side by side, the torques of each below.
+    """Place the robots of several films side by side, each above its torques.
 
     An unproved film ends at its singular instant.
     """
@@ -157,9 +156,10 @@ def _scene_of_films(films: Sequence[Film]) -> _Scene:
     marks: list[_Mark] = []
     for film, above, ax in zip(films, robots, below, strict=True):
         marks.append(_robot_mark(film, above, None))
-        for k, torque in enumerate(film.torque.T):
-            shown = np.where(film.time <= _end_time(film), np.clip(torque, -9 * largest, 9 * largest), np.nan)
-            ax.plot(film.time, shown, **line_style(k))
+        torques = np.clip(film.torque, -9 * largest, 9 * largest)  # far off the scale, but finite
+        torques[film.time > _end_time(film)] = np.nan
+        for k, torque in enumerate(torques.T):
+            ax.plot(film.time, torque, **line_style(k))
         for instant in film.instants:
             ax.axvline(instant.time, color=LOCUS if film.proved else ALARM, linewidth=0.8, linestyle=":")
         ax.set(xlim=(0.0, film.time[-1]), ylim=(-largest, largest), xlabel="time  [s]")
@@ -177,12 +177,12 @@ def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
         for artist in [*ax.collections, *ax.lines, *ax.patches, *ax.texts]:
             artist.remove()
         plot_still(film, ax, frame=film.frame_at(min(t, end)), limit=limit)
-        if limit is None:  # several films: their titles instead of a legend each
+        if limit is None:  # several films have titles in place of legends
             if ax.legend_ is not None:
                 ax.legend_.remove()
             ends = t >= end
             words = "no torque is large enough" if ends else describe_film_briefly(film)
-            title = fill(f"{film.name}: {words}", 44)  # letters in 2.8 inches
+            title = fill(f"{film.name}: {words}", 44)  # so many letters fit into 2.8 inches
             ax.set_title(title, color=ALARM if ends else "black", fontsize=8, y=1.0)
             ax.set_axis_off()
 
@@ -190,45 +190,44 @@ def _robot_mark(film: Film, ax: Axes, limit: Array | None) -> _Mark:
 
 
 def _end_time(film: Film) -> float:
-    """Return the singular instant [s] that ends an unproved motion; infinite for proved ones."""
+    """Return the singular instant [s] that ends an unproved motion, else infinity."""
     return np.inf if film.proved else film.instants[0].time
 
 
 def _time_mark(film: Film, ax: Axes) -> _Mark:
-    """Draw an upright line at the instant; return its mark."""
-    line, end = ax.axvline(0.0, color="black", linewidth=0.8), _end_time(film)
+    """Return the mark of an upright line at the instant."""
+    line = ax.axvline(0.0, color="black", linewidth=0.8)
+    end = _end_time(film)
     return _Mark(line, lambda t: line.set_xdata([min(t, end)] * 2))
 
 
 def _film_to_draw(films: Sequence[Film]) -> Film:
-    """Return the film whose robot is drawn: the first that is proved."""
+    """Return the film whose robot is drawn: the first proved one, else the first."""
     return next((film for film in films if film.proved), films[0])
 
 
 def _film_axes(films: Sequence[Film]) -> tuple[Figure, Axes, list[_Mark]]:
-    """Make axes for the robot, and for the eye or, without crossing, the torques."""
+    """Make axes for the robot beside the eye or, without a crossing, the torques."""
     drawing = Figure(figsize=(8.4, 3.6), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.0, 1.1))
     film = _film_to_draw(films)
     if film.instants:
         plot_eyes(films, film_limit(film, films), right)
-        return (
-            drawing,
-            left,
-            [_dot_mark(other_film, twist_at_singularity(films), right) for other_film in films],
-        )
+        twist = twist_at_singularity(films)
+        return drawing, left, [_dot_mark(each, twist, right) for each in films]
     draw_torques(right, film.robot, film.time, film.torque)
     return drawing, left, [_time_mark(film, right)]
 
 
 def _dot_mark(film: Film, twist: Array, ax: Axes) -> _Mark:
-    """Return the mark of a dot on a curve of the eye, up to the end of its film."""
+    """Return the mark of a dot on a film's curve in the eye, up to the film's end."""
     s, demand = film.law(film.time), film.motors.force_along(twist)
     end = _end_time(film)
     color, _, mark, _ = THREADS if film.proved else MISSES
     (dot,) = ax.plot([], [], mark, color=color, markersize=7, markeredgecolor="white", zorder=5)
 
     def move(t: float) -> None:
+        """Move the dot to instant t [s]."""
         instant = min(t, end)
         dot.set_data([np.interp(instant, film.time, s)], [np.interp(instant, film.time, demand)])
 

@@ -1,6 +1,6 @@
-"""The pages on which robots move in three dimensions: films, and robots moved by hand.
+"""Pages on which robots move in three dimensions: films, and robots moved by hand.
 
-The viewer is the JavaScript of the installed `meshcat` package, read when a page is made.
+The viewer is the JavaScript of the installed `meshcat` package, copied into each page.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def hand_page(robot: ParallelRobot) -> str:
 
 
 def scene_part(heading: str, lead: str) -> str:
-    """Return the part of a page in which the scene is drawn.
+    """Return the part of a page (HTML) in which the scene is drawn.
 
     `heading` is plain text, `lead` is HTML.
     """
@@ -68,9 +68,9 @@ def scene_part(heading: str, lead: str) -> str:
 
 
 def whole_page(title: str, body: str, documents: Sequence[Document]) -> str:
-    """Return a page with this body and the scripts that draw its scene."""
+    """Return a page (HTML) with this body, and the scripts that draw its scene."""
     return standalone_page(
-        title, body, list(documents), styles=["page.css"], scripts=SCRIPTS, library=_viewer_html()
+        title, body, documents, styles=["page.css"], scripts=SCRIPTS, library=_viewer_html()
     )
 
 
@@ -83,9 +83,9 @@ def _viewer_html() -> str:
             "the viewer is part of meshcat, which is not installed: pip install meshcat", package="meshcat"
         )
     viewer = Path(package.origin).parent / "viewer"
-    texts = [viewer / "LICENSE", viewer / "dist" / "main.min.js.LICENSE.txt"]
-    licences = "\n\n".join(text.read_text(encoding="utf-8") for text in texts if text.is_file())
-    script = (viewer / "dist" / "main.min.js").read_text(encoding="utf-8")
+    files = [viewer / "LICENSE", viewer / "dist/main.min.js.LICENSE.txt"]
+    licences = "\n\n".join(file.read_text(encoding="utf-8") for file in files if file.is_file())
+    script = (viewer / "dist/main.min.js").read_text(encoding="utf-8")
     return page_part(
         "viewer.html",
         licences=licences.replace("--", "- -"),

@@ -1,4 +1,4 @@
-"""Figures of a plan. Each function draws on the axes given, or on new ones, and returns them."""
+"""Figures of a plan. Each function draws on axes that it takes or makes, and returns them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ LOADED: Style = {
 
 
 def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axes]:
-    """Plot s(t) and its first two derivatives, on three axes."""
+    """Plot s(t) and its first two derivatives on three axes."""
     axes = new_figure(3, height=1.25) if axes is None else list(axes)
     times = _sample_times(plan)
     labels = {"s": "$s$", "speed": r"$\dot s$  [1/s]", "acceleration": r"$\ddot s$  [1/s$^2$]"}
@@ -66,33 +66,32 @@ def plot_law(plan: CrossingPlan, axes: Sequence[Axes] | None = None) -> list[Axe
 
 def plot_torques(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     """Plot the torque of each motor over time, with its limits."""
-    ax, times = ensure_axes(ax), _sample_times(plan)
+    ax = ensure_axes(ax)
+    times = _sample_times(plan)
     draw_torques(ax, plan.robot, times, plan.torque(times))
     return _draw_limits(plan, ax, specification_of(plan.robot, plan.request).torque_limit)
 
 
 def plot_speeds(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the speed of each motor over time, with its limits.
-
-    Motor side of the gears.
-    """
-    ax, times, robot = ensure_axes(ax), _sample_times(plan), plan.robot
+    """Plot the speed of each motor over time, motor side, with its limits."""
+    ax, robot = ensure_axes(ax), plan.robot
+    times = _sample_times(plan)
     _draw_motors(ax, robot, times, plan.motor_angle(times, 1), "speed", robot.speed_units)
     return _draw_limits(plan, ax, specification_of(robot, plan.request).speed_limit)
 
 
 def _draw_limits(plan: CrossingPlan, ax: Axes, limits: Array) -> Axes:
-    """Draw limits (n_a,) of the motors on either side of zero, and crossings."""
+    """Draw limits (n_a,) of the motors on both sides of zero, and the crossings."""
     limits = np.unique(limits[np.isfinite(limits)])
     for limit in [*limits, *-limits]:
         ax.axhline(limit, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)))
     _mark_crossings(plan, ax)
-    _label_time(plan, ax, dotted=", dotted: limits" if len(limits) else "")
+    _label_time(plan, ax, dotted="limits" if len(limits) else "")
     return ax
 
 
 def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot the singularity measure g along the path, at rest and deflected."""
+    """Plot the singularity measure g along the path, springs at rest and deflected."""
     ax = ensure_axes(ax)
     robot = plan.robot
     s = np.linspace(0.0, 1.0, CURVE_SAMPLES)
@@ -102,7 +101,7 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     if plan.geometry == "deformed":
         times = _sample_times(plan)
         deflected, _ = wrench_along(plan.dynamics, times)
-        deflected *= np.sign(deflected[0] * g[0])
+        deflected *= np.sign(deflected[0] * g[0])  # the sign of g is arbitrary
         ax.plot(plan.law(times), deflected, label="as it deflects", **line_style(1))
         ax.legend(loc="upper left")
         if plan.crossings:
@@ -111,26 +110,22 @@ def plot_singularity(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
     _mark_loaded(ax, plan)
     for crossing in plan.crossings:
         draw_dot(ax, crossing.s, 0.0)
-        ax.annotate(
-            f"$s$ = {crossing.s:.6f}",
-            (crossing.s, 0.0),
-            textcoords="offset points",
-            xytext=(5, -10 if np.interp(crossing.s, s, np.gradient(g)) > 0 else 5),  # off the curve
-            fontsize=7,
-        )
+        rises = np.interp(crossing.s, s, np.gradient(g)) > 0
+        offset: Style = {"textcoords": "offset points", "xytext": (5, -10 if rises else 5)}  # off the curve
+        ax.annotate(f"$s$ = {crossing.s:.6f}", (crossing.s, 0.0), fontsize=7, **offset)
     ax.set(xlabel="path coordinate  $s$", ylabel="singularity measure  $g$")
     return ax
 
 
 def _mark_loaded(ax: Axes, plan: CrossingPlan) -> None:
-    """Mark singular points of the loaded robot at a visible distance."""
+    """Mark singular points of the loaded robot that are visibly off the crossings."""
     visible = [
         loaded.s
         for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True)
         if loaded is not None and abs(loaded.s - crossing.s) > 5e-3  # half a marker
     ]
     if visible:
-        ax.plot(visible, np.zeros(len(visible)), **LOADED, label="singular under its loads")
+        ax.plot(visible, [0.0] * len(visible), **LOADED, label="singular under its loads")
         ax.legend(loc="upper left")
 
 
@@ -139,44 +134,43 @@ def _magnify(ax: Axes, plan: CrossingPlan, searched: SearchedPath) -> None:
     crossing, loaded = plan.crossings[0], plan.loaded_points[0]
     at_rest = min((point.s for point in searched.points), key=lambda s: abs(s - crossing.s))
     shift = abs(crossing.s - at_rest)
-    if shift < SAME_PLACE:  # nothing to see: the deflections leave the locus where it is
+    if shift < SAME_PLACE:  # the deflections do not visibly move the locus
         return
     inset = ax.inset_axes((0.66, 0.19, 0.31, 0.34), facecolor="white", zorder=4)
     shown = [crossing.s, at_rest]
-    # both shifts, of the loads and of the geometry, are to be seen in one corner
+    # the shift by the loads is drawn if it is large enough to be seen, and small enough to fit in
     if loaded is not None and 0.1 * shift < abs(loaded.s - crossing.s) < 5.0 * shift:
         shown.append(loaded.s)
+        mark = (1e6 * (loaded.s - at_rest), 0.0)
+        inset.plot(*mark, **LOADED)
+        below: Style = {"textcoords": "offset points", "xytext": (0, -8), "ha": "center", "fontsize": 5.5}
+        inset.annotate("loaded", mark, **below)
     s = np.linspace(min(shown) - shift, max(shown) + shift, 5)
     times = crossing.time + (s - crossing.s) / crossing.speed
     _draw_upward(inset, s - at_rest, measure_at_rest(searched, s), crossing.speed, line_style(0))
     deflected, _ = wrench_along(plan.dynamics, times)
     _draw_upward(inset, plan.law(times) - at_rest, deflected, crossing.speed, line_style(1))
     inset.axhline(0.0, color="black", linewidth=0.5)
-    for loaded_s in shown[2:]:
-        mark = (1e6 * (loaded_s - at_rest), 0.0)
-        inset.plot(*mark, **LOADED)
-        below: Style = {"textcoords": "offset points", "xytext": (0, -8), "ha": "center", "fontsize": 5.5}
-        inset.annotate("loaded", mark, **below)
     inset.set_xlabel(r"$10^6\,(s - s_\mathrm{rest})$", fontsize=6, labelpad=1)
     inset.set_ylabel(r"$10^6\,g$", fontsize=6, labelpad=1)
     inset.tick_params(labelsize=5.5, pad=1)
 
 
 def _draw_upward(ax: Axes, shift: Array, g: Array, speed: float, style: Style) -> None:
-    """Draw g over a shift in s, in millionths, rising along the motion."""
+    """Draw g over a shift in s, both in millionths, with the sign that rises in time."""
     upward = np.sign((g[-1] - g[0]) * speed)
     ax.plot(1e6 * shift, 1e6 * upward * g, **style)
 
 
 def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
-    """Plot t_s . W_p over time, which must vanish with g."""
+    """Plot t_s . W_p over time: condition (8) demands 0 at each crossing."""
     ax = ensure_axes(ax)
     times = _sample_times(plan)
     _, wrench = wrench_along(plan.dynamics, times)
     ax.plot(times, wrench, **line_style(0))
     ax.axhline(0.0, color="black", linewidth=0.5)
     _label_time(plan, ax)
-    bodies = "\nwithout rotors" if np.any(plan.robot.rotor_inertia) else ""  # which the eye has
+    bodies = "\nwithout rotors" if np.any(plan.robot.rotor_inertia) else ""  # unlike the eye
     ax.set_ylabel(rf"$\mathbf{{t}}_s \cdot \mathbf{{W}}_p$  [{wrench_unit(plan.robot)}]" + bodies)
     _mark_crossings(plan, ax)
     for crossing in plan.crossings:
@@ -190,13 +184,12 @@ def plot_wrench(plan: CrossingPlan, ax: Axes | None = None) -> Axes:
 def plot_phase_plane(
     plan: CrossingPlan, axes: Sequence[Axes] | None = None, *, beside: CrossingPlan | None = None
 ) -> list[Axes]:
-    """Plot s' and s" over s: the plan's law, and the range within limits.
+    """Plot s' and s" over s on two axes: the plan's law, and the range within limits.
 
-    On two axes. The range of s" is that at the plan's own s'; it closes to a point at each crossing,
-    condition (8).
+    The range of s" is that at the plan's own s'. By condition (8) it closes to a point at each crossing.
 
     Args:
-        beside: another plan on the same path, whose law is drawn too.
+        beside: another plan on the same path, to draw its law too.
     """
     axes = new_figure(2, height=1.9) if axes is None else list(axes)
     plans = [plan] if beside is None else [plan, beside]
@@ -210,26 +203,28 @@ def plot_phase_plane(
         for ax, value in zip(axes, (crossing.speed, crossing.acceleration), strict=True):
             draw_dashed(ax, crossing.s)
             draw_dot(ax, crossing.s, value)
-    axes[0].set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel=r"$\dot s$  [1/s]")
-    axes[1].set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel=r"$\ddot s$  [1/s$^2$]")
-    axes[1].set_xlabel("path coordinate  $s$")
-    legend_above(axes[0], 2)
+    upper, lower = axes
+    upper.set(xlim=(0.0, 1.0), ylim=(0.0, tops[0]), ylabel=r"$\dot s$  [1/s]")
+    lower.set(xlim=(0.0, 1.0), ylim=(-tops[1], tops[1]), ylabel=r"$\ddot s$  [1/s$^2$]")
+    lower.set_xlabel("path coordinate  $s$")
+    legend_above(upper, 2)
     return axes
 
 
 def _draw_phase_limits(axes: Sequence[Axes], curves: LimitCurves, tops: Sequence[float], unit: str) -> None:
     """Draw the ranges of s' and s" within the motors' limits."""
+    upper, lower = axes
     limits = ", ".join(f"{limit:.3g}" for limit in np.unique(curves.torque_limit))
     highest = np.nan_to_num(curves.highest_speed, posinf=2 * tops[0])
-    axes[0].fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
+    upper.fill_between(curves.s, 0.0, highest, label=f"within {limits} {unit}", **BAND)
     accelerations = [curves.lowest_acceleration, curves.highest_acceleration]
-    axes[1].fill_between(curves.s, *np.clip(accelerations, -2 * tops[1], 2 * tops[1]), **BAND)
+    lower.fill_between(curves.s, *np.clip(accelerations, -2 * tops[1], 2 * tops[1]), **BAND)
     least = np.nanmin(curves.highest_speed)
-    if np.isfinite(least) and least > tops[0]:
+    if tops[0] < least < np.inf:  # the limit is above the axes: say where
         text = rf"$\dot s$ may be {least:.3g} 1/s everywhere"
         box = {"facecolor": "white", "alpha": 0.7, "linewidth": 0, "pad": 1.5}
-        corner: Style = {"transform": axes[0].transAxes, "ha": "right", "va": "top", "bbox": box}
-        axes[0].text(0.98, 0.95, text, fontsize=7, **corner)
+        corner: Style = {"transform": upper.transAxes, "ha": "right", "va": "top", "bbox": box}
+        upper.text(0.98, 0.95, text, fontsize=7, **corner)
 
 
 def plot_raw_torques(
@@ -238,9 +233,10 @@ def plot_raw_torques(
     """Plot torques of a raw sampling, with the instants [s] of unbounded torque."""
     ax = ensure_axes(ax)
     draw_torques(ax, robot, raw.time, raw.torque)
-    finite = np.abs(raw.torque[np.isfinite(raw.torque).all(axis=1)]).max(axis=1)
-    if len(poles) and finite.size:  # the height of a spike is that of the sampling: not drawn
-        top = UNPROVED_TORQUE_RATIO * np.quantile(finite, 0.8)
+    peaks = np.abs(raw.torque).max(axis=1)
+    peaks = peaks[np.isfinite(peaks)]
+    if len(poles) and peaks.size:  # spikes are cut off: their height depends on the sampling alone
+        top = UNPROVED_TORQUE_RATIO * np.quantile(peaks, 0.8)
         ax.set_ylim(-top, top)
         for pole in poles:
             draw_dashed(ax, pole, ALARM, 0.8)
@@ -252,7 +248,7 @@ def plot_raw_torques(
 def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes]]:
     """Return functions that draw the figures of a plan and its film, by name.
 
-    With crossings the eye too, and with an optimal law its phase plane.
+    Plans with crossings also have the eye; optimal laws also have the phase plane.
     """
     drawings: dict[str, Callable[[], Axes]] = {
         "robot": lambda: plot_still(film),
@@ -269,24 +265,24 @@ def plan_drawings(plan: CrossingPlan, film: Film) -> dict[str, Callable[[], Axes
 
 
 def save_figures(plan: CrossingPlan, folder: Path) -> list[Path]:
-    """Write the drawings of a plan into a folder: figures.pdf, and a PNG of each."""
+    """Write the figures of a plan into a folder: figures.pdf, and a PNG of each."""
     return save_pages(plan_drawings(plan, film_plan(plan)), folder / "figures.pdf")
 
 
 def save_figure(draw: Callable[[], Axes], stem: Path) -> list[Path]:
-    """Draw in the common style and write `stem`.pdf and `stem`.png."""
+    """Draw one figure, and write `stem`.pdf and `stem`.png."""
     return save_pages({stem.name: draw}, stem.with_suffix(".pdf"))
 
 
 def draw_torques(ax: Axes, robot: ParallelRobot, time: Array, torque: Array) -> None:
-    """Draw the torques (T, n_a) of the motors over time, with labels."""
+    """Draw the torques (T, n_a) of the motors over time, labelled."""
     _draw_motors(ax, robot, time, torque, "torque", robot.torque_units)
 
 
 def _draw_motors(
     ax: Axes, robot: ParallelRobot, time: Array, values: Array, quantity: str, units: Sequence[str]
 ) -> None:
-    """Draw values (T, n_a) of the motors over time, with labels."""
+    """Draw values (T, n_a) of the motors over time, labelled."""
     for k, (joint, curve) in enumerate(zip(robot.actuator_names, values.T, strict=True)):
         ax.plot(time, curve, label=display_name(joint), **line_style(k))
     ax.set(xlabel="time  [s]", ylabel=f"motor {quantity}  [{', '.join(dict.fromkeys(units))}]")
@@ -299,10 +295,12 @@ def _sample_times(plan: CrossingPlan) -> Array:
 
 
 def _label_time(plan: CrossingPlan, ax: Axes, dotted: str = "") -> None:
-    """Label the axis of time, with the meaning of dashed and dotted lines."""
-    legend = f"(dashed: singular{dotted})" if plan.crossings else f"({dotted[2:]})" * bool(dotted)
+    """Label the axis of time, with the meaning of dashed and of `dotted` lines."""
+    meanings = ["dashed: singular"] if plan.crossings else []
+    if dotted:
+        meanings.append(f"dotted: {dotted}")
     gap = "\n" if dotted else "   "
-    ax.set_xlabel(f"time  [s]{gap}{legend}".rstrip())
+    ax.set_xlabel(f"time  [s]{gap}({', '.join(meanings)})" if meanings else "time  [s]")
 
 
 def _mark_crossings(plan: CrossingPlan, ax: Axes) -> None:

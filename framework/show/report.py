@@ -1,4 +1,4 @@
-"""One page about a plan: scene, figures, law, certificate in words, and the call that repeats the plan."""
+"""Report a plan on one page: scene, figures, law, certificate, and the call that repeats the plan."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from framework.errors import point
 from framework.numerics.output import package_versions
@@ -53,7 +52,7 @@ COMPUTED = (
 CONDITION = (
     "{1.alpha:.6g} s″ {1.beta:+.6g} s′² {1.delta:+.6g} s′ {1.gamma:+.6g} = t_s · W_p = 0 at t = {0:.6g} s"
 )
-CERTIFIED = {  # numbers of a certificate by their format
+CERTIFIED = {  # texts about the numbers of a certificate, by the format of the number
     "{0.nodes:g}": "nodes of the series",
     "{0.tail:.1e}": "what the series leaves out",
     "{0.max_closure_error:.1e}": "loops open by [m, rad]",
@@ -66,7 +65,7 @@ MOTOR = "gear ratio {0.gear_ratio:g}, rotor inertia {0.rotor_inertia:g} kg m²"
 
 
 def report_page(plan: CrossingPlan, *, name: str = "") -> str:
-    """Return the report of a plan (HTML), complete in one file; `name` stands above the scene."""
+    """Return the report of a plan (HTML) in one file; `name` is the scene's title."""
     film = film_plan(plan, name=name)
     heading = f"{display_name(plan.robot.name)}: {_describe_plan(plan)}"
     body = "\n".join(
@@ -86,7 +85,7 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
 
 
 def _describe_plan(plan: CrossingPlan) -> str:
-    """Describe the number of singularities that a plan crosses."""
+    """State how many singularities a plan crosses."""
     count = len(plan.crossings)
     if not count:
         return "a motion without a singularity"
@@ -94,24 +93,26 @@ def _describe_plan(plan: CrossingPlan) -> str:
 
 
 def _section_html(title: str, content: str) -> str:
-    """Return a section with a title in plain text."""
+    """Return a section (HTML) with a title in plain text."""
     return f"<section><h2>{escape(title)}</h2>\n{content}</section>"
 
 
 def _mark_indices(text: str) -> str:
-    """Return a plain text as HTML, with the indices of t_s and W_p."""
+    """Convert plain text to HTML, with the indices of t_s and W_p below the line."""
     return re.sub(r"\b(t|W)_([sp])\b", r"\1<sub>\2</sub>", escape(text))
 
 
 def _table_html(rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of plain texts."""
-    cells = [[f"<td>{_mark_indices(cell)}</td>" for cell in row] for row in rows]
-    lines = [f"<tr>{''.join(row)}</tr>" for row in cells]
+    """Return a table (HTML) of plain texts."""
+    lines = []
+    for row in rows:
+        cells = "".join(f"<td>{_mark_indices(cell)}</td>" for cell in row)
+        lines.append(f"<tr>{cells}</tr>")
     return '<div class="wide" tabindex="0"><table>' + "\n".join(lines) + "</table></div>"
 
 
 def _motion_html(film: Film) -> str:
-    """Return a paragraph on the motion, and one on each singular instant."""
+    """Return paragraphs on the motion, and on each singular instant."""
     paragraphs = [f"<p>{_mark_indices(describe_film(film))}</p>"]
     if film.has_measure and not film.instants:
         least = np.abs(film.g).min()
@@ -124,7 +125,7 @@ def _motion_html(film: Film) -> str:
 
 def _law_html(plan: CrossingPlan) -> str:
     """Return the law's formula and coefficients."""
-    values = ",\n ".join(repr(float(value)) for value in plan.law.coefficients)
+    values = ",\n ".join(map(repr, plan.law.coefficients.tolist()))
     formula = (
         f"It is a polynomial of degree {plan.law.degree}: s(t) = Σ c<sub>k</sub> T<sub>k</sub>(2 t / T − 1), "
         f"with Chebyshev polynomials T<sub>k</sub> and T = {plan.duration:g} s."
@@ -145,48 +146,46 @@ def _law_html(plan: CrossingPlan) -> str:
 
 def _certificate_html(plan: CrossingPlan) -> str:
     """Return the proof, condition (8) at each crossing, and the certificate's numbers."""
-    conditions = [
+    rows = [
         ("condition (8)", CONDITION.format(crossing.time, crossing.condition))
         for crossing in plan.crossings
         if crossing.condition is not None
     ]
-    numbers = [(text, form.format(plan.certificate)) for form, text in CERTIFIED.items()]
+    rows += [(text, form.format(plan.certificate)) for form, text in CERTIFIED.items()]
     sentences = [PROOF, CROSSED] if plan.crossings else [PROOF]
     if plan.robot.n_e:
         sentences.append(SMALL_DISPLACEMENTS if plan.geometry == "rigid" else SETTLED)
     sentences += [ADVANCES if plan.certificate.monotone else OVERSHOOTS, COMPUTED]
-    return f"<p>{_mark_indices(' '.join(sentences))}</p>" + _table_html([*conditions, *numbers])
+    return f"<p>{_mark_indices(' '.join(sentences))}</p>" + _table_html(rows)
 
 
 def _parameters_html(plan: CrossingPlan) -> str:
     """Return the table of robot, path, options, motors and springs."""
     robot, description = plan.robot, plan.robot.description
     options = given_options(plan)
-    options.pop("wrenches", None)  # which are among the facts of the motion
+    options.pop("wrenches", None)  # the facts of the motion have them
+    requested = [f"{key} {_format_value(value)}" for key, value in options.items()]
     rows = [
         ("robot", f"{robot.name} ({description.file.name})"),
         ("flexibility", f"{robot.flexibility}, {plan.geometry} geometry"),
         ("platform", f"{description.platform.frame}: {', '.join(robot.axis_names)}"),
         ("path", repr(plan.path)),
         ("duration", f"{plan.duration:g} s"),
-        ("asked for", ", ".join(f"{key} {_format_value(value)}" for key, value in options.items())),
+        ("asked for", ", ".join(requested)),
         ("law", f"{plan.law.kind}: {plan.reason}"),
         ("gravity", f"{point(description.gravity)} m/s²"),
         ("mass", f"{robot.mass:.6g} kg in moving parts"),
     ]
-    rows += [
-        (
-            f"motor {actuator.joint}",
-            MOTOR.format(actuator)
-            + ("" if actuator.torque_limit is None else f", torque limit {actuator.torque_limit:g}")
-            + ("" if actuator.speed_limit is None else f", speed limit {actuator.speed_limit:g} rad/s"),
-        )
-        for actuator in description.actuators
-    ]
-    rows += [
-        (f"spring {name}", f"{stiffness:g} {'N/m' if robot.sliding[column] else 'N m/rad'}")
-        for name, stiffness, column in zip(robot.elastic_names, robot.stiffness, robot.elastic, strict=True)
-    ]
+    for actuator in description.actuators:
+        motor = MOTOR.format(actuator)
+        if actuator.torque_limit is not None:
+            motor += f", torque limit {actuator.torque_limit:g}"
+        if actuator.speed_limit is not None:
+            motor += f", speed limit {actuator.speed_limit:g} rad/s"
+        rows.append((f"motor {actuator.joint}", motor))
+    slides = robot.sliding[robot.elastic]
+    for name, stiffness, slide in zip(robot.elastic_names, robot.stiffness, slides, strict=True):
+        rows.append((f"spring {name}", f"{stiffness:g} {'N/m' if slide else 'N m/rad'}"))
     return _table_html(rows)
 
 
@@ -196,14 +195,14 @@ def _format_value(value: object) -> str:
 
 
 def _reproduction_html(plan: CrossingPlan) -> str:
-    """Return the call that plans again, with versions of packages."""
+    """Return the call that repeats the plan, and the versions of packages."""
     robot = plan.robot
-    versions = {**package_versions(), "meshcat": version("meshcat")}
-    installed = [f"{package} {number}" for package, number in versions.items()]
+    versions = package_versions() | {"meshcat": version("meshcat")}
+    installed = ", ".join(map(" ".join, versions.items()))
     return (
         f'<pre tabindex="0">from framework import *\n\nplan = {escape(python_call(plan))}</pre>'
         f"<p>{escape(robot.name)} is {escape(robot.description.file.name)}; written on "
-        f"{date.today()} with {escape(', '.join(installed))}.</p>"
+        f"{date.today()} with {escape(installed)}.</p>"
     )
 
 
@@ -212,9 +211,8 @@ def _figures_html(plan: CrossingPlan, film: Film) -> str:
     figures, drawings = [], plan_drawings(plan, film)
     for number, (name, caption) in enumerate(_captions(plan, film).items(), 1):
         with use_style():
-            drawing = drawings[name]().figure
-            assert isinstance(drawing, Figure)
-            data = b64encode(figure_file(drawing, "svg")).decode("ascii")
+            drawing = figure_file(drawings[name]().figure, "svg")
+        data = b64encode(drawing).decode("ascii")
         figures.append(
             f'<figure><img alt="{escape(caption)}" src="data:image/svg+xml;base64,{data}">'
             f"<figcaption><b>Figure {number}.</b> {_mark_indices(caption)}</figcaption></figure>"
@@ -251,11 +249,11 @@ def _captions(plan: CrossingPlan, film: Film) -> dict[str, str]:
     return captions
 
 
-# ------------------------------------------------------------------ how to make the plan again
+# ------------------------------------------------------------------ how to repeat the plan
 
 
 def python_call(plan: CrossingPlan) -> str:
-    """Return the call of `plan_crossing` that makes the same plan."""
+    """Return the call of `plan_crossing` that repeats a plan."""
     loaded = robot_name_or_file(plan.robot)
     parameters = dict(plan.robot.description.parameters)
     stated = f", parameters={parameters!r}" * bool(parameters)
@@ -267,7 +265,7 @@ def python_call(plan: CrossingPlan) -> str:
 def given_options(plan: CrossingPlan) -> dict[str, Any]:
     """Return the options of `plan_crossing` that differ from their defaults.
 
-    Options whose default depends on the robot are always among them.
+    Options whose default depends on the robot are always included.
     """
     always = ("smoothness", "geometry") if plan.robot.n_e else ("smoothness",)
     options = {}

@@ -1,7 +1,7 @@
-"""A film as a document for the page: shapes, poses, curves and words, ready for JSON.
+"""A film as a document for the page: shapes, poses, curves and sentences, ready for JSON.
 
-Arrays travel as base64 of little-endian float32, row after row: a tenth of a micrometre on a robot of a
-metre. The page (framework/show/page) draws what it finds here and computes nothing about robots.
+Arrays are base64 of little-endian float32, row after row; on a robot of a metre they are exact to a tenth of
+a micrometre. The page (framework/show/page) draws this document and computes nothing about robots.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from framework.kinematics.placements import (
     frame_positions,
     joint_axis,
     joint_poses,
-    platform_positions,
 )
 from framework.kinematics.platform import FramePlatform
 from framework.model.description import RobotDescription
@@ -42,11 +41,11 @@ from framework.show.sight import Sight, film_sight, tilt_direction
 from framework.show.standalone import encode_array
 from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
 
-UNPROVED_TORQUE_RATIO = 2.5  # an unproved torque is drawn up to so many times what it is away from its pole
+UNPROVED_TORQUE_RATIO = 2.5  # largest unproved torque drawn, over the usual torque away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
-LOCUS_MARGIN = 0.9  # how far from the path the locus is drawn, in lengths of the robot
+LOCUS_MARGIN = 0.9  # largest distance of the drawn locus from the path, in lengths of the robot
 
-Traced = list[tuple[RobotDescription, LocusCurves]]  # the curves traced for a robot
+Traced = list[tuple[RobotDescription, LocusCurves]]  # curves with the robot for which they were traced
 
 
 def encode_floats(values: ArrayLike) -> str:
@@ -60,86 +59,84 @@ def film_documents(films: Sequence[Film]) -> list[Document]:
     Films of one robot share its locus.
     """
     traced: Traced = []
-    return [_film_document(film, films, traced) for film in films]
+    return [plain(_film_document(film, films, traced)) for film in films]
 
 
 def film_limit(film: Film, films: Sequence[Film]) -> Array:
-    """Return the torque limits (n_a,) of a film's picture, one for all films of a robot."""
+    """Return the torque limits (n_a,) of a film's picture, common to films with its motors."""
     alike = _films_with_motors_of(film, films)
-    proved = [np.abs(other_film.torque).max(axis=0) for other_film in alike if other_film.proved]
-    usual = np.array(proved) if proved else np.full((1, film.robot.n_a), _torque_limit(film))
-    return limit_for_picture(film.robot, usual)
+    proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
+    return limit_for_picture(film.robot, np.array(proved or [_largest_drawn_torque(film)]))
 
 
 def _films_with_motors_of(film: Film, films: Sequence[Film]) -> list[Film]:
-    """Return the films with the same motors."""
+    """Return the films whose robots have the same motors."""
     return [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
 
 
 def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Document:
     """Return a film's data for the page.
 
-    Sight, limits and scale are shared by all `films` of the robot, and so are the curves that are `traced`.
+    All `films` of the robot share sight, torque limits and scale, and the curves in `traced`.
     """
-    robot = film.robot
+    robot, time, platform = film.robot, film.time, film.platform
     same_robot = [other for other in films if other.robot.description == robot.description]
-    sight = film_sight(min(same_robot, key=lambda other: not other.instants))
+    sight = film_sight(min(same_robot, key=lambda other: not other.instants))  # one that crosses, if any
     limit, peak = film_limit(film, films), peak_torque(_films_with_motors_of(film, films))
     poses = joint_poses(robot, film.q)
-    platform = platform_positions(robot, poses)
-    power = np.sum(film.t_s * film.W_p, axis=1)  # (F,), whose t_s never turns round
     W_p, *world = _wrench_documents(film)
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
+    reason = ", no limit in its file" if unlimited else ""
     drawn = page_robot_document(robot, poses, sight)
-    document: Document = plain(
-        drawn
-        | {
-            "kind": "film",
-            "title": film.name or display_name(robot.name),
-            "proved": film.proved,
-            "refusal": film.refusal,
-            "subtitle": describe_film_briefly(film),
-            "summary": describe_film(film),
-            "proof": describe_proof(film),
-            "why": why_singular(robot),
-            "asked": wrench_kind(robot),
-            "unit": wrench_unit(robot),
-            "duration": film.time[-1],
-            "time": encode_floats(film.time),
-            "poses": encode_floats(poses),
-            "platform": encode_floats(platform),
-            "path": encode_floats(platform),
-            "torque": encode_floats(film.torque),
-            "torque_limit": _torque_limit(film),
-            "law": encode_floats(film.law(film.time)),
-            "g": encode_floats(film.g) if film.has_measure else None,
-            "power": encode_floats(power),
-            "stated": describe_motors(
-                robot, limit, peak, reason=", no limit in its file" if unlimited else ""
-            ),
-            "band": encode_floats(film.motors.band(film.t_s, limit)),
-            "polytope": _force_figure(film, limit),
-            "no_figure": why_no_figure(robot) or "",
-            "lines": _action_line_document(film),
-            "t_s": _arrow_document(film.twists),
-            "W_p": W_p,
-            "world": world,
-            "instants": _instant_documents(film, platform, power),
-            "springs": _spring_document(film, drawn["length"]),
-            "locus": _locus_document(film, platform, traced),
-        }
-    )
-    return document
+    return drawn | {
+        "kind": "film",
+        "title": film.name or display_name(robot.name),
+        "proved": film.proved,
+        "refusal": film.refusal,
+        "subtitle": describe_film_briefly(film),
+        "summary": describe_film(film),
+        "proof": describe_proof(film),
+        "why": why_singular(robot),
+        "asked": wrench_kind(robot),
+        "unit": wrench_unit(robot),
+        "duration": time[-1],
+        "time": encode_floats(time),
+        "poses": encode_floats(poses),
+        "platform": encode_floats(platform),
+        "path": encode_floats(platform),
+        "torque": encode_floats(film.torque),
+        "torque_limit": _largest_drawn_torque(film),
+        "law": encode_floats(film.law(time)),
+        "g": encode_floats(film.g) if film.has_measure else None,
+        "power": encode_floats(_power(film)),
+        "stated": describe_motors(robot, limit, peak, reason=reason),
+        "band": encode_floats(film.motors.band(film.t_s, limit)),
+        "polytope": _force_figure(film, limit),
+        "no_figure": why_no_figure(robot),
+        "lines": _action_line_document(film),
+        "t_s": _arrow_document(film.twists),
+        "W_p": W_p,
+        "world": world,
+        "instants": _instant_documents(film),
+        "springs": _spring_document(film, drawn["length"]),
+        "locus": _locus_document(film, traced),
+    }
 
 
-def _instant_documents(film: Film, platform: Array, power: Array) -> list[Document]:
+def _power(film: Film) -> Array:
+    """Return t_s . W_p (F,) in all frames; t_s keeps its sense across the locus."""
+    return np.sum(film.t_s * film.W_p, axis=1)
+
+
+def _instant_documents(film: Film) -> list[Document]:
     """Return the singular instants of a film, with places and t_s . W_p."""
+    power = _power(film)
     return [
         {
             "time": instant.time,
             "wrench": np.copysign(instant.wrench, np.interp(instant.time, film.time, power)),
             "how": explain_crossing(film, instant),
-            "place": platform[film.frame_at(instant.time)],
+            "place": film.platform[film.frame_at(instant.time)],
             "where": film.robot.place(instant.platform),
         }
         for instant in film.instants
@@ -147,7 +144,7 @@ def _instant_documents(film: Film, platform: Array, power: Array) -> list[Docume
 
 
 def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Document:
-    """Return the entries that do not depend on the motion, and the view."""
+    """Return the entries of a robot's document that its motion leaves alone, and the view."""
     view = _view_document(_points_in_sight(robot, sight.bodies, poses), sight)
     motors = zip(sight.motors, robot.actuator_names, robot.torque_units, strict=True)
     return {
@@ -164,80 +161,75 @@ def page_robot_document(robot: ParallelRobot, poses: Array, sight: Sight) -> Doc
 
 
 def _column_major(placement: Array) -> Array:
-    """Return a placement (4, 4), column after column (16,)."""
+    """Return a placement (4, 4) column by column, (16,)."""
     return placement.T.ravel().round(9)
 
 
 def _shape_document(shape: Shape) -> Document:
-    """Return a shape for the page; a mesh with its vertices and faces."""
-    solid = select_fields(shape, "node", "kind", "size", "color")
-    solid["placement"] = _column_major(shape.placement)
+    """Return a shape for the page, a mesh with its vertices and faces."""
+    document = select_fields(shape, "node", "kind", "size", "color")
+    document["placement"] = _column_major(shape.placement)
     if shape.vertices is not None and shape.faces is not None:
-        solid |= {"vertices": encode_floats(shape.vertices), "faces": encode_array(shape.faces.astype("<u4"))}
-    return solid
+        document["vertices"] = encode_floats(shape.vertices)
+        document["faces"] = encode_array(shape.faces.astype("<u4"))
+    return document
 
 
 def _spring_document(film: Film, size: float) -> Document | None:
-    """Return the places of the coils, and the scales of their deflections.
-
-    The scales are 1, 2 or 5 times a power of ten.
-    """
+    """Return the coils of the springs, and the factors that magnify their deflections."""
     robot = film.robot
     if not robot.n_e:
         return None
-    slides, coils, factors = robot.sliding[robot.elastic], [], {}
+    slides, length = robot.sliding[robot.elastic], COIL_LENGTH * size
+    coils = []
     for k, name in enumerate(robot.elastic_names):
         node, place, axis = joint_axis(robot, int(robot.elastic[k]))
-        coils.append(
-            {
-                "name": name,
-                "node": node,
-                "placement": _column_major(placement_with_z_along(place, axis)),
-                "slides": slides[k],
-                "column": k,
-            }
-        )
-    for kind, columns, unit_length in (("slide", slides, COIL_LENGTH * size), ("turn", ~slides, 1.0)):
-        largest = np.abs(film.deflection[:, columns]).max(initial=0.0)
-        # of the coil's length, or in radians
-        largest_drawn = 0.35 * unit_length
-        factors[kind] = _round_down(largest_drawn / largest) if largest > 0 else 1.0
+        placement = _column_major(placement_with_z_along(place, axis))
+        coils.append({"name": name, "node": node, "placement": placement, "slides": slides[k], "column": k})
     return {
         "coils": coils,
-        "factors": factors,
-        "length": COIL_LENGTH * size,
+        "factors": {
+            "slide": _magnification(film.deflection[:, slides], 0.35 * length),
+            "turn": _magnification(film.deflection[:, ~slides], 0.35),  # [rad]
+        },
+        "length": length,
         "deflection": encode_floats(film.deflection),
     }
 
 
-def _round_down(value: float) -> float:
-    """Round down to 1, 2 or 5 times a power of ten."""
-    power = float(10.0 ** np.floor(np.log10(value)))
-    return max(part for part in (1.0, 2.0, 5.0) if part * power <= value * (1 + 1e-9)) * power
+def _magnification(deflection: Array, largest_drawn: float) -> float:
+    """Return the factor, 1, 2 or 5 times a power of ten, that draws deflections (F, k)."""
+    largest = np.abs(deflection).max(initial=0.0)
+    if largest == 0.0:
+        return 1.0
+    factor = largest_drawn / largest
+    power = float(10.0 ** np.floor(np.log10(factor)))
+    return max(part for part in (1.0, 2.0, 5.0) if part * power <= factor * (1 + 1e-9)) * power
 
 
 def _wrench_documents(film: Film) -> list[Document]:
-    """Return W_p and the nonzero wrenches of the world, in one scale."""
-    applied = [wrench for wrench in film.wrenches if wrench.wrench.any()]
-    arrows = [_arrow_document(six) for six in (film.demands, *(wrench.at_origin for wrench in applied))]
-    largest = np.max([document["largest"] for document in arrows], axis=0)
-    for document, wrench in zip(arrows[1:], applied, strict=True):
-        document |= {"frame": display_name(wrench.frame), "origin": encode_floats(wrench.origin)}
-    return [document | {"largest": largest} for document in arrows]
+    """Return W_p and the nonzero wrenches of the world, to one scale."""
+    documents = [_arrow_document(film.demands)]
+    for wrench in film.wrenches:
+        if wrench.wrench.any():
+            frame = {"frame": display_name(wrench.frame), "origin": encode_floats(wrench.origin)}
+            documents.append(_arrow_document(wrench.at_origin) | frame)
+    largest = np.max([document["largest"] for document in documents], axis=0)
+    return [document | {"largest": largest} for document in documents]
 
 
-def _arrow_document(six: Array) -> Document:
+def _arrow_document(vectors: Array) -> Document:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6)."""
-    linear, angular = six[:, :3], six[:, 3:]
+    linear, angular = vectors[:, :3], vectors[:, 3:]
     largest = [np.linalg.norm(part, axis=1).max() for part in (linear, angular)]
     return {"linear": encode_floats(linear), "angular": encode_floats(angular), "largest": largest}
 
 
 def _force_figure(film: Film, limit: Array) -> Document | None:
-    """Return the forces that motors within limits (n_a,) can give.
+    """Return the set of forces that motors within limits (n_a,) can give.
 
-    Torques if the platform only turns. Around `center` (F, 3) the sums of plus or minus the `sides` (F, n_a,
-    3), one of each motor.
+    Torques if the platform only turns. The corners of the set are `center` (F, 3) plus the sums of plus or
+    minus the `sides` (F, n_a, 3), one for each motor.
     """
     robot = film.robot
     sides = force_edges(robot, film.motors.motor_speed, limit)
@@ -255,18 +247,18 @@ def _force_figure(film: Film, limit: Array) -> Document | None:
 def force_edges(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array | None:
     """Compute the edges (F, n_a, 3) of the set of forces that all motors can give.
 
-    Within torque limits the sums of the rows of G (F, n_a, n) (`framework.dynamics.platform_wrench`) fill a
-    polygon or a parallelepiped, which is flat across t_s at a Type 2 singularity. Its edges are each motor's
-    force or torque at its limit (n_a,). None where it is no figure of the plane or of space: one motor, or
-    forces together with torques.
+    Within the torque limits (n_a,) the sums of the rows of G (F, n_a, n) = `motor_speed` (see
+    `framework.dynamics.platform_wrench`) fill a polygon or a parallelepiped. At a Type 2 singularity it is
+    flat across t_s. Its edges are the forces or torques of each motor at its limit. None where the set is no
+    figure of the plane or of space: for one motor, or for forces together with torques.
     """
-    if robot.n == 1 or why_no_figure(robot) is not None:
+    if robot.n == 1 or why_no_figure(robot):
         return None
     return figure_vectors(robot, limit[:, None] * motor_speed)
 
 
 def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
-    """Return the forces (..., 3) of wrenches (..., n), on base axes.
+    """Return the forces (..., 3) of wrenches (..., n) on base axes.
 
     Torques if the platform only turns.
     """
@@ -276,22 +268,22 @@ def figure_vectors(robot: ParallelRobot, wrenches: Array) -> Array:
     return vectors
 
 
-def why_no_figure(robot: ParallelRobot) -> str | None:
-    """Return why the motors' forces are not drawn as one figure; None if drawn."""
+def why_no_figure(robot: ParallelRobot) -> str:
+    """Return why the motors' forces are not drawn as one figure; empty if drawn."""
     platform, kinds = robot.platform, len(set(robot.translations))
     if robot.n == 1:
-        return None
+        return ""
     if not isinstance(platform, FramePlatform) or not platform.constant:
         return "on axes of its own: not drawn in the scene"
     if kinds > 1:
         return f"forces and torques have {robot.n} dimensions: not drawn in the scene"
     if (robot.n == 2 and platform.is_point) or (robot.n == 3 and robot.n_a == 3):
-        return None
+        return ""
     return f"{robot.n_a} motors for {robot.n} freedoms: not drawn in the scene"
 
 
 def _action_line_document(film: Film) -> Document | None:
-    """Return the motors' lines of action, of a film that becomes singular."""
+    """Return the motors' lines of action; None for a film without singular instants."""
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
         return None
@@ -302,17 +294,17 @@ def _action_line_document(film: Film) -> Document | None:
     }
 
 
-def _torque_limit(film: Film) -> float:
-    """Return the largest torque to draw: of an unproved motion without its poles."""
-    size = np.abs(film.torque).max(axis=1)
-    size = np.where(np.isfinite(size), size, np.inf)
+def _largest_drawn_torque(film: Film) -> float:
+    """Return the largest torque to draw; the poles of an unproved motion are cut off."""
+    peaks = np.abs(film.torque).max(axis=1)  # (F,)
     if film.proved:
-        return float(size.max())
-    usual = float(np.quantile(size, 0.8))
+        return float(peaks.max())
+    peaks[np.isnan(peaks)] = np.inf
+    usual = float(np.quantile(peaks, 0.8))
     return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
-def _locus_document(film: Film, platform: Array, traced: Traced) -> Document | None:
+def _locus_document(film: Film, traced: Traced) -> Document | None:
     """Return the locus near the film's closest approach; None without a measure."""
     if not film.has_measure:
         return None
@@ -320,16 +312,17 @@ def _locus_document(film: Film, platform: Array, traced: Traced) -> Document | N
     patch = locus_patch(film.robot, film.q[nearest], film.x[nearest]) if film.instants else None
     if patch is not None:
         return {"kind": "patch", "count": len(patch), "points": encode_floats(patch)}
-    momentary = not film.robot.platform.is_point  # the locus depends on other coordinates, of one instant
-    frame = nearest if momentary else 0
-    curves = _trace_once(film, frame, film.x[frame : frame + 1] if momentary else film.x, traced)
-    return encode_locus(film.robot, curves, platform)
+    if film.robot.platform.is_point:
+        curves = _trace_once(film, 0, film.x, traced)
+    else:  # the locus also depends on the platform's other coordinates, which are those of one frame
+        curves = _trace_once(film, nearest, film.x[[nearest]], traced)
+    return encode_locus(film.robot, curves, film.platform)
 
 
 def _trace_once(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves | None:
     """Return the locus curves around a frame of a film, wide enough for x (T, n).
 
-    Curves traced before for the same robot are taken again if x lies well inside them.
+    Reuse the curves traced for the same robot if x lies well inside them.
     """
     for description, curves in traced:
         if description == film.robot.description and curves.covers(x):
@@ -343,30 +336,30 @@ def _trace_once(film: Film, frame: int, x: Array, traced: Traced) -> LocusCurves
 def locus_lines(
     robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> list[Array]:
-    """Return curves (m, 3) of the locus near places (F, 3) of the platform.
+    """Return the pieces (m, 3) of the locus near places (F, 3) of the platform.
 
-    Within `beside` robot lengths.
+    A point is near within `beside` robot lengths.
     """
     if curves is None:
         return []
-    world = robot.platform.along
     pieces = []
     for curve in curves.curves:
-        line = np.repeat(platform[:1], len(curve), axis=0)
-        line[:, world] = curve
-        distance = np.linalg.norm(line[:, None] - platform[None, ::20], axis=2).min(axis=1)
-        drawn = distance < beside * robot.length
-        drawn |= drawn.mean() > 0.5  # a curve that is mostly near is drawn whole
-        for piece in np.split(np.arange(len(line)), np.flatnonzero(np.diff(drawn)) + 1):
-            if drawn[piece[0]] and len(piece) > 1:
-                pieces.append(line[piece])
+        line = np.repeat(platform[:1], len(curve), axis=0)  # (M, 3): other coordinates as in the first frame
+        line[:, robot.platform.along] = curve
+        offsets = line[:, None] - platform[::20]  # (M, F / 20, 3)
+        is_near = np.linalg.norm(offsets, axis=2).min(axis=1) < beside * robot.length
+        is_near |= is_near.mean() > 0.5  # a curve that is mostly near is drawn whole
+        ends = np.flatnonzero(np.diff(is_near)) + 1
+        for piece, near in zip(np.split(line, ends), np.split(is_near, ends), strict=True):
+            if near[0] and len(piece) > 1:
+                pieces.append(piece)
     return pieces
 
 
 def encode_locus(
     robot: ParallelRobot, curves: LocusCurves | None, platform: Array, *, beside: float = LOCUS_MARGIN
 ) -> Document | None:
-    """Encode curves of the locus for the page; None without any."""
+    """Encode the locus near the platform for the page; None if no curve is near."""
     pieces = [encode_floats(line) for line in locus_lines(robot, curves, platform, beside=beside)]
     whole = robot.platform.is_point
     return {"kind": "curves", "curves": pieces, "whole": whole} if pieces else None
@@ -375,16 +368,16 @@ def encode_locus(
 def _points_in_sight(robot: ParallelRobot, shapes: list[Shape], poses: Array) -> Array:
     """Return points (m, 3) that a picture must contain.
 
-    Joints at all times, bodies at some.
+    These are the joints in all poses, and the bodies in the first, the middle and the last one.
     """
     points = [frame_positions(robot, poses)]
-    some = poses[[0, len(poses) // 2, -1]]
-    points += [carried_points(pose[shape.node], shape.corners()) for pose in some for shape in shapes]
+    for pose in poses[[0, len(poses) // 2, -1]]:
+        points += [carried_points(pose[shape.node], shape.corners()) for shape in shapes]
     return np.concatenate(points)
 
 
 def _view_document(points: Array, sight: Sight) -> Document:
-    """Return centre and radius of the picture, and the direction of sight."""
+    """Return the view: centre and radius of the picture, direction to the eye."""
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     return {

@@ -1,7 +1,7 @@
-"""A page on this machine's own address, and the Python behind its sliders.
+"""Serve a page on this machine's own address, and reply to its sliders.
 
-Bound to 127.0.0.1 on a port of the system's choice. Requests that name another host, or come from a page
-of another origin, are refused: a web site open in the same browser gets nothing.
+The server is bound to 127.0.0.1, on a port that the system chooses. It refuses requests that name another
+host or come from a page of another origin, so that a web site open in the same browser gets nothing.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ Answer = Callable[[Document], Document]
 
 
 class PageServer(ThreadingHTTPServer):
-    """A server of one page, and at /api/move of the answers of one function."""
+    """A server of one page, which replies at /api/move by one function."""
 
     daemon_threads = True
 
     def __init__(self, page: str, answer: Answer | None = None) -> None:
-        """Listen on a free port of this machine; `answer` replies to messages of the page."""
+        """Listen on a free port; `answer` replies to the messages of the page."""
         super().__init__(("127.0.0.1", 0), _Handler)
         self.page = page.encode("utf-8")
         self.answer = answer
@@ -45,7 +45,7 @@ class PageServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers the requests of one page."""
+    """Replies to the requests of one page."""
 
     server: PageServer
     timeout = 10.0  # [s] for a request to arrive
@@ -69,7 +69,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(self.server.answer)
 
     def _answer(self, answer: Answer) -> None:
-        """Read one JSON object and send the reply, or the error with status 400."""
+        """Read one JSON object; send the reply, or the error with status 400."""
         try:
             size = int(self.headers.get("Content-Length", ""))
             if not 0 <= size <= MAX_REQUEST_BYTES:
@@ -85,19 +85,17 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_json(200, reply)
 
     def _is_allowed(self) -> bool:
-        """Return whether a page of this server asks, and no other site."""
+        """Return whether a request comes from this machine, and from no other site."""
         hosts = [f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")]
-        origin = self.headers.get("Origin")
-        return self.headers.get("Host") in hosts and (
-            origin is None or origin in [f"http://{host}" for host in hosts]
-        )
+        origins = [None, *(f"http://{host}" for host in hosts)]  # None: typed into the browser
+        return self.headers.get("Host") in hosts and self.headers.get("Origin") in origins
 
     def _send_json(self, status: int, document: Document) -> None:
         """Send a JSON document."""
         self._send(status, "application/json", json.dumps(document, allow_nan=False).encode())
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
-        """Send one reply that no cache keeps."""
+        """Send one reply, which no cache may store."""
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
@@ -107,7 +105,7 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             self.wfile.write(content)
         except (BrokenPipeError, ConnectionResetError):
-            self.close_connection = True  # the page was closed meanwhile
+            self.close_connection = True  # the reader closed the page meanwhile
 
     def log_message(self, format: str, *args: object) -> None:
-        """Write no log: the terminal belongs to the command."""
+        """Write no log: the terminal is the command's."""

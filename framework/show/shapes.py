@@ -1,6 +1,6 @@
-"""The shapes of a robot on the screen: the visuals of its URDF, sticks where it has none, and its motors.
+"""The solids of a robot in a picture: the visuals of its URDF, sticks for bodies without one, and motors.
 
-Motors are drums on turning joints and on legs that stretch, blocks on rails.
+A motor is a drum on a turning joint or around a leg that stretches, and a block on a rail.
 """
 
 from __future__ import annotations
@@ -18,10 +18,7 @@ MAX_SURFACE_POINTS = 3000  # of one shape
 
 
 def body_shapes(robot: ParallelRobot) -> list[Shape]:
-    """Return the visuals of the URDF, and sticks for bodies without any.
-
-    Meshes are thinned.
-    """
+    """Return the visuals of the URDF, meshes thinned, and sticks for other bodies."""
     shapes = []
     for shape in read_visuals(robot.description, robot.model):
         if shape.vertices is not None and shape.faces is not None:
@@ -32,48 +29,47 @@ def body_shapes(robot: ParallelRobot) -> list[Shape]:
 
 
 def thin_mesh(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Merge the vertices of a mesh in each cell of a grid into their mean."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    # 40 cells along the diagonal
-    cell = max(np.linalg.norm(high - low) / 40, 1e-12)
-    cells = np.floor((vertices - low) / cell).astype(np.int64)
+    """Thin a mesh: merge the vertices in each cell of a grid into their mean."""
+    low = vertices.min(axis=0)
+    edge = max(np.linalg.norm(np.ptp(vertices, axis=0)) / 40, 1e-12)  # 40 cells along the diagonal
+    cells = np.floor((vertices - low) / edge).astype(np.int64)
     _, inverse, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    inverse = inverse.ravel()
+    inverse = inverse.ravel()  # the cell of each vertex
     mean = np.stack([np.bincount(inverse, coordinate) / count for coordinate in vertices.T], axis=1)
-    corners = inverse[faces]
-    differ = np.diff(np.sort(corners, axis=1), axis=1).all(axis=1)
+    corners = inverse[faces]  # (F, 3)
+    differ = np.diff(np.sort(corners, axis=1), axis=1).all(axis=1)  # a triangle still has three corners
     return mean, np.unique(corners[differ], axis=0)
 
 
 def surface_points(shape: Shape, spacing: float) -> Array:
-    """Return points (m, 3) all over a shape's surface, about `spacing` [m] apart.
-
-    In its node's frame.
-    """
+    """Return points (m, 3) on a shape's surface in its node's frame, `spacing` [m] apart."""
     if shape.vertices is not None and shape.faces is not None:
         local = np.concatenate([shape.vertices, shape.vertices[shape.faces].mean(axis=1)])
         local = local[:: 1 + len(local) // MAX_SURFACE_POINTS]
     else:
-        half = shape.half_edges
-        cells = np.sort(2 * half / spacing)
-        count = int(min(MAX_SURFACE_POINTS, 12 * (cells[2] + 1) * (cells[1] + 1)))
-        # a spiral about the sphere, pushed outward onto the solid of unit size
+        _, middle, longest = np.sort(2 * shape.half_edges / spacing)  # edges, in spacings
+        count = int(min(MAX_SURFACE_POINTS, 12 * (longest + 1) * (middle + 1)))
+        # a spiral of golden angles on the unit sphere
         height = (2 * np.arange(count) + 1) / count - 1
         angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-        level = np.sqrt(1 - height**2)
-        round_ = np.stack([level * np.cos(angle), level * np.sin(angle), height], axis=1)
-        far = {"box": np.abs(round_).max(axis=1), "cylinder": np.maximum(level, np.abs(height))}
-        local = half * round_ / far.get(shape.kind, np.ones(count))[:, None]
+        radius = np.sqrt(1 - height**2)
+        sphere = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+        # pushed outward onto the cube or the cylinder about this sphere, then scaled
+        if shape.kind == "box":
+            sphere /= np.abs(sphere).max(axis=1, keepdims=True)
+        elif shape.kind == "cylinder":
+            sphere /= np.maximum(radius, np.abs(height))[:, None]
+        local = shape.half_edges * sphere
     return shape.to_node(local)
 
 
-def _stick_shapes(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
-    """Return cylinders between joints and spheres at joints, for bodies without visuals."""
+def _stick_shapes(robot: ParallelRobot, with_visuals: set[int]) -> list[Shape]:
+    """Return cylinders between joints and spheres at joints for nodes without visuals."""
     model = robot.model
     radius = 0.012 * robot.length
     shapes = []
     for node in range(model.njoints):
-        if node in dressed:
+        if node in with_visuals:
             continue
         ends = [model.jointPlacements[j].translation for j in model.children[node]]
         ends += [
@@ -83,16 +79,9 @@ def _stick_shapes(robot: ParallelRobot, dressed: set[int]) -> list[Shape]:
         ]
         for end in ends:
             length = float(np.linalg.norm(end))
-            if node and length > 0.03 * robot.length:  # no stick for a joint beside another
-                shapes.append(
-                    Shape(
-                        node,
-                        "cylinder",
-                        (radius, length),
-                        placement_with_z_along(0.5 * end, end),
-                        STICK_COLOR,
-                    )
-                )
+            if node and length > 0.03 * robot.length:  # no stick between joints that nearly coincide
+                placement = placement_with_z_along(0.5 * end, end)
+                shapes.append(Shape(node, "cylinder", (radius, length), placement, STICK_COLOR))
         if node and ends:
             shapes.append(Shape(node, "sphere", (1.3 * radius,), np.eye(4), JOINT_COLOR))
     return shapes
@@ -110,21 +99,21 @@ def placement_with_z_along(place: Array, axis: Array) -> Array:
 
 
 MOTOR_RADIUS = 0.06  # radius of a motor, over the size of the robot in a picture
-PICTURE_SIZE = 0.7  # that size, over the robot's length
-IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # of a motor without torque, as on the page
+PICTURE_SIZE = 0.7  # size of the robot in a picture, over the robot's length
+IDLE_MOTOR_COLOR = (0.83, 0.84, 0.86, 1.0)  # color of a motor without torque, as on the page
 
 
 def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
-    """Return a solid for each motor, on its node; `shapes` are the bodies."""
+    """Return a solid for each motor, on the motor's node; `shapes` are the bodies."""
     size = PICTURE_SIZE * robot.length
     axes = [joint_axis(robot, int(column)) for column in robot.actuated]
     motors = []
     for column, axis in zip(robot.actuated, axes, strict=True):
         bodies = [shape for shape in shapes if shape.node == axis.joint]
         distances = [np.linalg.norm(axis.place - other.place) for other in axes if other is not axis]
-        meets_others = min(distances, default=size) < 0.01 * size
+        is_shared = min(distances, default=size) < 0.01 * size  # other motors are at the same place
         if not robot.sliding[column]:
-            motors.append(_drum_motor(axis, bodies if meets_others else [], size))
+            motors.append(_drum_motor(axis, bodies if is_shared else [], size))
         elif axis.joint:
             motors.append(_drum_about_leg(axis, bodies, size))
         else:
@@ -133,18 +122,19 @@ def motor_shapes(robot: ParallelRobot, shapes: list[Shape]) -> list[Shape]:
 
 
 def _motor_shape(axis: JointAxis, kind: str, size: tuple[float, ...], place: Array) -> Shape:
-    """Return the solid of a motor at a place (3,), along the axis of its joint."""
+    """Return the solid of a motor at a place (3,), along its joint's axis."""
     return Shape(axis.joint, kind, size, placement_with_z_along(place, axis.axis), IDLE_MOTOR_COLOR)
 
 
 def _block_motor(axis: JointAxis, size: float) -> Shape:
     """Return the block of a motor on a rail."""
-    radius = MOTOR_RADIUS * size
-    return _motor_shape(axis, "box", (1.1 * radius, 1.1 * radius, 1.8 * radius), axis.place)
+    width = 1.1 * MOTOR_RADIUS * size
+    length = 1.8 * MOTOR_RADIUS * size
+    return _motor_shape(axis, "box", (width, width, length), axis.place)
 
 
 def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
-    """Return the drum about a leg that stretches, wider than the leg's tube."""
+    """Return the drum around a leg that stretches, wider than the leg's tube."""
     tube = max((shape.size[0] for shape in shapes if shape.kind == "cylinder"), default=0.0)
     radius = max(0.6 * MOTOR_RADIUS * size, 1.5 * tube)
     length = 3.0 * radius
@@ -154,7 +144,7 @@ def _drum_about_leg(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
 def _drum_motor(axis: JointAxis, shapes: list[Shape], size: float) -> Shape:
     """Return the drum of a motor that turns a joint.
 
-    It is around the farthest cylinder on the joint's axis, if any.
+    The drum is around the farthest cylinder on the joint's axis, or else at the joint.
     """
     farthest, radius = 0.0, MOTOR_RADIUS * size
     for shape in shapes:

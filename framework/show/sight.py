@@ -1,7 +1,8 @@
-"""The direction from which a robot is looked at: of many, the one that shows most of the robot.
+"""Choose the direction of view that shows most of a robot.
 
-A planar robot is seen along its normal, from one side or the other; any other from all around, from eye
-level to halfway up. A body is measured by the cells of the picture in which it is nearest to the eye.
+A planar robot is seen along its normal, from one side or the other. Other robots are seen from all around,
+from eye level to halfway up. The visible area of a body is the number of cells of the picture in which this
+body is nearest to the eye.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from framework.show.film import Film
 from framework.show.shapes import body_shapes, motor_shapes, surface_points
 from framework.singularity.drawn_locus import locus_patch
 
-USUAL_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye: of directions alike the nearest
-USUAL_NORMAL = np.array([0.2, -1.0, 2.0])  # on whose side the eye is, of a planar robot
-FLAT_VIEW_SLOPE = np.tan(np.radians(10.0))  # planar robots on a page: bodies still show a depth
+USUAL_DIRECTION = np.array([0.75, -1.35, 0.65])  # from the robot to the eye: decides between equal views
+USUAL_NORMAL = np.array([0.2, -1.0, 2.0])  # a planar robot is seen from this side of its plane
+FLAT_VIEW_SLOPE = np.tan(np.radians(10.0))  # tilt on a page that shows the depth of planar robots
 AZIMUTHS, ELEVATIONS = np.radians(np.arange(0, 360, 15)), np.radians([10, 20, 30, 40])
 
 
@@ -29,24 +30,24 @@ class ShownObjects(NamedTuple):
     """Objects that a picture must show beside the bodies."""
 
     path: Array  # (m, 3)
-    arrow: Array  # (3,) that is to lie across the sight, such as t_s
-    normal: Array | None  # (3,) of a surface that is not to be seen from its edge
+    arrow: Array  # (3,), such as t_s, to be seen at full length
+    normal: Array | None  # (3,) of a surface, to be seen from its face
 
 
 class Projection(NamedTuple):
-    """The projection of points of space onto the paper, without perspective [m]."""
+    """The projection of points onto the paper [m], without perspective."""
 
     right: Array  # (3,)
     up: Array  # (3,)
     ahead: Array  # (3,) from the eye
 
     def __call__(self, points: Array) -> Array:
-        """Return the places (..., 2) of points (..., 3)."""
+        """Project points (..., 3) onto the paper, (..., 2)."""
         return points @ np.stack([self.right, self.up], axis=1)
 
 
 class Sight(NamedTuple):
-    """A robot's solids and the direction to the eye, shared by all pictures of one motion."""
+    """A robot's solids and the direction to the eye, for all pictures of one motion."""
 
     bodies: list[Shape]
     motors: list[Shape]
@@ -65,33 +66,35 @@ class Sight(NamedTuple):
 
 
 def robot_sight(robot: ParallelRobot, q: Array | None = None, wanted: ShownObjects | None = None) -> Sight:
-    """Choose the sight on a robot at q (nq,), its reference when None."""
+    """Choose the view of a robot at q (nq,), its reference when None."""
     bodies = body_shapes(robot)
     motors = motor_shapes(robot, bodies)
     normal = planar_normal(robot)
     points, nodes = _sample_surfaces(robot, robot.reference.q if q is None else q, bodies + motors)
-    return Sight(bodies, motors, _best_direction(points, nodes, normal, wanted), normal is not None)
+    toward = _best_direction(points, nodes, normal, wanted)
+    return Sight(bodies, motors, toward, normal is not None)
 
 
 @lru_cache(maxsize=16)
 def film_sight(film: Film) -> Sight:
-    """Choose the sight on a motion at its first singular instant, or else halfway."""
+    """Choose the view of a motion at its first singular instant, or else halfway."""
     robot, k = film.robot, film.key_frame
-    q, arrow, normal = film.q[k], np.zeros(3), None
+    arrow, normal = np.zeros(3), None
     if film.instants:
-        twist = film.twists[k]
-        arrow = twist[:3] if len(robot.platform.sliding) else twist[3:]
-        patch = locus_patch(robot, q, film.x[k])
+        shift, turn = np.split(film.twists[k], 2)
+        arrow = shift if len(robot.platform.sliding) else turn
+        patch = locus_patch(robot, film.q[k], film.x[k])
         if patch is not None:
-            normal = np.cross(patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0])  # of its diagonals
+            diagonal, other_diagonal = patch[-1, -1] - patch[0, 0], patch[0, -1] - patch[-1, 0]
+            normal = np.cross(diagonal, other_diagonal)
             normal /= np.linalg.norm(normal)
-    return robot_sight(robot, q, ShownObjects(film.platform, arrow, normal))
+    return robot_sight(robot, film.q[k], ShownObjects(film.platform, arrow, normal))
 
 
 def project_along(toward: Array) -> Projection:
     """Return the projection for an eye in direction (3,) from the robot.
 
-    z is up on paper, or else y.
+    z points up on the paper; in a view along z, y does.
     """
     upright = np.array([0.0, 1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.0, 0.0, 1.0])
     right = np.cross(upright, toward)
@@ -100,7 +103,7 @@ def project_along(toward: Array) -> Projection:
 
 
 def tilt_direction(toward: Array) -> Array:
-    """Tilt the direction (3,) of an eye a little aside of a planar robot's normal."""
+    """Tilt the direction (3,) to the eye a little off a planar robot's normal."""
     aside = np.array([0.0, -1.0, 0.0]) if abs(toward[2]) > 0.7 else np.array([0.5, 0.0, 0.8])
     direction = toward + FLAT_VIEW_SLOPE * aside
     return direction / np.linalg.norm(direction)
@@ -111,15 +114,14 @@ def _best_direction(
 ) -> Array:
     """Choose the direction (3,) to the eye that shows most of the robot.
 
-    The score is the share of each body that is seen, of the most that any direction shows of it, times how
-    far arrow and path lie across the sight and the surface faces it.
+    The score is the visible share of the bodies, less up to 0.3 of it away from the usual direction. For a
+    spatial robot it is multiplied by the shares of arrow and path that lie across the line of sight, and by
+    how much the surface faces the eye.
     """
     directions, usual = _candidate_directions(normal)
     areas = np.array([_count_visible_cells(points, nodes, project_along(toward)) for toward in directions])
-    away = np.arccos(np.clip(directions @ usual, -1.0, 1.0)) / np.pi
-    scores = _score_visibility(areas) * (
-        1.0 - 0.3 * away
-    )  # what the direction opposite to the usual one loses
+    angles = np.arccos(np.clip(directions @ usual, -1.0, 1.0))
+    scores = _score_visibility(areas) * (1.0 - 0.3 * (angles / np.pi))
     if wanted is not None and normal is None:
         scores *= _fraction_across(wanted.arrow[None], directions)
         scores *= np.sqrt(_fraction_across(np.diff(wanted.path, axis=0), directions))
@@ -129,20 +131,19 @@ def _best_direction(
 
 
 def _candidate_directions(normal: Array | None) -> tuple[Array, Array]:
-    """Return the directions (k, 3) to choose from, and the usual one (3,)."""
+    """Return the candidate directions (k, 3), and the usual one (3,)."""
     if normal is not None:
         usual = normal * (np.sign(normal @ USUAL_NORMAL) or 1.0)
         return np.stack([usual, -usual]), usual
-    azimuth, elevation = (each.ravel() for each in np.meshgrid(AZIMUTHS, ELEVATIONS))
+    azimuth, elevation = np.meshgrid(AZIMUTHS, ELEVATIONS)
     level = np.cos(elevation)
-    around = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
-    return around, USUAL_DIRECTION / np.linalg.norm(USUAL_DIRECTION)
+    around = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    return around.reshape(-1, 3), USUAL_DIRECTION / np.linalg.norm(USUAL_DIRECTION)
 
 
 def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tuple[Array, IntArray]:
-    """Return points (m, 3) all over the solids [cells], and the node (m,) of each."""
+    """Return points (m, 3) on all solids, in cells, and the node (m,) of each."""
     poses = joint_poses(robot, q[None])[0]
-
     boxes = [carried_points(poses[shape.node], shape.corners()) for shape in shapes]
     # 40 cells along the largest extent
     spacing = np.ptp(np.concatenate(boxes), axis=0).max() / 40
@@ -153,34 +154,35 @@ def _sample_surfaces(robot: ParallelRobot, q: Array, shapes: list[Shape]) -> tup
 
 def _count_visible_cells(points: Array, nodes: IntArray, onto: Projection) -> IntArray:
     """Count the cells (nodes,) in which each node's body is nearest to the eye."""
-    across, up = np.floor(onto(points)).astype(np.int64).T
-    order = np.lexsort((-(points @ onto.ahead), up, across))  # the nearest last in its cell
-    nearest = np.append((np.diff(across[order]) != 0) | (np.diff(up[order]) != 0), True)
-    return np.bincount(nodes[order[nearest]], minlength=nodes.max() + 1)
+    cells = np.floor(onto(points)).astype(np.int64)  # (m, 2)
+    order = np.lexsort((points @ onto.ahead, cells[:, 1], cells[:, 0]))  # by cell, then nearest first
+    _, first = np.unique(cells[order], axis=0, return_index=True)
+    return np.bincount(nodes[order[first]], minlength=nodes.max() + 1)
 
 
 def _score_visibility(areas: IntArray) -> Array:
-    """Score the visibility (k,) of the moving bodies, by areas (k, nodes).
+    """Score how well the moving bodies are seen (k,), by areas (k, nodes).
 
-    Node 0 is the base. The score is a weighted geometric mean of the fractions seen.
+    The score is the geometric mean of the visible shares of the bodies, weighted by the square roots of their
+    largest areas, times the square root of the moving bodies' share of the picture. Node 0 is the base.
     """
-    moving = areas[:, 1:][:, areas[:, 1:].max(axis=0) > 0]
-    if not moving.shape[1]:
+    moving = areas[:, 1:]
+    moving = moving[:, moving.any(axis=0)]
+    if not moving.size:
         return np.ones(len(areas))
-    # one cell at least: a hidden body weighs, but does not decide alone
-    share = np.maximum(moving, 1) / moving.max(axis=0)
-    weight = np.sqrt(moving.max(axis=0))
-    share = np.exp(np.log(share) @ weight / weight.sum())
-    filled = moving.sum(axis=1) / areas.sum(axis=1)
-    return share * np.sqrt(filled)
+    largest = moving.max(axis=0)
+    shares = np.maximum(moving, 1) / largest  # one cell at least: one hidden body must not decide alone
+    weights = np.sqrt(largest)
+    mean = np.exp(np.log(shares) @ weights / weights.sum())
+    return mean * np.sqrt(moving.sum(axis=1) / areas.sum(axis=1))
 
 
 def _fraction_across(arrows: Array, directions: Array) -> Array:
-    """Return which fraction (k,) of the arrows' (m, 3) length lies across each sight.
+    """Return the share (k,) of the length of arrows (m, 3) across each line of sight.
 
-    1 without length.
+    1 for arrows without length.
     """
     length = np.linalg.norm(arrows, axis=1)
-    along = directions @ arrows.T
+    along = directions @ arrows.T  # (k, m)
     seen = np.sqrt(np.clip(length**2 - along**2, 0.0, None)).sum(axis=1)
     return seen / length.sum() if length.sum() > LEAST_DIVISOR else np.ones(len(directions))

@@ -1,4 +1,4 @@
-"""A page in one file: styles, scripts and data inline, nothing fetched: it works with the network off."""
+"""A page in one file, with styles, scripts and data inline. It fetches nothing and works offline."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def standalone_page(
     Args:
         title: plain text.
         body: HTML.
-        data: what the scripts read, as JSON, from the element `document`.
-        styles, scripts: names of files in framework/show/page, beside those that all pages share.
-        library: HTML before the scripts.
+        data: for the scripts, which read it as JSON from the element `document`.
+        styles, scripts: names of files in framework/show/page, in addition to those that all pages share.
+        library: HTML in front of the scripts.
     """
     return page_part(
         "page.html",
@@ -41,12 +41,12 @@ def standalone_page(
 
 
 def encode_array(values: np.ndarray) -> str:
-    """Encode an array for the scripts, row after row."""
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+    """Encode an array for the scripts, as base64 of its rows."""
+    return base64.b64encode(values.tobytes()).decode("ascii")
 
 
 def page_part(name: str, **texts: Any) -> str:
-    """Fill the places of a file of framework/show/page with HTML."""
+    """Fill the placeholders of a file of framework/show/page with HTML."""
     return Template(_read_asset(name)).substitute(texts)
 
 

@@ -1,4 +1,4 @@
-"""A scene as a still picture: the robot, its path, the singular locus, t_s, W_p and the motors' forces."""
+"""One frame of a film as a picture: robot, path, singular locus, t_s, W_p and the motors' forces."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.show.drawing import convex_hull, draw_robot, draw_scale_bar
 from framework.show.film import Film
 from framework.show.scene import locus_lines
+from framework.show.shapes import placement_with_z_along
 from framework.show.sight import Projection, film_sight
 from framework.show.style import ALARM, GIVEN, LOCUS, PATH, TWIST, WRENCH, Style, draw_curves, legend_above
 from framework.singularity.drawn_locus import locus_curves
 
-ARROW_LENGTH = 0.32  # length of t_s, over the robot's; the page's too
-MIN_TURN, MAX_TURN = 0.1, 2.6  # [rad] of half that arc: what turns less is a shift; ends apart
+ARROW_LENGTH = 0.32  # length of t_s over the robot's length, as on the page
+MIN_TURN, MAX_TURN = 0.1, 2.6  # [rad] half of the arc of t_s: too short to draw; its ends must not meet
 
 
 def plot_still(
@@ -30,13 +31,12 @@ def plot_still(
     frame: int | None = None,
     limit: Array | None = None,
 ) -> Axes:
-    """Draw a film at one of its frames.
-
-    When None at its first singular instant, or else halfway.
+    """Draw one frame of a film.
 
     Args:
-        limit: torque limits (n_a,); a platform that moves in a plane then gets the polygons of the forces
-            that such motors can give, in a common scale: that of `frame`, or some along the path.
+        frame: when None the first singular instant, or else the frame halfway.
+        limit: torque limits (n_a,). With them and a platform that moves in a plane, the polygons of the
+            forces that such motors can give are drawn to one scale: at `frame`, or when None along the path.
     """
     robot, k = film.robot, film.key_frame if frame is None else frame
     sight = film_sight(film)
@@ -57,7 +57,7 @@ def plot_still(
     if film.has_measure:
         _draw_arrows(film, ax, k, onto)
     ax.autoscale_view()
-    if planar_normal(robot) is None:  # the others have axes
+    if planar_normal(robot) is None:  # planar robots have axes instead
         draw_scale_bar(ax, robot.length)
     legend_above(ax, 3, fontsize=6)
     return ax
@@ -66,19 +66,18 @@ def plot_still(
 def _draw_arrows(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     """Draw t_s and W_p at frame k.
 
-    Axes of rotation and torque for a platform that only turns.
+    A platform that only turns has the axes of its rotation and its torque.
     """
     reach = min(film.robot.length, 0.8 * np.ptp(ax.get_xlim()))
-    twist = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
-    for six, color, both, label in (
-        (film.twists, TWIST, True, twist),
-        (film.demands, WRENCH, False, r"$\mathbf{W}_p$"),
-    ):
-        part = six[:, :3] if len(film.robot.platform.sliding) else six[:, 3:]
-        largest = np.linalg.norm(part, axis=1).max()
-        if largest > 0:
-            tip = part[k] * ARROW_LENGTH * reach / (np.linalg.norm(part[k]) or 1.0 if both else largest)
-            _draw_arrow(ax, onto(film.platform[k]), onto(tip), color, both, label)
+    foot = onto(film.platform[k])
+    part = slice(3) if len(film.robot.platform.sliding) else slice(3, 6)
+    twist, demands = film.twists[k, part], film.demands[:, part]
+    largest = np.linalg.norm(demands, axis=1).max()
+    twist = twist * ARROW_LENGTH * reach / (np.linalg.norm(twist) or 1.0)
+    demand = demands[k] * ARROW_LENGTH * reach / (largest or 1.0)
+    label = r"$\mathbf{t}_s$" if film.instants else "least controlled motion"
+    _draw_arrow(ax, foot, onto(twist), TWIST, True, label)
+    _draw_arrow(ax, foot, onto(demand), WRENCH, False, r"$\mathbf{W}_p$")
     _draw_turn(film, ax, k, onto)
 
 
@@ -86,15 +85,14 @@ def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
     """Draw the rotation of t_s at frame k as an arc about its axis."""
     shift, turn = np.split(film.twists[k], 2)
     rate, speed = float(np.linalg.norm(turn)), max(float(np.linalg.norm(shift)), LEAST_DIVISOR)
-    angle = min(rate / speed * ARROW_LENGTH * film.robot.length, MAX_TURN)  # while the arrow is travelled
+    arrow_time = ARROW_LENGTH * film.robot.length / speed
+    angle = min(rate * arrow_time, MAX_TURN)  # turned while the platform moves along its arrow
     if angle < MIN_TURN:
         return
-    axis, radius = turn / rate, 0.2 * film.robot.length
-    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    across /= np.linalg.norm(across)
+    first, second = placement_with_z_along(np.zeros(3), turn)[:3, :2].T  # both across the axis
     phase = np.linspace(-angle, angle, 41)[:, None]
-    arc = np.cos(phase) * across + np.sin(phase) * np.cross(axis, across)
-    line = onto(film.platform[k] + radius * arc)
+    arc = np.cos(phase) * first + np.sin(phase) * second
+    line = onto(film.platform[k] - 0.2 * film.robot.length * arc)
     style: Style = {
         "arrowstyle": "<|-|>",
         "mutation_scale": 10,
@@ -106,7 +104,7 @@ def _draw_turn(film: Film, ax: Axes, k: int, onto: Projection) -> None:
 
 
 def _draw_action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
-    """Draw the lines along which the motors' forces act at frame k."""
+    """Draw the motors' lines of action at frame k."""
     lines = action_lines(film.robot, film.motors.motor_speed[k : k + 1])
     if lines is None:
         return
@@ -119,7 +117,7 @@ def _draw_action_lines(film: Film, ax: Axes, k: int, onto: Projection) -> None:
 
 @lru_cache(maxsize=16)
 def film_locus(film: Film) -> list[Array]:
-    """Return the curves (m, 3) of the locus, of a platform that moves in a plane."""
+    """Return the curves (m, 3) of the locus; none unless the platform is a point."""
     robot = film.robot
     if not film.has_measure or not robot.platform.is_point:
         return []
@@ -127,31 +125,23 @@ def film_locus(film: Film) -> list[Array]:
 
 
 def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
-    """Draw an arrow (2,) at a foot (2,), with a second tip if `both`.
-
-    Too short ones are left out.
-    """
-    if np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):
-        style = {
-            "arrowstyle": "<|-|>" if both else "-|>",
-            "color": color,
-            "linewidth": 1.2,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        }
-        tip, tail = foot + arrow, foot - arrow if both else foot
-        ax.annotate("", tuple(tip), tuple(tail), arrowprops=style, zorder=7)
-        ax.plot(*np.stack([tip, tail], axis=1), alpha=0)  # so that it is in sight
-        ax.plot([], [], color=color, linewidth=1.2, label=label)
+    """Draw an arrow (2,) at a foot (2,), or to `both` sides; skip one too short to see."""
+    if np.linalg.norm(arrow) <= 0.02 * np.ptp(ax.get_xlim()):
+        return
+    tip, tail = foot + arrow, foot - arrow if both else foot
+    line: Style = {"color": color, "linewidth": 1.2}
+    head = {"arrowstyle": "<|-|>" if both else "-|>", "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", tuple(tip), tuple(tail), arrowprops=head | line, zorder=7)
+    ax.plot(*np.stack([tip, tail], axis=1), alpha=0)  # the limits of the axes ignore annotations
+    ax.plot([], [], label=label, **line)
 
 
 def _draw_force_polygons(film: Film, ax: Axes, line: Array, limit: Array, frame: int | None) -> None:
-    """Draw polygons of motor forces along the line (F, 2), at one frame or, when None, at several."""
+    """Draw the polygons of motor forces on a line (F, 2), at one frame or several."""
     vertices = film.motors.vertices(limit)  # (F, c, 2)
     scale = 0.35 * film.robot.length / np.linalg.norm(vertices, axis=2).max()
     along_path = np.linspace(0, len(film.time) - 1, 7).astype(int)
-    frames = np.unique(np.append(along_path, film.key_frame)) if frame is None else [frame]
-    for k in frames:
+    for k in np.unique([*along_path, film.key_frame]) if frame is None else [frame]:
         corners = line[k] + scale * convex_hull(vertices[k])
         ax.add_patch(Polygon(corners, facecolor=GIVEN, alpha=0.18, zorder=3.5))
         ax.add_patch(Polygon(corners, fill=False, edgecolor=GIVEN, linewidth=0.8, zorder=3.6))

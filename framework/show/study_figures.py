@@ -1,4 +1,4 @@
-"""One figure for each study: of dimensions, of levels of fidelity, of robustness."""
+"""One figure for each kind of study: of dimensions, of levels of fidelity, of robustness."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ AREAS = {
     "free_area": "area on the reference's side of the locus",
     "carried_area": "area in which the load is carried",
 }
-COLORING_QUANTITY = "free_area"  # its colour identifies a design in all cells
+COLORING_QUANTITY = "free_area"  # its value colours the marks of a design in all cells
 PALETTE = "cividis"
 
 
 def plot_study(study: DesignStudy) -> Axes:
     """Plot areas, and ranges of quantities, over each parameter of a study.
 
-    A design has one colour in all cells. One that makes no robot is a cross below its parameters.
+    A design has the same colour in all cells. A design that makes no robot is a cross at the bottom.
     """
     parameters = dict(zip(study.designs.names, study.designs.values.T, strict=True))
     rows = [*(key for key in AREAS if key in study.columns), *study.task.keys]
@@ -45,7 +45,7 @@ def plot_study(study: DesignStudy) -> Axes:
         for ax, values in zip(row, parameters.values(), strict=True):
             marks = _draw_cell(study, key, values, ax, norm)
         row[0].set_ylabel("\n".join([*wrap(_row_name(key), 24), f"[{_row_unit(study, key)}]"]))
-    refused = np.array(list(map(bool, study.why)))
+    refused = np.array(study.why) != ""
     for ax, (name, values) in zip(axes[-1], parameters.items(), strict=True):
         ax.set_xlabel(name)
         _mark_refused(ax, values[refused])
@@ -57,35 +57,34 @@ def plot_study(study: DesignStudy) -> Axes:
 
 
 def _describe_designs(refused: BoolArray) -> str:
-    """Return the heading for designs of which some (a mask) make no robot."""
+    """Return the heading for designs; the `refused` (a mask) make no robot."""
     refusals = f", {refused.sum()} of them make no robot (crosses)" if refused.any() else ""
     return f"{len(refused)} designs{refusals}\ndots: medians over the map, lines: least to largest"
 
 
 def _color_scale(values: Array) -> Normalize:
-    """Return the scale of colours over the finite values (designs,)."""
+    """Return the colour scale of the finite values (designs,)."""
     finite = values[np.isfinite(values)]
     return Normalize(finite.min(), finite.max()) if finite.size else Normalize(0.0, 1.0)
 
 
 def _mark_refused(ax: Axes, parameters: Array) -> None:
-    """Mark designs that make no robot by crosses below their parameters (k,)."""
-    height = np.full(len(parameters), 0.03)
+    """Mark designs that make no robot by crosses at the bottom, at their parameters (k,)."""
+    height = np.full(len(parameters), 0.03)  # over the height of the axes
     transform = ax.get_xaxis_transform()
     ax.plot(parameters, height, "x", color=ALARM, markersize=4, transform=transform, clip_on=False)
 
 
 def _draw_cell(study: DesignStudy, key: str, places: Array, ax: Axes, norm: Normalize) -> PathCollection:
-    """Draw the marks of one quantity over one parameter."""
+    """Draw the values of one quantity over one parameter (designs,)."""
     middle = study.columns[key if key in AREAS else f"{key}_median"]
     if key not in AREAS:
         least, largest = study.columns[f"{key}_least"], study.columns[f"{key}_largest"]
         ax.vlines(places, least, largest, color=AXIS, linewidth=0.8)
         if QUANTITIES[key].decades and np.nanmin(least, initial=np.inf) > 0:
             ax.set_yscale("log")
-    return ax.scatter(
-        places, middle, s=12, zorder=3, c=study.columns[COLORING_QUANTITY], cmap=PALETTE, norm=norm
-    )
+    colours = study.columns[COLORING_QUANTITY]
+    return ax.scatter(places, middle, s=12, zorder=3, c=colours, cmap=PALETTE, norm=norm)
 
 
 def _row_name(key: str) -> str:
@@ -101,22 +100,16 @@ def _row_unit(study: DesignStudy, key: str) -> str:
 def plot_fidelity(study: FidelityStudy) -> Axes:
     """Plot the torque and platform errors of each level along s.
 
-    Over the peak, and over the path's length. Levels with the torques of a lower one, and those without
-    torques, have no curve.
+    Torque errors are over the peak torque, platform errors over the path's length. A level has no curve if it
+    has no torques, or those of a lower level.
     """
     axes = new_figure(2, height=2.0)
     s = study.highest.law(study.times)
-    own = [
-        comparison for comparison in study.levels if comparison.motion is not None and not comparison.same_as
-    ]
-    for k, comparison in enumerate(own):
+    drawn = [each for each in study.levels if each.motion is not None and not each.same_as]
+    for k, comparison in enumerate(drawn):
+        label = display_name(comparison.level.name)
         for ax, errors in zip(axes, (comparison.torque_error, comparison.platform_error), strict=True):
-            ax.plot(
-                s,
-                np.where(errors > ERROR_ROUNDING, errors, np.nan),
-                label=display_name(comparison.level.name),
-                **line_style(k),
-            )
+            ax.plot(s, np.where(errors > ERROR_ROUNDING, errors, np.nan), label=label, **line_style(k))
     for ax, label in zip(axes, ("torque error  [peak]", "platform error  [path lengths]"), strict=True):
         ax.set(yscale="log", ylabel=label)
         ax.axhline(study.tolerance, color=ALARM, linewidth=0.8)
@@ -132,8 +125,8 @@ def plot_robustness(
 ) -> Axes:
     """Plot the share of runs below a tracking error, and below a peak torque.
 
-    One curve a controller. Lines are the tolerance and the torque limits of the loop that all runs have in
-    common; limits far above all torques are left out.
+    Each controller has one curve. Upright lines are the tolerance and the torque limits of the control loop;
+    limits far above all torques are left out.
     """
     axes = new_figure(2, height=1.9, shared=False) if axes is None else list(axes)
     for k, study in enumerate(studies):
