@@ -7,9 +7,9 @@ exerts the wrench
 
 on its surroundings, where W_g balances the weight of all bodies and the springs on their joints at rest.
 These U form a zonotope. Admissible velocities v have |G v| <= speed limits. If the platform coordinates are
-joints, as the pitch and roll of an ankle, the set of U has the true limits of the joints' torques. They depend
-on the pose and on one another, while a file that describes the tree alone has independent limits. At a Type 2
-singularity G t_s = 0: the zonotope has no width along t_s, and the speed along t_s has no limit.
+joints, as the pitch and roll of an ankle, the set of U has the true limits of the joints' torques. They
+depend on the pose and on one another, while a file that describes the tree alone has independent limits. At a
+Type 2 singularity G t_s = 0: the zonotope has no width along t_s, and the speed along t_s has no limit.
 
 Assumptions: all parts are rigid, springs keep their deflections, there are no contacts, and motors reach
 their torque limit at every speed. The limits hold at this pose only.

@@ -52,8 +52,8 @@ def forces_through_singularity(
 ) -> Forces:
     """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
 
-    The motion is continued in time by the Taylor polynomial of third order. The torques beside the singularity
-    are regular, and their interpolation at t = 0 is the limit.
+    The motion is continued in time by the Taylor polynomial of third order. The torques beside the
+    singularity are regular, and their interpolation at t = 0 is the limit.
 
     Args:
         closed: the singular configuration, T = 1.

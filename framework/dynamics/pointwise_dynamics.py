@@ -98,8 +98,9 @@ class Instant(ReadOnlyArrays):
     def motor_inertia(self) -> Array:
         """The inertia (n_a, n_a) of all bodies and rotors along the motors' joints.
 
-        It is S' M_x S with S = dv/d(dq_a), the platform's twists per motor rate, and M_x = `platform_inertia`.
-        NaN with redundant motors, and at Type 2, where the platform can move with motors at rest.
+        It is S' M_x S with S = dv/d(dq_a), the platform's twists per motor rate, and M_x =
+        `platform_inertia`. NaN with redundant motors, and at Type 2, where the platform can move with motors
+        at rest.
         """
         robot = self.robot
         inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
@@ -159,7 +160,7 @@ class Instant(ReadOnlyArrays):
         return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
 
     def _unstack(self, stack: Array) -> Array:
-        """Return a stack (T, ...) as it is for T instants, its only item for one instant."""
+        """Return a stack (T, ...), or its item if T is one instant."""
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
     def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
