@@ -30,6 +30,7 @@ from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.ordered_sums import solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +158,7 @@ def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
     x = platform.coordinates(motion.linearised.frames)
     twist, twist_rate = platform_twists(robot, motion)
     E = platform.rate_matrix(x)
-    dx = np.asarray(np.linalg.solve(E, twist[..., None])[..., 0])
+    dx = solve(E, twist)
     _twist, quadratic_terms = platform.twist(x, dx)  # E' dx
-    ddx = np.asarray(np.linalg.solve(E, (twist_rate - quadratic_terms)[..., None])[..., 0])
+    ddx = solve(E, twist_rate - quadratic_terms)
     return x, dx, ddx

@@ -129,9 +129,14 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         InvalidInput: the robot has no springs, or the wrench has no potential.
     """
     require_springs(robot)
-    preload = spring_torques(robot, q, robot.all_stiffness)  # in equilibrium without load
-    load = Load(check_wrench(robot, wrench), share=np.zeros(len(q)), preload=preload)
-    current = _unloaded_points(robot, q, load)
+    load = Load(
+        check_wrench(robot, wrench),
+        share=np.zeros(len(q)),
+        preload=spring_torques(robot, q, robot.all_stiffness),  # in balance without load
+    )
+    unloaded = balance(robot, q, load)
+    rate, _ = _curve_tangents(unloaded.H, unloaded.drive, unloaded.null)
+    current = _Points(q.copy(), load.share, rate)
     step = np.full(len(q), MAX_STEP)
     reason = np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
     live = np.arange(len(q))  # indices of the configurations still followed
@@ -153,13 +158,6 @@ def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = N
         can_halve = ~(ends.size <= UNCHECKED_MOTION)  # NaN too
         live = live[(ends.accepted | can_halve) & (reason[live] == LoadReason.NOT_CONVERGED)]
     return _loaded_stack(robot, q, current, reason, load)
-
-
-def _unloaded_points(robot: ParallelRobot, q: Array, load: Load) -> _Points:
-    """Return the points q (T, nq) at which the curves begin, with tangents."""
-    unloaded = balance(robot, q, load)
-    rate, _is_stable = _curve_tangents(unloaded.H, unloaded.drive, unloaded.null)
-    return _Points(q.copy(), load.share, rate)
 
 
 def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""The motions of all levels of fidelity, and indicators: the error of each level, estimated without simulation.
+"""The motions of all levels of fidelity, and indicators: estimates of their errors without simulation.
 
 All levels follow one motion, each with the torques that its model needs along this motion. The torques of a
 level lack the effects that the level leaves out, so that a real platform would leave the motion. So a level

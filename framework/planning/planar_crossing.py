@@ -125,9 +125,7 @@ def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
     """
     poses = []
     for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis
-        forward = close_loops(robot, closed.x + step, closed.q)
-        back = close_loops(robot, closed.x - step, closed.q)
-        poses.append([forward.q, back.q])
+        poses.append([close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)])
     return np.array(poses)
 
 
