@@ -112,7 +112,9 @@ def dynamics_derivatives(
     slopes += least_motor_torques(robot, speeds, wrench_slopes)
     slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
     torque = motor_torque(robot, motion, joint_torque)[prescribed.entry]
-    return DynamicsDerivatives(torque, *slopes, robot, motion)
+    return DynamicsDerivatives(
+        torque, torque_x=slopes[0], torque_dx=slopes[1], torque_ddx=slopes[2], _robot=robot, _motion=motion
+    )
 
 
 def _redundant_torque_changes(

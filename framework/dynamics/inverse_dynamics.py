@@ -417,7 +417,7 @@ def _largest_tail(
 
 
 def _end_speed(robot: ParallelRobot, v: Array) -> float:
-    """Compute the largest motor speed at the ends of a motion over the largest of all.
+    """Compute the largest motor speed at the ends, relative to the largest of all.
 
     `v` (T, nv) are the joint rates.
     """

@@ -45,8 +45,8 @@ from framework.numerics.ordered_sums import dot, matmul, matvec, solve
 from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
 
 MAX_CORRECTION_RATIO = 0.25  # correction over step; a larger correction may reach another branch
-# Largest error of the gain in share predicted from the tangents, over the gain along the steeper tangent. Two
-# folds of a cubic between the ends of a step leave an error of 1 / 6.
+# Largest error of the gain in share predicted from the tangents, divided by the gain along the steeper
+# tangent. Two folds of a cubic between the ends of a step leave an error of 1 / 6.
 MAX_SHARE_GAP = 0.1
 UNCHECKED_MOTION = 1e-7  # [rad, robot lengths] steps below this are too short for a fold
 MAX_STEPS = 1000  # along the curve; most robots take one, and steps of 0.1 rad soon exceed any deflection
@@ -54,7 +54,7 @@ MAX_ITERATIONS = 8  # of Newton's method in a step
 
 
 class LoadReason(IntEnum):
-    """The outcome for one configuration: the load is carried, or the reason why not."""
+    """The outcome for one configuration: the load is carried, or the reason for failure."""
 
     CARRIED = 0
     GIVES_WAY = 1  # snaps through or buckles: the stiffness is lost before the whole load is applied

@@ -170,7 +170,7 @@ def fall_exponent(result: InverseDynamics) -> float:
 
 
 def open_loop_growth(exponent: float) -> float:
-    """Compute the final error under a constant force over that of a free mass.
+    """Compute the final error under a constant force, relative to that of a free mass.
 
     The error d" = r^2 d + f grows as d = f (cosh rt - 1) / r^2, and that of a free mass as d = f t^2 / 2.
     With the exponent L = rt of `fall_exponent` their ratio is 2 (cosh L - 1) / L^2. It is 1 if no error

@@ -91,7 +91,7 @@ class Instant(ReadOnlyArrays):
     def platform_inertia(self) -> Array:
         """The inertia M_x (n, n) of all bodies and rotors: the kinetic energy is v' M_x v / 2."""
         mass = mass_matrices(self.robot, self._motion.q) + np.diag(self.robot.rotors)
-        rates = motor_speeds(self.robot, self._motion.linearised)[1]  # (T, nv, n) of unit twists
+        _G, rates = motor_speeds(self.robot, self._motion.linearised)  # (T, nv, n) joints, for unit twists
         return self._unstack(rates.swapaxes(1, 2) @ mass @ rates)
 
     @cached_property
@@ -106,8 +106,8 @@ class Instant(ReadOnlyArrays):
         inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
         regular = np.atleast_1d(self.clearance) >= RANK_LOST
         if robot.n_a == robot.n:
-            joint_rates_per_twist = motor_speeds(robot, self._motion.linearised)[1]
-            S = np.linalg.inv(joint_rates_per_twist[:, robot.actuated][regular])
+            _G, joint_rates = motor_speeds(robot, self._motion.linearised)  # for unit twists
+            S = np.linalg.inv(joint_rates[:, robot.actuated][regular])
             M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[regular]
             inertia[regular] = S.swapaxes(1, 2) @ M_x @ S
         return self._unstack(inertia)
@@ -118,12 +118,14 @@ class Instant(ReadOnlyArrays):
 
         For a platform with several axes of rotation the twist is not dx/dt.
         """
-        return self._unstack(platform_twists(self.robot, self._motion)[0])
+        twist, _twist_rate = platform_twists(self.robot, self._motion)
+        return self._unstack(twist)
 
     @cached_property
     def platform_acceleration(self) -> Array:
         """The time derivative (n,) of `platform_velocity`."""
-        return self._unstack(platform_twists(self.robot, self._motion)[1])
+        _twist, twist_rate = platform_twists(self.robot, self._motion)
+        return self._unstack(twist_rate)
 
     @property
     def velocity_matrices(self) -> VelocityMatrices:
@@ -160,7 +162,7 @@ class Instant(ReadOnlyArrays):
         return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
 
     def _unstack(self, stack: Array) -> Array:
-        """Return a stack (T, ...), or its item if T is one instant."""
+        """Return a stack (T, ...), or its only item for a single configuration q."""
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
     def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:

@@ -24,8 +24,9 @@ class Certificate:
     """The numbers that prove the torques of a result.
 
     nodes: number of Chebyshev nodes in time, on all panels together.
-    tail: largest of the last Chebyshev coefficients of torques and deflections over the largest coefficient.
-        With a pole, coefficients do not decay with more nodes: they stay of the size of its residue.
+    tail: largest of the last Chebyshev coefficients of torques and deflections divided by the largest
+        coefficient. With a pole, coefficients do not decay with more nodes: they stay of the size of its
+        residue.
     passes: number of evaluations of forces at given deflections, on all grids together.
     change: relative change of deflections or spring forces by one more pass; 0 with rigid geometry, which has
         no iteration.
@@ -36,8 +37,8 @@ class Certificate:
     max_held_torque: largest torque that the planned motion would need in an idle joint, such as the spin of a
         rod about its own line [N m or N]. The motors' torques have errors of the same order of magnitude. 0
         without idle joints; at most `tolerances.HELD_IDLE` of a motor's largest torque on the joint side.
-    end_speed: largest motor speed at both ends over the largest of the motion. Zero if the law is smooth
-        enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
+    end_speed: largest motor speed at both ends divided by the largest of the motion. Zero if the law is
+        smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
     monotone: whether s' > 0 at all instants between the ends.
     rounded_gap: largest gap [m or rad] of loop equations that are left out because they repeat others up to
         rounding; 0 if there are none.

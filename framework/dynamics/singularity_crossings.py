@@ -238,7 +238,7 @@ def check_crossings(robot: ParallelRobot, state: DeflectionSolution, result: Inv
     """
     if result.geometry == "rigid" and robot.n_e:
         return
-    signs = mode_signs(robot, state.motion.linearised)[1]
+    _, signs = mode_signs(robot, state.motion.linearised)  # (T,) of the assembly mode
     times = state.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):

@@ -54,7 +54,7 @@ from framework.tolerances import (
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
 MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
 SHIFTS = (1.0, 1e3, 1e6)  # sigma of H + sigma S over tr H / tr S; indefinite H under load need larger ones
-MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of eigenvalues of H over the largest one
+MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of eigenvalues of H divided by the largest one
 
 
 class CompliantMotions(NamedTuple):

@@ -4,9 +4,9 @@ All levels follow one motion, each with the torques that its model needs along t
 level lack the effects that the level leaves out, so that a real platform would leave the motion. So a level
 has two errors:
 
-* of torque: the difference of the level's torques from those of the highest level, over their peak;
+* of torque: the difference of the level's torques from those of the highest level, divided by their peak;
 * of the platform: the displacement under the missing wrench, which is G' times the difference of the torques
-  (`dynamics.open_loop`), plus the distance of the two levels' motions, over the path's length.
+  (`dynamics.open_loop`), plus the distance of the two levels' motions, divided by the path's length.
 
 Both are finite at Type 2: each level meets its own condition (8), and the equations of the displacement are
 regular there.
@@ -84,7 +84,11 @@ def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot
 
 
 class LevelError(NamedTuple):
-    """The estimated errors of a level: of torques over their peak, of the platform over the path's length."""
+    """The estimated errors of a level.
+
+    torque: error of the torques, divided by their peak.
+    platform: error of the platform, divided by the path's length.
+    """
 
     torque: float = np.inf
     platform: float = np.inf

@@ -3,9 +3,9 @@
 All levels follow one motion: that of the plan of the highest level or, if there is none, of the rigid level.
 The torques of each level drive the forward simulation of the highest model that the robot's file can express,
 from rest at the start of the path. A level is enough if two errors are within the tolerance: the distance of
-the platform from the motion over the path's length, and the difference of the level's torques from those of
-the plan over their peak. A comparison of adjacent levels would not suffice: if legs have no mass, two levels
-agree exactly, whatever the springs of the levels above.
+the platform from the motion, relative to the path's length, and the difference of the level's torques from
+those of the plan, relative to their peak. A comparison of adjacent levels would not suffice: if legs have no
+mass, two levels agree exactly, whatever the springs of the levels above.
 
 The simulation shows the effect of missing torques near a singularity. There the robot cannot resist a force
 along t_s, and the remaining t_s . W_p pushes the platform off its path. A robot that falls by itself is
@@ -70,7 +70,7 @@ class FidelityStudy(ReadOnlyArrays):
 
     @cached_property
     def neglected_work(self) -> float:
-        """The work of dry friction that no level models, over the work of the motors.
+        """The work of dry friction that no level models, divided by the work of the motors.
 
         Both are integrals of absolute powers. Torques cannot be compared: the law meets condition (8) without
         this friction, so that the torque against it is unbounded near Type 2. Zero without such friction;

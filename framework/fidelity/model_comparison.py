@@ -33,15 +33,16 @@ from framework.tolerances import TORQUE_TAIL
 # Torques count as equal if they differ by less than this share of the peak. Relevant effects change torques
 # by a share of 1e-7 or more.
 EQUAL_TORQUES = 10 * TORQUE_TAIL
-# Platform error over the path's length that ends a simulation; twice the tolerance if that is more.
+# Platform error divided by the path's length that ends a simulation; twice the tolerance if that is more.
 MAX_ERROR = 0.1
-STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step over the tolerance, tried in turn
-# Platform error over the tolerance, under the reference's own torques, above which shorter steps are tried.
+STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step divided by the tolerance, tried in turn
+# Platform error divided by the tolerance, under the reference's own torques, above which shorter steps are
+# tried.
 OWN_ERROR = 0.1
 # Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
 # of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
-CONTROL_TO_FALL = 10.0  # frequency of the motors' feedback over the rate of the fall, to catch the robot
+CONTROL_TO_FALL = 10.0  # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
 MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
 MOTION_SAMPLES = 1001  # number of equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # offsets of further instants from crossings, over the duration
@@ -52,10 +53,10 @@ class Comparison(ReadOnlyArrays):
     """The torques of one level along the motion, and their errors in the highest model.
 
     motion: the level's motion with its torques; None if the level's model cannot follow it.
-    torque_error: (T,) difference from the reference's torques over their peak, at the study's instants; NaN
-        without a motion.
-    platform_error: (T,) distance of the simulated platform from the level's motion over the path's length;
-        NaN without a motion, and after the platform was lost.
+    torque_error: (T,) difference from the reference's torques divided by their peak, at the study's instants;
+        NaN without a motion.
+    platform_error: (T,) distance of the simulated platform from the level's motion divided by the path's
+        length; NaN without a motion, and after the platform was lost.
     reason: why there is no motion, or where the platform was lost; empty otherwise.
     seconds: computing time of the torques.
     same_as: the lowest level with equal torques; empty if there is none.
@@ -144,7 +145,7 @@ class ReferenceMotion:
 
     @property
     def lost(self) -> float:
-        """The platform error over the path's length at which the platform counts as lost."""
+        """The platform error divided by the path's length at which the platform counts as lost."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
@@ -188,7 +189,7 @@ class ReferenceMotion:
         return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
-        """Return the largest difference (T,) of two motions' torques over their peak, without friction."""
+        """Return the largest difference (T,) of two motions' smooth torques, relative to their peak."""
         torque = motion.torque_without_friction(self.times)
         difference = torque - reference.torque_without_friction(self.times)
         return (np.abs(difference) / self.peak).max(axis=1)

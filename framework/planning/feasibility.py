@@ -1,4 +1,4 @@
-"""What condition (8) of the undeformed robot requires at a singular point, before any law is sought.
+"""Condition (8) of the undeformed robot at a singular point, and its consequences for every law.
 
 In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion. alpha is due
 to the acceleration s", beta to the curvature of the path and to joint rates, gamma to weight, joint springs

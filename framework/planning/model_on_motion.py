@@ -45,7 +45,7 @@ from framework.planning.request import SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
-CORRECTED_SHARE = 0.9  # half-width of a local correction over the time to the next crossing or end
+CORRECTED_SHARE = 0.9  # half-width of a local correction divided by the time to the next crossing or end
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class NeglectedEffect(NamedTuple):
     effect: description in words.
     torque: the largest torque that the effect adds at a motor [N m or N, motor side]; None if unknown.
     motor: the joint of that motor; empty if the effect concerns no single motor.
-    share: `torque` over the largest planned torque of motors of the same unit; None if unknown.
+    share: `torque` divided by the largest planned torque of motors of the same unit; None if unknown.
     """
 
     effect: str

@@ -185,7 +185,7 @@ class PlanOptions:
     )
     optimize: str | None = _option(
         "cost that the optimal law minimises (peak_torque)",
-        ': "time"; "peak_torque": the largest torque over its limit, or in N m if no motor has one; '
+        ': "time"; "peak_torque": the largest ratio of a torque to its limit, or in N m if no motor has one; '
         '"energy": the integral over the motion of the sum of (torque over limit)^2. There a motor '
         "without a limit is weighted by the largest limit of the others, which does not bound it. Of the "
         "laws that cost at most 0.4 % more than the least cost found, the smoothest is taken, or one that "

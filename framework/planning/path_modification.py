@@ -31,7 +31,7 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 
-MAX_BEND_SHARE = 0.05  # largest bend over the path's length; a larger one would make another path
+MAX_BEND_SHARE = 0.05  # largest bend divided by the path's length; a larger one would make another path
 END_SHARE = 0.15  # least distance in s of a crossing from both ends: nearer, the bump ends with a kink
 BEND_SAMPLES = 1001  # equidistant values of s at which the size of a bend is measured
 # DOUBLED_BENDS bends are tried to each side, each twice the last. The first, 0.04 % of the path's length, is
@@ -57,7 +57,7 @@ class ModifiedPathPlan(NamedTuple):
 
     moved: the largest distance [m].
     turned: the largest norm of the difference of the rotation vectors [rad].
-    share: the largest distance over the path's length, with rotations multiplied by the robot's length.
+    share: the largest distance divided by the path's length, with rotations multiplied by the robot's length.
     choices: this bend and larger ones to the same side, with the torques of their plans.
     """
 

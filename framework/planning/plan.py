@@ -96,7 +96,7 @@ def plan_request(
         explained: whether a refusal also searches for limits and a duration within which a law exists.
 
     Raises:
-        As `plan_crossing`.
+        InvalidInput, NoAnswer: as `plan_crossing`.
     """
     started = time.perf_counter()
     if searched is None:
@@ -326,7 +326,7 @@ def uncertified_law(
         zero.
 
     Raises:
-        As `plan_crossing`, except UnboundedTorque and NotConverged.
+        InvalidInput, NoAnswer: as `plan_crossing`, except UnboundedTorque and NotConverged.
     """
     return law_before_proof(search_path(robot, path), Request.of(robot, path, **options))
 
@@ -335,7 +335,7 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     """Compute the `uncertified_law` of a request on a searched path.
 
     Raises:
-        As `uncertified_law`.
+        InvalidInput, NoAnswer: as `uncertified_law`.
     """
     to_cross = path_to_cross(searched, request)
     law = undeformed_polynomial(to_cross, request)

@@ -44,7 +44,7 @@ OVERSHOOT = (
     "the law overshoots its ends (s from {0:.6g} to {1:.6g}); other times or speeds, or a higher "
     "--smoothness, avoid it"
 )
-MOVING_END_SPEED = 1e-6  # speed at the ends over the motors' largest speed, above which there is a warning
+MOVING_END_SPEED = 1e-6  # speed at the ends relative to the motors' largest, above which there is a warning
 
 
 class Fact(NamedTuple):

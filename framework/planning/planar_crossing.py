@@ -71,7 +71,7 @@ class PlanarCrossing(NamedTuple):
         robot, closed = self.robots["off"], self.searched.branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
         scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
-        G = motor_speeds(robot, closed.linearised)[0]  # (M, n_a, n)
+        G, _joint_rates = motor_speeds(robot, closed.linearised)  # (M, n_a, n)
         g = measure.g[:, None, None]
         samples = {
             "q": closed.q,

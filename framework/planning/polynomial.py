@@ -41,7 +41,7 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     first law and the last one must advance.
 
     Raises:
-        As `plan_crossing`.
+        InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
     timing = timing_of(to_cross, request)
@@ -77,7 +77,7 @@ def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
     """Compute the law of the undeformed robot without its torques and their proof.
 
     Raises:
-        As `plan_crossing`, except UnboundedTorque and NotConverged.
+        InvalidInput, NoAnswer: as `plan_crossing`, except UnboundedTorque and NotConverged.
     """
     name = to_cross.branch.robot.name
     law = _solve_law(_undeformed_crossings(to_cross), timing_of(to_cross, request), request, name)

@@ -37,7 +37,7 @@ PEAK_SAMPLES = 2001  # equidistant instants at which positions are checked and p
 class Crossing(ReadOnlyArrays):
     """A crossing of a Type 2 singularity, measured on the finished motion.
 
-    residual: |t_s . W_p| over the largest sum, along the motion, of the absolute values of its terms.
+    residual: |t_s . W_p| divided by the largest sum, along the motion, of the absolute values of its terms.
     condition: the coefficients of condition (8) that the law was made to meet; None if condition (8) holds
         although the request did not ask for it.
     """
@@ -58,8 +58,9 @@ class Optimality(ReadOnlyArrays):
     """The specification of an optimal law, and the quality of the law.
 
     reference: torques (n_a,) [N m] by which torques are divided in the costs of peak and energy.
-    gap: cost of the law over the least cost found, less 1. The least cost is that of laws on the same cells,
-        in at most the same duration, that need not be smooth. It does not bound the cost of all laws.
+    gap: relative excess of the law's cost over the least cost found. The least cost is that of laws on the
+        same cells, in at most the same duration, that need not be smooth. It does not bound the cost of all
+        laws.
     """
 
     specification: Specification

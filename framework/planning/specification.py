@@ -19,9 +19,9 @@ from framework.planning.request import Request
 class Specification(ReadOnlyArrays):
     """The goal of an optimal law, and its limits.
 
-    goal: "time"; "peak_torque", the largest torque over its limit; or "energy", the integral of the sum of
-        (torque over limit)^2. In these ratios the largest limit of the other motors replaces a missing limit,
-        without bounding the torque; if no motor has a limit, all have the same weight.
+    goal: "time"; "peak_torque", the largest torque divided by its limit; or "energy", the integral of the sum
+        of (torque over limit)^2. In these ratios the largest limit of the other motors replaces a missing
+        limit, without bounding the torque; if no motor has a limit, all have the same weight.
     duration: exact duration [s]; None if open.
     longest: largest duration [s]; None if unbounded.
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite for motors without a limit.

@@ -41,7 +41,7 @@ The polynomial law:
         planning.condition.require_effect
     NoLaw: too many crossings, or no times and speeds at which a law advances
         planning.timing.choose_timing
-    NoLaw: its conditions repeat or contradict each other
+    NoLaw: the conditions on the polynomial repeat or contradict each other
         planning.polynomial.plan_polynomial
     NoLaw: the law runs back or leaves the path
         planning.refusals.turning_back.check_advance
@@ -59,7 +59,7 @@ The optimal law:
         kinematics.continuation.tracking.escape_error
     NoLaw: a motor cannot hold an end of the path, or limits are too low
         planning.optimal.limit_refusals.refuse_law
-    NotConverged: no law is found, for no reason of its limits
+    NotConverged: no law is found, although the limits are not the reason
         planning.optimal.limit_refusals.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
@@ -95,7 +95,7 @@ The motion, under either law or one of the user's own:
         dynamics.inverse_dynamics.resolve
     NotConverged: torques, deflections or a near miss are not resolved
         dynamics.refusals.unresolved_error
-    NoLaw: the deflected robot meets a singularity of its own
+    NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
     NotAssembled: the motion opens a loop equation that was redundant at the reference
         dynamics.residuals.measure_residuals

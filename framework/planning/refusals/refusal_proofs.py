@@ -32,7 +32,7 @@ class UnmetCondition(NamedTuple):
 class StaticFold(NamedTuple):
     """A fold of the static equilibria at an end s of the path, met as the springs get softer.
 
-    compliance: compliance of the softest springs with an equilibrium, over that of the robot's springs.
+    compliance: compliance of the softest springs with an equilibrium, divided by that of the robot's springs.
     """
 
     s: float
