@@ -180,9 +180,19 @@ def resolve(
     crossings = rigid_crossings(searched.branch, searched.points, law)
     if geometry == "rigid":
         check_bounded(robot, crossings, CONDITION_RESIDUAL)
-    refinement = _Refinement(searched, choose_law, geometry, tolerance, known, law, crossings, crossings)
+    refinement = _Refinement(
+        searched,
+        choose_law,
+        geometry,
+        tolerance,
+        known,
+        law,
+        crossings_at_rest=crossings,
+        crossings=crossings,
+    )
     unseen: NearMiss | None = None
-    for size in (FEW, *SIZES) if len(edges_of(law)) else SIZES:
+    sizes = (FEW, *SIZES) if len(edges_of(law)) else SIZES
+    for size in sizes:
         state = refinement.solve(size)
         if state.change > UNSETTLED:  # too bad a start for the next grid, which starts from rest
             if refinement.obstacles > 1:
@@ -200,6 +210,7 @@ def resolve(
             unseen = unseen_near_miss(searched, state, result)
             if unseen is None:
                 return _check_result(searched.branch, state, result, friction)
+    # no grid resolves the motion: raise the error that says most about the reason
     least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
     if known is None:  # a pole with known deflections proves nothing: others may have bounded torques
         check_bounded(robot, refinement.crossings, refinement.allowed_residual)

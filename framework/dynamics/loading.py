@@ -239,7 +239,7 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
     tangent = motion / np.where(length > 0.0, length, 1.0)
     is_whole = fraction == 1.0
     share = np.where(is_whole, 1.0, start.share + fraction * remaining)
-    return _Prediction(motion, tangent, share, is_whole, size_to_end * fraction)
+    return _Prediction(motion, tangent, share, is_whole, size=size_to_end * fraction)
 
 
 def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:

@@ -94,7 +94,7 @@ def _measure_effect(
 
 
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield the effects of springs left rigid, and of the geometry and inertia of active ones."""
+    """Yield the effects of springs left rigid, and of geometry and inertia of active springs."""
     robot, description = dynamics.robot, dynamics.robot.description
 
     @cache

@@ -179,7 +179,7 @@ class _Modification(NamedTuple):
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
         """Measure how far the path of a plan is from the requested path."""
         s = np.linspace(0.0, 1.0, BEND_SAMPLES)
-        change = plan.path(s) - self.request.path(s)
+        change = plan.path(s) - self.request.path(s)  # (BEND_SAMPLES, n)
         is_translation = self.robot.translations
         distance = _largest_norm(change[:, is_translation])
         turn = _largest_norm(change[:, ~is_translation])

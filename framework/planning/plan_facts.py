@@ -60,7 +60,7 @@ class Fact(NamedTuple):
 
 
 def motion_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts about a plan's motion, its certificate and its faults.
+    """Return the facts about the motion of a plan, the certificate and the faults.
 
     The order is: wrenches, crossings, torques, certificate, effects left out, warnings.
     """

@@ -46,7 +46,7 @@ def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = 
     Args:
         kind: `kind` of the path's class.
         points: (start, end) of a line, (start, via, end) of an arc.
-        blend: distance of a polyline's rounding from its corners.
+        blend: distance from a polyline's corners at which their rounding begins.
 
     Raises:
         InvalidInput: an unknown kind, or points that do not define such a path.

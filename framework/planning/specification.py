@@ -69,9 +69,9 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
     """
     share = 1.0 - request.margin
     return Specification(
-        request.goal,
-        request.duration,
-        request.longest,
+        goal=request.goal,
+        duration=request.duration,
+        longest=request.longest,
         torque_limit=share * motor_limits(robot, "torque_limit", request.torque_limit),
         speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
         smoothness=request.smoothness,

@@ -145,11 +145,13 @@ def _search_timings(
         return np.where(is_open, physical, starts[0])
 
     random = np.random.default_rng(0)
-    started = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
-    count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
-    centres = started[random.integers(len(starts), size=count)]
+    first_laws = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
+    count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]  # laws drawn in each round
+    centres = first_laws[random.integers(len(starts), size=count)]
     drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
-    laws, scores, mean = started[:1], score_laws(starts[:1]), started[0]
+
+    # the survivors, best first, their scores and the mean of the survivors of the round before
+    laws, scores, mean = first_laws[:1], score_laws(starts[:1]), first_laws[0]
     for _ in range(MAX_ROUNDS):
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, score_laws(to_timings(drawn))])
