@@ -1,13 +1,13 @@
 """The dynamics of a motion: generalised forces, deflections, motor torques. Open `inverse_dynamics` first.
 
 Torques along a path, with a certificate
-    inverse_dynamics        torques of a law on a path; the nodes in time are doubled until the series resolve
+    inverse_dynamics        torques of a law on a path, on finer and finer grids until the series are resolved
     forces                  forces of the open tree, and the motor and spring forces that balance them
     elasticity              deflections in balance with their forces, by passes; `elastic_pass` is one pass
-    restoration             balance of law and deflections as a whole, if the passes do not converge: on
-                            `balance_equations`, `loaded_balance` and `known_deflections`; `loaded_measure`
-                            measures the distance of that balance from singularity
-    torque_response         torques beside such a motion, linear in the law
+    restoration             balance of law and deflections by Gauss-Newton, if the passes do not converge; it
+                            uses `balance_equations`, `loaded_balance` and `known_deflections`;
+                            `loaded_measure` is the distance of that balance from singularity
+    torque_response         first-order change of the torques of such a motion with the law
     singularity_crossings   the instants in a Type 2 singularity, with condition (8)
     residuals, near_misses  checks of the finished motion; `refusals` has the errors
     result                  the result and its certificate

@@ -37,15 +37,15 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
     """Compute Y (T, nv, 10 b), the derivatives of the open tree's forces by inertial parameters.
 
     Args:
-        bodies: (b,) the joints of the bodies, all by default.
+        bodies: (b,) pinocchio indices of the joints that carry the bodies, all by default.
     """
     model, data = robot.model, scratch_of(robot).data
     bodies = np.arange(1, model.njoints) if bodies is None else bodies
     regressor = np.empty((len(motion.q), model.nv, len(bodies), 10))
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        of_all = pin.computeJointTorqueRegressor(model, data, q, v, a)  # (nv, 10 (njoints - 1))
-        regressor[k] = of_all.reshape(model.nv, -1, 10)[:, bodies - 1]
-    # pinocchio's parameters are on the axes of joints
+        all_columns = pin.computeJointTorqueRegressor(model, data, q, v, a)  # (nv, 10 (njoints - 1))
+        regressor[k] = all_columns.reshape(model.nv, -1, 10)[:, bodies - 1]
+    # pinocchio's parameters are on the axes of joints, ours on the axes of links
     transforms = _joint_to_link_transforms(robot)
     for i, body in enumerate(bodies.tolist()):
         if body in transforms:
@@ -55,9 +55,9 @@ def tree_regressor(robot: Mechanism, motion: JointMotion, bodies: IntArray | Non
 
 @lru_cache(maxsize=64)
 def _joint_to_link_transforms(robot: Mechanism) -> dict[int, Array]:
-    """Return, by joint, the matrix (10, 10) from parameters on link axes to joint axes.
+    """Return the matrices (10, 10) from parameters on link axes to joint axes.
 
-    Joints whose axes coincide with those of the link have no entry.
+    The keys are joint indices. Joints whose axes coincide with those of the link have no entry.
     """
     axes = {j: link_axes(robot.model, j) for j in range(1, robot.model.njoints)}
     return {j: parameter_transform(pose) for j, pose in axes.items() if not pose.isIdentity(0.0)}
@@ -71,16 +71,19 @@ def link_of(model: pin.Model, j: int) -> str:
 
 
 def link_parameters(model: pin.Model, j: int) -> Array:
-    """Return the inertial parameters (10,) of joint j's body, about the joint's origin on link axes."""
+    """Return the inertial parameters (10,) of joint j's body on link axes.
+
+    Moments are about the joint's origin.
+    """
     return link_axes(model, j).actInv(model.inertias[j]).toDynamicParameters()
 
 
 def pseudo_inertia(parameters: Array) -> Array:
     """Return the pseudo-inertia (..., 4, 4) of inertial parameters (..., 10).
 
-    It is [[S, m c], [(m c)', m]] with the second moments S = int r r' dm = tr(I) / 2 - I. It is positive
-    semidefinite if and only if the body is physically possible (Wensing, Kim and Slotine, IEEE Robotics and
-    Automation Letters 3(1), 2018).
+    It is [[S, m c], [(m c)', m]] with the mass m, the centre of mass c, the inertia I and the second moments
+    S = int r r' dm = tr(I) / 2 - I. It is positive semidefinite if and only if the body is physically
+    possible (Wensing, Kim and Slotine, IEEE Robotics and Automation Letters 3(1), 2018).
     """
     matrix = np.zeros((*parameters.shape[:-1], 4, 4))
     inertia = np.zeros((*parameters.shape[:-1], 3, 3))

@@ -1,14 +1,15 @@
 """Exact derivatives of the inverse dynamics along motions that keep the loops closed.
 
-T = dq/dv are the joint rates for unit twists v of the platform, G = n T_a the motors' speeds for them (n the
-gear ratio), and lambda the loop forces (`forces`). The motor torques t that move the bodies solve
-G' t = T' r, and their changes solve
+T = dq/dx' are the joint rates for unit rates of the platform's coordinates x. G = n T_a are the motors'
+speeds for these rates, with the gear ratio n. r are the forces of the open tree, J is the Jacobian of the
+loop equations and lambda are the loop forces (`forces`). The motor torques t solve G' t = T' r, and their
+changes solve
 
     G' dt = T' d(r - J' lambda)          at fixed lambda.
 
-dt needs the change of the open tree's forces (`force_changes`) along the change of the joints' motion
-(`motion_changes`), and one solution with G', which is singular at Type 2. With redundant motors t is the
-solution of least norm, t = G k, and dt = dG k + G dk.
+The right side needs the change of the open tree's forces (`force_changes`) along the change of the joints'
+motion (`motion_changes`). G' is singular at Type 2. With redundant motors t is the solution of least norm,
+t = G k with k (n,), and dt = dG k + G dk.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ def dynamics_derivatives(
     require_hold(robot, motion.linearised, prescribed.x)
     rates = prescribed.x, prescribed.dx, prescribed.ddx
     changes = coordinate_changes(robot, motion, robot.structure.idle, rates)
-    motions = changes.q[:, : robot.n]  # joint rates for unit rates of the platform's coordinates, T'
+    motions = changes.q[:, : robot.n]  # (T, n, nv) T', joint rates for unit rates of x
     speeds = robot.gear_ratio * motions[..., robot.actuated]  # (T, n, n_a) G'
     r = tree_forces(robot, motion)
     joint_torque = robot.gear_ratio * least_motor_torques(robot, speeds, motions @ r[..., None])[..., 0]
@@ -101,15 +102,19 @@ def dynamics_derivatives(
     force_change = force_changes(robot, motion, multipliers, changes).swapaxes(2, 3)
     wrench_slopes = motions @ force_change  # (3, T, n, k), T' d(r - J' lambda)
     accelerations = changes.accelerations[..., robot.actuated]
+    # slopes (3, T, n_a, k) of the torques by x, dx and ddx, beginning with those of the rotors
     slopes = (robot.rotor_inertia * robot.gear_ratio * accelerations).swapaxes(2, 3)
     if robot.n_a > robot.n:
+        # dt = dG k + G dk, where G' G dk = T' d(r - J' lambda) - G' dG k; only x changes G
         dG_k = _redundant_torque_changes(robot, motion, prescribed.x, speeds, joint_torque)
         slopes[0, ..., : robot.n] += dG_k
         wrench_slopes[0, ..., : robot.n] -= speeds @ dG_k
     slopes += least_motor_torques(robot, speeds, wrench_slopes)
-    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # by x, dx, ddx, without idle joints
+    slopes = slopes[:, prescribed.entry, ..., : robot.n]  # without idle joints
     torque = motor_torque(robot, motion, joint_torque)[prescribed.entry]
-    return DynamicsDerivatives(torque, slopes[0], slopes[1], slopes[2], robot, motion)
+    return DynamicsDerivatives(
+        torque, torque_x=slopes[0], torque_dx=slopes[1], torque_ddx=slopes[2], _robot=robot, _motion=motion
+    )
 
 
 def _redundant_torque_changes(
@@ -117,8 +122,11 @@ def _redundant_torque_changes(
 ) -> Array:
     """Compute dG k (T, n_a, n) of redundant motors by unit steps of x (T, n), at constant k.
 
-    The torques t = G k, with G' = `speeds`, are numerically the motors' speeds for rates k of x. So dG k is
-    the change of motor speeds at constant rates.
+    The torques t = G k of least norm have the values of the motors' speeds at the rates k of x. So dG k is
+    the change of these speeds at constant rates.
+
+    Args:
+        speeds: G' (T, n, n_a).
     """
     torque = joint_torque / robot.gear_ratio
     k = (np.linalg.pinv(speeds.swapaxes(1, 2)) @ torque[..., None])[..., 0]

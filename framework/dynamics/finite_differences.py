@@ -1,9 +1,9 @@
 """Raw sampling: the torque formula evaluated instant by instant, without a certificate.
 
 Rates of motors and springs are finite differences in time, and the torque formula divides by a determinant,
-however small. Near a Type 2 singularity without condition (8) the torques have spikes whose height depends on
-the distance of the nearest sample, as in Fig. 3(b) of Briot and Arakelian 2010. These torques serve figures
-and comparisons only; use `inverse_dynamics` otherwise.
+however small. Near a Type 2 singularity at which the law violates condition (8), the torques have spikes
+whose height depends on the distance of the nearest sample, as in Fig. 3(b) of Briot and Arakelian 2010. These
+torques serve figures and comparisons only; use `inverse_dynamics` otherwise.
 """
 
 from __future__ import annotations
@@ -47,11 +47,13 @@ def finite_difference_torques(
     """Compute torques at equidistant instants, with rates of motors and springs by finite differences.
 
     Args:
-        passes: number of evaluations of deflections from forces, with deformed geometry.
-        branch: the result of `track_path`, if at hand.
+        samples: number of instants.
+        geometry: "rigid" or "deformed", as for `inverse_dynamics`.
+        passes: number of times that deflections are computed from forces, with deformed geometry.
+        branch: the result of `track_path`, if already computed.
 
     Raises:
-        InvalidInput: fewer than 5 samples, geometry unknown, path does not fit the robot.
+        InvalidInput: fewer than 5 samples, an unknown geometry, or a path that does not fit the robot.
         NotAssembled: the loops do not close at some sample.
     """
     if not (is_number(samples) and int(samples) == samples >= 5):
@@ -62,8 +64,8 @@ def finite_difference_torques(
     q_e = np.zeros((samples, robot.n_e))
     motion = motion_with_deflections(branch, times, law, (q_e, q_e, q_e))  # springs at rest
     forces = joint_forces(robot, motion)
-    # With rigid geometry a single pass moves the motors by the deflections, and the forces stay those of the
-    # rigid robot.
+    # With rigid geometry the deflections shift the motor angles in a single pass; the forces stay those of
+    # the rigid robot.
     pass_count = passes if geometry == "deformed" else min(robot.n_e, 1)
     for k in range(pass_count):
         q_e = -forces.spring_force / robot.stiffness

@@ -1,6 +1,7 @@
-"""Changes of the forces that motors and loops balance, for small changes of a motion.
+"""First-order changes of the forces that motors and loops balance, for changes of a motion.
 
-With the forces r of the open tree, less the external ones, and constant loop forces lambda,
+With the forces r of the open tree less the external ones, the Jacobian J of the loop equations and constant
+loop forces lambda,
 
     d(r - J' lambda) = dr/dq dq + dr/dv dv + M da - (d(J' lambda)/dq) dq.
 
@@ -26,8 +27,8 @@ from framework.numerics.arrays import Array
 def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Array]:
     """Compute the derivatives of `tree_forces` by q, v and a, each (T, nv, nv).
 
-    Derivatives by q are along the tangent space of pinocchio's configurations. Those by a are the mass matrix
-    with armature, without rotors.
+    Derivatives by q are with respect to tangent vectors of pinocchio's configurations. The derivative by a is
+    the mass matrix with armature, without rotors.
     """
     data, nv = scratch_of(robot).data, robot.nv
     by_q, by_v, by_a = np.empty((3, len(motion.q), nv, nv))
@@ -45,14 +46,17 @@ def force_slopes(robot: ParallelRobot, motion: Motion) -> tuple[Array, Array, Ar
 def force_changes(robot: ParallelRobot, motion: Motion, multipliers: Array, changes: MotionChanges) -> Array:
     """Compute d(r - J' lambda) (3, T, k, nv) for k steps of positions, of rates and of accelerations.
 
-    `multipliers` (T, m) are the constant lambda of the independent loop equations. A step of positions also
-    changes rates and accelerations, and a step of rates changes accelerations.
+    A step of positions with closed loops also changes rates and accelerations, and a step of rates also
+    changes accelerations.
+
+    Args:
+        multipliers: (T, m) the constant lambda of the independent loop equations.
     """
     linearised, dq = motion.linearised, changes.q
     by_q, by_v, mass = force_slopes(robot, motion)
     wrenches = linearised.wrenches[:, robot.n :]  # of the loop equations
     of_loops = loop_force_changes(robot, robot.loops, linearised.frames, wrenches, multipliers, dq)
-    forces = changes.accelerations @ mass  # rows are changes: transposed matrices from the right
-    forces[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)
-    forces[0] += dq @ by_q.swapaxes(1, 2) - of_loops
+    forces = changes.accelerations @ mass  # changes are rows, so matrices are transposed and on the right
+    forces[:2] += np.stack([changes.v, dq]) @ by_v.swapaxes(1, 2)  # steps of positions and of rates
+    forces[0] += dq @ by_q.swapaxes(1, 2) - of_loops  # steps of positions
     return forces

@@ -1,15 +1,15 @@
 """Generalised forces of the open tree, and the loop, spring and motor forces that balance them.
 
-With r the inverse dynamics of the tree (RNEA) less the generalised forces of external wrenches, and J the
-Jacobian of the loop equations,
+r is the inverse dynamics of the tree (RNEA) less the generalised forces of external wrenches, J is the
+Jacobian of the loop equations, and lambda are the forces in the loops. Then
 
     passive    0           = r_p - P' lambda           P: the passive columns of J
     elastic    -K q_e      = r_e - J_e' lambda         the paper's Eq. (3b)
     actuated   tau_joint   = r_a - J_a' lambda         Eq. (3a) without the rotors
 
-At a Type 2 singularity P eta = 0, so lambda exists only if eta . r_p = 0. This is condition (8) with the
-inertia of all bodies, legs included, and with external wrenches. With massless legs eta . r_p = t_s . W_p,
-the form in the paper.
+At a Type 2 singularity P eta = 0 for some joint rates eta, so lambda exists only if eta . r_p = 0. This is
+condition (8) with the inertia of all bodies, legs included, and with external wrenches. With massless legs
+eta . r_p = t_s . W_p, the form in the paper (Briot and Arakelian 2010).
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class JointMotion(Protocol):
 def tree_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the generalised forces r (T, nv) of the open tree: inverse dynamics less external wrenches.
 
-    They include gravity, armature, and springs and damping of the joints. Without `elastic_inertia` the rates
-    of deflections cause no forces.
+    They include gravity, armature, and springs and damping of the joints. For a robot without
+    `elastic_inertia`, deflections count as constant.
     """
     inertial = _inertial_motion(robot, motion)
     forces = _rnea(robot, robot.model, inertial)
@@ -86,13 +86,16 @@ def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the inertial part of `tree_forces` (T, nv), of bodies and armature.
 
     It is linear in accelerations and quadratic in rates. The difference of `tree_forces` with and without
-    motion would lose digits where gravity is much larger or smaller.
+    motion would lose digits where gravity dominates or is negligible.
     """
     return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
 
 
 def _inertial_motion(robot: ParallelRobot, motion: JointMotion) -> JointMotion:
-    """Return the motion that causes inertial forces, at constant deflections without `elastic_inertia`."""
+    """Return the motion that causes inertial forces.
+
+    Deflections are constant for a robot without `elastic_inertia`.
+    """
     if robot.n_e and not robot.elastic_inertia:
         return freeze_deflections(robot, motion.q, motion.v, motion.a)
     return motion
@@ -134,17 +137,18 @@ def joint_forces(robot: ParallelRobot, motion: Motion) -> Forces:
 def balanced_forces(robot: ParallelRobot, linearised: LinearisedLoops, r: Array) -> Forces:
     """Compute the forces of motors and springs that balance forces r (T, nv) of the open tree.
 
-    With free motors, a platform wrench w would balance r. A wrench M e_k would balance a unit torque of motor
-    k alone. The motor torques tau are those for which both wrenches are equal:
+    If the motors were free, a wrench w on the platform would balance r. Column k of M is the wrench that
+    would balance a unit torque of motor k alone. The motor torques tau make both wrenches equal:
 
         F' [w; lambda_0] = r        F' [M; Lambda] = unit torques of the motors        M tau = w
 
-    F = d[platform ; closures]/dq along actuated and passive joints is regular at Type 2 and already factored.
-    M (n, n_a) = (dq_a/dx)' is singular at Type 2, and only there the torques are infinite, or 0 / 0. With
-    redundant motors the sum of squares of tau_joint / gear ratio is least. The loop forces are
+    F is the Jacobian of platform and loop equations along actuated and passive joints. It is regular at Type
+    2 and already factored. M = (dq_a/dx)' (n, n_a) is singular at Type 2; only there the torques are infinite
+    or 0 / 0. With redundant motors the sum of squares of the motor-side torques is least. The loop forces are
     lambda = lambda_0 - Lambda tau, and the springs take r_e - J_e' lambda.
     """
     columns = robot.moving  # actuated, then passive
+    # one right side for r, and one for the unit torque of each motor
     right_sides = np.zeros((1 + robot.n_a, len(r), len(columns)))
     right_sides[0] = r.take(columns, axis=1)
     right_sides[1:, :, : robot.n_a] = np.eye(robot.n_a)[:, None]
@@ -170,8 +174,12 @@ def loop_multipliers(
 ) -> Array:
     """Solve r - S' tau_joint = X' w + J' lambda for [w; lambda] (T, n + m).
 
-    r (T, nv) are the forces of the open tree, w is the platform wrench missing for balance, and lambda are
-    the forces of the independent loop equations.
+    w is the platform wrench missing for balance, and lambda are the forces of the independent loop equations.
+    S selects the actuated columns, and X and J are the Jacobians of platform and loops.
+
+    Args:
+        r: (T, nv) forces of the open tree.
+        joint_torque: (T, n_a) tau_joint.
     """
     right_side = r.take(robot.moving, axis=1)
     right_side[:, : robot.n_a] -= joint_torque
@@ -181,9 +189,9 @@ def loop_multipliers(
 def least_motor_torques(robot: ParallelRobot, matrix: Array, wrenches: Array) -> Array:
     """Solve matrix (T, n, n_a) @ torques = wrenches (..., T, n, k) for torques of least norm.
 
-    With matrix' = Q R the solution for redundant motors is Q R'^-1 wrenches. Rows of forces are multiplied by
-    the robot's length, so that all rows are moments: otherwise the forces of a small robot would lose digits
-    beside the moments.
+    With the QR factorisation matrix' = Q R, the solution for redundant motors is Q R'^-1 wrenches. Rows of
+    forces are multiplied by the robot's length, so that all rows are moments. Otherwise the moments of a
+    small robot would lose digits beside its forces.
     """
     if robot.n_a == robot.n:
         return solve(matrix, wrenches)

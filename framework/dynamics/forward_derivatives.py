@@ -1,10 +1,12 @@
 """Exact derivatives of the forward dynamics by state and torques, regular at Type 2.
 
-The closed robot has coordinates y, those of the platform and the deflections. T = dq/dy are the joint rates
-for unit rates of y with closed loops, and lambda the loop forces. The equations of motion and their changes
-at fixed lambda are
+The coordinates y of the robot with closed loops are those of the platform and the deflections. T = dq/dy are
+the joint rates for unit rates of y. r are the forces of the open tree, lambda the loop forces, tau the motor
+torques, n the gear ratio, and S selects the actuated columns. The equations of motion, and their changes at
+fixed lambda, are
 
-    T' (r + rotors + springs - S' n tau) = 0,        T' d(r - J' lambda + ...) = T' S' n dtau.
+    T' (r + rotors + springs - S' n tau) = 0,
+    T' d(r - J' lambda + rotors + springs) = T' S' n dtau.
 
 `force_changes` gives the derivatives of the left side by y, y' and y". The derivative by y" is the inertia,
 which is regular at a Type 2 singularity.
@@ -28,15 +30,16 @@ from framework.kinematics.motion_rates import Motion, platform_twists
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.kinematics.platform import CoordinateRates
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
+from framework.numerics.ordered_sums import solve
 
 
 @dataclass(frozen=True, eq=False)
 class ForwardDerivatives(ReadOnlyArrays):
-    """Accelerations of one state under motor torques, and their derivatives; of T states, T comes first.
+    """Accelerations of one state under motor torques, and their derivatives.
 
     The d coordinates y are the platform's x (n,) and, for an elastic robot, the deflections (n_e,). Each
     derivative varies one of positions, rates and torques. Torques are on the motor side, motor accelerations
-    on the joint side of the gears.
+    on the joint side of the gears. For a stack of T states the first axis of every array is T.
     """
 
     acceleration: Array  # (d,) y"
@@ -62,8 +65,8 @@ def forward_derivatives(
 
     Args:
         q, v, torque, wrenches: as for `forward_dynamics`, a stack of T states included.
-        turning: frames whose wrenches turn with them, as on the axes of a tool; other wrenches keep their
-            components on base axes.
+        turning: names of frames whose wrenches turn with the frame, as on the axes of a tool; other wrenches
+            keep their components on base axes.
 
     Raises:
         InvalidInput: as `forward_dynamics`; a platform that does not determine the joints; a motion without
@@ -81,7 +84,7 @@ def forward_derivatives(
     motion = instant._motion
     wrenches_on_motion = (wrench._replace(turns=wrench.frame in turning) for wrench in motion.wrenches)
     motion = motion.with_wrenches(tuple(wrenches_on_motion))
-    rates = platform_rates_of(robot, motion)
+    rates = platform_rates_of(robot, motion)  # x, dx, ddx
     others = np.concatenate([robot.elastic, robot.structure.idle])  # not determined by the platform
     changes = coordinate_changes(robot, motion, others, rates)
     force_change = _force_changes(robot, motion, np.atleast_2d(instant.joint_torque), changes)
@@ -89,19 +92,21 @@ def forward_derivatives(
     d = robot.n + robot.n_e
     slopes = _coordinate_slopes(robot, changes.q, force_change, d)
     motor_slopes = _motor_slopes(changes.accelerations[..., robot.actuated], slopes, d)
-    ends = [d, 2 * d]  # of the columns by y and by dy; the others are by torque
-    arrays = (  # in the order of the fields, for all instants
+    ends = [d, 2 * d]  # columns are derivatives by y up to d, by dy up to 2 d, then by torque
+    fields = (  # in the order of ForwardDerivatives, for all T states
         np.concatenate([rates[2], motion.a[:, robot.elastic]], axis=1),
         *np.split(slopes[:, :d], ends, axis=2),  # without idle joints
         motion.a[:, robot.actuated],
         *np.split(motor_slopes, ends, axis=2),
     )
     entry = entry_of(q)
-    return ForwardDerivatives(*(array[entry] for array in arrays))
+    return ForwardDerivatives(*(stack[entry] for stack in fields))
 
 
 def _coordinate_slopes(robot: ParallelRobot, motions: Array, force_change: Array, d: int) -> Array:
-    """Compute the derivatives (T, k, 2 d + n_a) of y" and idle accelerations by y, dy and torque.
+    """Compute the derivatives (T, k, 2 d + n_a) of k accelerations by y, dy and torque.
+
+    The k accelerations are y" and those of the idle joints.
 
     Args:
         motions: T' (T, k, nv), the joint rates for unit rates of y and of idle joints.
@@ -117,7 +122,8 @@ def _coordinate_slopes(robot: ParallelRobot, motions: Array, force_change: Array
 def _motor_slopes(changes: Array, slopes: Array, d: int) -> Array:
     """Compute the derivatives (T, n_a, 2 d + n_a) of motor accelerations by y, dy and torque.
 
-    By the chain rule: the partial derivatives by y and dy, and those by y" times the derivatives of y".
+    By the chain rule they are the partial derivatives by y and dy, plus the partial derivatives by y" times
+    the derivatives of y".
 
     Args:
         changes: (3, T, k, n_a) partial derivatives by the k entries of y, dy and y".
@@ -146,13 +152,13 @@ def _force_changes(
 def platform_rates_of(robot: ParallelRobot, motion: Motion) -> CoordinateRates:
     """Compute the platform's coordinates x and their derivatives dx, ddx, each (T, n), of a motion.
 
-    The twist is v = E(x) dx with the rate E ddx + E' dx. Both equations are solved with E.
+    The twist is v = E(x) dx and its rate is E ddx + E' dx. Both equations are solved with E.
     """
     platform = robot.platform
     x = platform.coordinates(motion.linearised.frames)
     twist, twist_rate = platform_twists(robot, motion)
     E = platform.rate_matrix(x)
-    dx = np.asarray(np.linalg.solve(E, twist[..., None])[..., 0])
-    quadratic_terms = platform.twist(x, dx)[1]  # E' dx
-    ddx = np.asarray(np.linalg.solve(E, (twist_rate - quadratic_terms)[..., None])[..., 0])
+    dx = solve(E, twist)
+    _twist, quadratic_terms = platform.twist(x, dx)  # E' dx
+    ddx = solve(E, twist_rate - quadratic_terms)
     return x, dx, ddx

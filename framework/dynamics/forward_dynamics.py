@@ -40,22 +40,25 @@ def forward_dynamics(
 
         M a + c + g + K (q - rest) = S' n tau + f + J' lambda,        J a + drift = 0
 
-    These equations are in all coordinates and regular at Type 2. For rigid robots this function inverts
-    `dynamics_at`. For elastic robots `dynamics_at` takes springs as rigid, while here their deflections in q
-    cause forces. In the result `a` is NaN for a motion without mass (an elastic robot with massless links),
-    `torque` is the argument, and `spring_force` is -K times the deflections.
+    Here c are the centrifugal and Coriolis forces, g is the weight, K are the stiffnesses of springs, n is
+    the gear ratio, f are the external forces and lambda the loop forces. The equations contain all
+    coordinates and are regular at Type 2. For rigid robots this function inverts `dynamics_at`. For elastic
+    robots, `dynamics_at` takes springs as rigid, while here the deflections in q cause forces. In the result
+    `a` is NaN for a motion without mass (an elastic robot with massless links), `torque` is the argument, and
+    `spring_force` is -K times the deflections.
 
     Args:
-        q: assembled, of `assemble` or `forward_kinematics`; or a stack of T states (T, nq), and all results
-            then have T as their first axis. Accelerations, loop forces and reactions of a state are the same
-            alone and in a stack, to the last bit.
-        v: (nv,) or (T, nv) [rad/s, m/s], of `dynamics_at(robot, q, dx=...)` or a plan.
+        q: an assembled configuration, as returned by `assemble` or `forward_kinematics`; or a stack of T
+            states (T, nq), for which the first axis of all results is T. Accelerations, loop forces and
+            reactions of a state are the same alone and in a stack, to the last bit.
+        v: (nv,) or (T, nv) [rad/s, m/s], as returned by `dynamics_at(robot, q, dx=...)` or a plan.
         torque: (n_a,) or (T, n_a) [N m, N], motor side.
-        wrenches: external, as for `dynamics_at`.
+        wrenches: external wrenches, as for `dynamics_at`.
 
     Raises:
-        InvalidInput: q or v opens the loops; an argument of the wrong shape, or an unknown frame; parts
-            without mass out of balance, or without mass and spring. In a stack the message names the row.
+        InvalidInput: q or v opens the loops; an argument has the wrong shape; a frame is unknown; parts
+            without mass are not in balance, or have neither mass nor spring. For a stack the message names
+            the row.
     """
     expect_robot(robot)
     closed = assembled_at(robot, q, stacks=True)
@@ -88,12 +91,13 @@ def _equations_of(robot: ParallelRobot, thread: int) -> EquationsOfMotion:
 
 def _check_rates(robot: ParallelRobot, closed: ClosedStack, v: Array) -> None:
     """Refuse joint rates v (T, nv) that open the loops: J v must be zero but for rounding."""
-    speeds = v / robot.column_scale
+    speeds = v / robot.column_scale  # [rad/s, robot lengths/s]
     loop_rates = np.abs(matvec(scaled_loops(robot, closed.linearised), speeds)).max(axis=1, initial=0.0)
-    opening = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
-    if len(opening):
-        row = f", row {opening[0]}" if len(v) > 1 else ""
+    opening_rows = np.flatnonzero(loop_rates > FILE_ROUNDING * np.abs(speeds).max(axis=1, initial=0.0))
+    if len(opening_rows):
+        first = opening_rows[0]
+        row = f", row {first}" if len(v) > 1 else ""
         raise InvalidInput(
-            f"v{row}: the loops of {robot.name} open with {loop_rates[opening[0]]:.3g} rad/s or robot "
+            f"v{row}: the loops of {robot.name} open with {loop_rates[first]:.3g} rad/s or robot "
             f"lengths/s; see `dynamics_at`"
         )

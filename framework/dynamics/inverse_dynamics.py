@@ -2,8 +2,8 @@
 
 Torques, motor angles and deflections are Chebyshev series in time. At a Type 2 singularity the torques are
 a quotient 0/0 if the law meets condition (8), t_s . W_p = 0, and have a pole if it does not. The quotient is
-smooth, and no node lies at the singular instant, so the series interpolate it without special treatment. A
-pole is detected in two ways: by t_s . W_p at the singular instant, and by coefficients that do not decay.
+smooth, and no node lies at the singular instant, so the series interpolate the quotient without special
+treatment. Two tests detect a pole: t_s . W_p at the singular instant, and coefficients that do not decay.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ from framework.tolerances import (
 )
 
 GEOMETRIES = ("rigid", "deformed")
-SIZES = (64, 128, 256, 512)  # nodes a panel, tried in turn
-FEW = 20  # nodes a panel, tried before SIZES if the law has panels of its own
-UNSETTLED = 1e-2  # relative change of the deflections, above which they are discarded
-STALLED = 0.5  # ratio of that change to the change on the last grid, above which finer grids do not help
+SIZES = (64, 128, 256, 512)  # numbers of nodes per panel, tried in turn
+FEW = 20  # nodes per panel, tried before SIZES if the law has panels of its own
+UNSETTLED = 1e-2  # relative change of the deflections by one more pass, above which they are discarded
+STALLED = 0.5  # ratio of this change on two successive grids, above which finer grids do not help
 
 
 def inverse_dynamics(
@@ -88,12 +88,13 @@ def inverse_dynamics(
     """Compute the torques along a path under any motion law, with their certificate.
 
     Args:
-        law: `law(t, order)` with `duration` [s] and values in [0, 1]; smooth between path knots.
-        geometry: "rigid" (small displacements: forces of the undeformed robot) or "deformed", the
-            default for elastic robots.
+        law: a function `law(t, order)` with an attribute `duration` [s] and values in [0, 1]; it must be
+            smooth between the knots of the path.
+        geometry: "rigid" (small displacements: forces of the undeformed robot) or "deformed", the default for
+            elastic robots.
         tolerance: tail of the torques that counts as resolved.
         friction: "driven" adds the dry friction of driven joints by the sign of their speed, "none" does not.
-        wrenches: external, by URDF link or joint, see `plan_crossing`.
+        wrenches: external wrenches by URDF link or joint, see `plan_crossing`.
 
     Raises:
         InvalidInput: geometry, friction or a frame is unknown; the law leaves [0, 1] or is not finite; the
@@ -115,7 +116,13 @@ def inverse_dynamics(
 def resolve_law(
     searched: SearchedPath, law: MotionLaw, *, geometry: str, tolerance: float, friction: str
 ) -> InverseDynamics:
-    """Compute the torques of a fixed law by passes, else with deflections of `restoration`."""
+    """Compute the torques of a fixed law.
+
+    Deflections are found by passes or, if these do not converge, by Gauss-Newton (`restoration`).
+
+    Raises:
+        NoAnswer: as `inverse_dynamics`.
+    """
     resolve_law_with = partial(
         resolve, searched, lambda *_: law, geometry=geometry, tolerance=tolerance, friction=friction
     )
@@ -123,7 +130,7 @@ def resolve_law(
         return resolve_law_with(known=None)
     except (NotConverged, UnboundedTorque):
         if geometry != "rigid":
-            with suppress(NoAnswer):  # the first error tells more
+            with suppress(NoAnswer):  # the error of the passes is more informative
                 return resolve_law_with(known=deflections_of(searched.branch, law))
         raise
 
@@ -141,7 +148,10 @@ def checked_geometry(robot: ParallelRobot, geometry: str | None) -> str:
 
 
 def check_tolerance(tolerance: float) -> None:
-    """Raise InvalidInput unless 0 < tolerance <= RESOLVABLE_TAIL, so that smaller tails exclude a pole."""
+    """Raise InvalidInput unless 0 < tolerance <= RESOLVABLE_TAIL.
+
+    Series with a smaller tail than RESOLVABLE_TAIL have no pole.
+    """
     if not (is_number(tolerance) and 0 < tolerance <= RESOLVABLE_TAIL):
         raise InvalidInput(f"tolerance: must lie in (0, {RESOLVABLE_TAIL:g}], got {tolerance!r}")
 
@@ -158,22 +168,33 @@ def resolve(
     """Compute torques on finer and finer grids until their series are resolved.
 
     Args:
-        choose_law: returns the law at given deflections; at None, the law for springs at rest.
-        known: deflections to use; None to solve for them.
+        choose_law: a function of the deflections and of the previous law that returns the law to follow. For
+            None it returns the law for springs at rest.
+        known: known deflections; None to solve for the deflections.
 
     Raises:
-        As `inverse_dynamics`.
+        NoAnswer: as `inverse_dynamics`.
     """
     check_tolerance(tolerance)
     robot, law = searched.branch.robot, choose_law(None, None)
     crossings = rigid_crossings(searched.branch, searched.points, law)
     if geometry == "rigid":
         check_bounded(robot, crossings, CONDITION_RESIDUAL)
-    refinement = _Refinement(searched, choose_law, geometry, tolerance, known, law, crossings, crossings)
+    refinement = _Refinement(
+        searched,
+        choose_law,
+        geometry,
+        tolerance,
+        known,
+        law,
+        crossings_at_rest=crossings,
+        crossings=crossings,
+    )
     unseen: NearMiss | None = None
-    for size in (FEW, *SIZES) if len(edges_of(law)) else SIZES:
+    sizes = (FEW, *SIZES) if len(edges_of(law)) else SIZES
+    for size in sizes:
         state = refinement.solve(size)
-        if state.change > UNSETTLED:  # no start for the next grid, which tries again from rest
+        if state.change > UNSETTLED:  # too bad a start for the next grid, which starts from rest
             if refinement.obstacles > 1:
                 break
             continue
@@ -189,10 +210,11 @@ def resolve(
             unseen = unseen_near_miss(searched, state, result)
             if unseen is None:
                 return _check_result(searched.branch, state, result, friction)
+    # no grid resolves the motion: raise the error that says most about the reason
     least = min((certificate.unresolved for certificate in refinement.certificates), default=np.inf)
-    if known is None:  # other deflections than the known ones may have bounded torques under this law
+    if known is None:  # a pole with known deflections proves nothing: others may have bounded torques
         check_bounded(robot, refinement.crossings, refinement.allowed_residual)
-    if state.change > RESOLVABLE_TAIL < least:
+    if min(state.change, least) > RESOLVABLE_TAIL:
         raise unsettled_error(robot, state)
     raise unresolved_error(searched, result, tolerance, size=size, enough=least, unseen=unseen)
 
@@ -216,20 +238,27 @@ class _Refinement:
 
     @property
     def allowed_residual(self) -> float:
-        """The residual of condition (8) above which torques have a pole, despite errors of deflections."""
+        """The residual of condition (8) that errors of the deflections may cause.
+
+        Torques with a larger residual have a pole.
+        """
         change = self.certificates[-1].change if self.certificates and self.geometry != "rigid" else 0.0
         return max(RESOLVABLE_TAIL, change)
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether finer grids will not reduce the change of the deflections to the tolerance."""
+        """Whether finer grids will not reduce the change of the deflections to the tolerance.
+
+        The change has stalled if neither of the last two grids has reduced it by the factor STALLED.
+        """
         changes = [certificate.change for certificate in self.certificates]
         if changes[-1] <= self.tolerance:
             return False
-        return self.known is not None or (len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3])
+        has_stalled = len(changes) > 2 and min(changes[-2:]) > STALLED * changes[-3]
+        return self.known is not None or has_stalled
 
     def solve(self, size: int) -> DeflectionSolution:
-        """Solve for forces and deflections on a grid of `size` nodes a panel.
+        """Solve for forces and deflections on a grid of `size` nodes per panel.
 
         Raises:
             UnboundedTorque: the law violates condition (8).
@@ -270,26 +299,27 @@ class _Refinement:
         return state
 
     def _is_fine(self, grid: TimeGrid, at_rest: Pass) -> bool:
-        """Whether the grid resolves the torques of the undeformed robot, or no grid does."""
+        """Return whether the grid resolves the torques of the undeformed robot, or no grid does."""
         if grid.size >= SIZES[-1]:
             return True
         if any(crossing.residual > CONDITION_RESIDUAL for crossing in self.crossings_at_rest):
-            return True  # they have a pole
+            return True  # the torques have a pole, which no grid resolves
         robot = self.searched.branch.robot
         torques = grid.fit(motor_torque(robot, at_rest.motion, at_rest.forces.joint_torque))
         return _largest_tail(robot, grid, at_rest, torques) <= self.tolerance
 
     def evaluate(self, state: DeflectionSolution) -> InverseDynamics:
-        """Return the result on one grid, and store the start of the next.
+        """Return the result on one grid, and store the start for the next grid.
 
         Residuals, closure errors, held torques and friction are filled in later, for the last grid alone.
-        Configurations are stored as tangent offsets from the branch's origin, smooth functions of time.
+        Configurations are stored as tangent offsets from the branch's origin, which are smooth functions of
+        time.
         """
         branch, grid, motion = self.searched.branch, state.grid, state.motion
         robot = branch.robot
         torques = grid.fit(motor_torque(robot, motion, state.forces.joint_torque))
         q, s = motion.q, state.law(grid.times)
-        if not branch.is_continued(s).any():  # continued configurations have a smooth spin already
+        if not branch.is_continued(s).any():  # continued configurations already spin smoothly
             q = remove_idle_spin(robot, branch.origin, q, branch.path(s))
         offsets = difference(robot, branch.origin, q)
         joint_positions = difference(robot, robot.neutral, branch.origin[None]) + offsets
@@ -317,7 +347,7 @@ class _Refinement:
             certificate=certificate,
         )
         self.certificates.append(certificate)
-        if not state.plain:  # plain passes are as quick from rest, and free of the errors of this grid
+        if not state.plain:  # plain passes converge as fast from rest, without the errors of this grid
             self.start, self.law = result.deflections, state.law
         if self.geometry != "rigid":
             self.crossings = tuple(deformed_crossing(result, crossing) for crossing in self.crossings)
@@ -378,8 +408,8 @@ def _law_is_resolved(law: MotionLaw, grid: TimeGrid) -> bool:
 
 
 def _tail_above_rounding(function: TimeFunction, rounding: Array) -> float:
-    """Compute the tail of a function's k components, without components below `rounding` (k,)."""
-    size = np.abs(function.coefficients).max(axis=(0, 1))
+    """Compute the tail of a function of k components, without components below `rounding` (k,)."""
+    size = np.abs(function.coefficients).max(axis=(0, 1))  # coefficients: (panels, nodes, k)
     return TimeFunction(function.edges, function.coefficients[..., size > rounding]).tail
 
 
@@ -387,8 +417,9 @@ def _largest_tail(
     robot: ParallelRobot, grid: TimeGrid, state: Pass | DeflectionSolution, torques: TimeFunction
 ) -> float:
     """Compute the larger of the tails of the motor torques and of the caused deflections."""
-    # rounding of torques (n_a,) [N m] that are zero, as at constant speed: of the robot's kinetic energy
-    torque_rounding = 1e-15 * robot.mass * (robot.length / state.law.duration) ** 2 / np.abs(robot.gear_ratio)
+    # torques may vanish, as at constant speed; their rounding (n_a,) [N m] is relative to the kinetic energy
+    kinetic_energy = robot.mass * (robot.length / state.law.duration) ** 2
+    torque_rounding = 1e-15 * kinetic_energy / np.abs(robot.gear_ratio)
     deflection_rounding = 1e-14 * robot.column_scale[robot.elastic]
     return max(
         _tail_above_rounding(torques, torque_rounding),
@@ -397,10 +428,14 @@ def _largest_tail(
 
 
 def _end_speed(robot: ParallelRobot, v: Array) -> float:
-    """Compute the largest motor speed at both ends of a motion v (T, nv) over the largest at all times."""
+    """Compute the largest motor speed at the ends, relative to the largest of all.
+
+    `v` (T, nv) are the joint rates.
+    """
     speeds = np.abs(robot.gear_ratio * v[:, robot.actuated])
     peak = speeds.max(initial=0.0)
-    return float(speeds[[0, -1]].max(initial=0.0) / peak) if peak > 0 else 0.0
+    at_ends = speeds[[0, -1]].max(initial=0.0)
+    return float(at_ends / peak) if peak > 0 else 0.0
 
 
 __all__ = ["InverseDynamics", "SingularityCrossing", "inverse_dynamics"]

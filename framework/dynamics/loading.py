@@ -1,8 +1,8 @@
 """Equilibria of many configurations under a growing load with locked motors, by continuation.
 
-The equilibria under a growing share of weight and wrench form a curve. It is followed by pseudo-arclength
-continuation (Keller 1977): a predictor step along the tangent, then a correction to the curve by Newton's
-method with the share among the unknowns. Curves that are flat or steep in the share are followed alike.
+The equilibria under a growing share of weight and wrench form a curve. The curve is followed by
+pseudo-arclength continuation (Keller 1977): a predictor step along the tangent, then a correction to the
+curve by Newton's method with the share among the unknowns. So curves may be flat or steep in the share.
 
 A step is accepted if the correction is small, if the gain of the share agrees with the tangents at both ends,
 and if the tangent stiffness stays positive definite. So the equilibrium reached is connected with the
@@ -44,17 +44,17 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArray
 from framework.numerics.ordered_sums import dot, matmul, matvec, solve
 from framework.tolerances import EIGENVALUE_ROUNDING, NEWTON_STEP
 
-MAX_CORRECTION_RATIO = 0.25  # of a step, as on other curves; a larger correction may reach another branch
-# Error of the predicted gain over the gain along the steeper tangent. Two folds of a cubic between the ends
-# of a step leave an error of 1 / 6.
+MAX_CORRECTION_RATIO = 0.25  # correction over step; a larger correction may reach another branch
+# Largest error of the gain in share predicted from the tangents, divided by the gain along the steeper
+# tangent. Two folds of a cubic between the ends of a step leave an error of 1 / 6.
 MAX_SHARE_GAP = 0.1
-UNCHECKED_MOTION = 1e-7  # [rad, lengths] steps below this are too short for a fold
+UNCHECKED_MOTION = 1e-7  # [rad, robot lengths] steps below this are too short for a fold
 MAX_STEPS = 1000  # along the curve; most robots take one, and steps of 0.1 rad soon exceed any deflection
 MAX_ITERATIONS = 8  # of Newton's method in a step
 
 
 class LoadReason(IntEnum):
-    """The outcome for one configuration: the load is carried, or the reason why not."""
+    """The outcome for one configuration: the load is carried, or the reason for failure."""
 
     CARRIED = 0
     GIVES_WAY = 1  # snaps through or buckles: the stiffness is lost before the whole load is applied
@@ -78,8 +78,8 @@ class LoadedStack(ReadOnlyArrays):
 
     q: Array  # (T, nq)
     reason: NDArray[np.uint8]  # (T,) `LoadReason`
-    share: Array  # (T,) of the load that was reached
-    free: CompliantMotions  # at q; K is the stiffness under load instead of that of the springs
+    share: Array  # (T,) largest share of the load that was reached
+    free: CompliantMotions  # at q, but K is the stiffness under load, not that of the springs alone
 
 
 class _Points(NamedTuple):
@@ -115,27 +115,31 @@ class _StepEnds(NamedTuple):
     points: _Points
     size: Array  # (T,) [rad, lengths] of the predicted step
     accepted: BoolArray  # (T,)
-    is_unstable: BoolArray  # (T,) whether the step is refused only as the stiffness is not positive definite
-    has_fold: BoolArray  # (T,) whether the share has also turned back
+    is_unstable: BoolArray  # (T,) whether a stiffness that is not positive definite is the only fault
+    has_fold: BoolArray  # (T,) whether, in addition, the share turns back within the step
 
 
 def loaded_stack(robot: ParallelRobot, q: Array, *, wrench: ArrayLike | None = None) -> LoadedStack:
     """Follow equilibria under growing weight and wrench from unloaded assembled configurations q (T, nq).
 
     Args:
-        wrench: external, ON the platform, see `platform_stiffness`.
+        wrench: external wrench ON the platform, see `platform_stiffness`.
 
     Raises:
-        InvalidInput: a robot without springs; a wrench without a potential.
+        InvalidInput: the robot has no springs, or the wrench has no potential.
     """
     require_springs(robot)
-    preload = spring_torques(robot, q, robot.all_stiffness)
-    load = Load(check_wrench(robot, wrench), np.zeros(len(q)), preload)
+    load = Load(
+        check_wrench(robot, wrench),
+        share=np.zeros(len(q)),
+        preload=spring_torques(robot, q, robot.all_stiffness),  # in balance without load
+    )
     unloaded = balance(robot, q, load)
-    current = _Points(q.copy(), load.share, _curve_tangents(unloaded.H, unloaded.drive, unloaded.null)[0])
+    rate, _ = _curve_tangents(unloaded.H, unloaded.drive, unloaded.null)
+    current = _Points(q.copy(), load.share, rate)
     step = np.full(len(q), MAX_STEP)
     reason = np.full(len(q), LoadReason.NOT_CONVERGED, dtype=np.uint8)
-    live = np.arange(len(q))
+    live = np.arange(len(q))  # indices of the configurations still followed
     for _ in range(MAX_STEPS):
         if not len(live):
             break
@@ -169,9 +173,14 @@ def _stop_reasons(robot: ParallelRobot, ends: _StepEnds) -> NDArray[np.uint8]:
 def _loaded_stack(
     robot: ParallelRobot, q: Array, reached: _Points, reason: NDArray[np.uint8], load: Load
 ) -> LoadedStack:
-    """Return the stack reached from q (T, nq), with stiffness and changes of assembly mode."""
-    start, end = (linearised_at(robot, poses, None) for poses in (q, reached.q))
-    changes_mode = mode_signs(robot, end)[1] != mode_signs(robot, start)[1]
+    """Return the stack reached from q (T, nq), with stiffness under load.
+
+    A load carried in another assembly mode than that of q changes its reason to OTHER_MODE.
+    """
+    start, end = linearised_at(robot, q, None), linearised_at(robot, reached.q, None)
+    _, start_sign = mode_signs(robot, start)  # of the assembly mode
+    _, end_sign = mode_signs(robot, end)
+    changes_mode = end_sign != start_sign
     reason[changes_mode & (reason == LoadReason.CARRIED)] = LoadReason.OTHER_MODE
     free = compliant_motions(robot, end, reached.q)
     free = free._replace(K=tangent_stiffness(robot, end, reached.q, free.Z, load))
@@ -179,15 +188,16 @@ def _loaded_stack(
 
 
 def _curve_tangents(H: Array, drive: Array, null: Array) -> tuple[Array, BoolArray]:
-    """Compute the derivatives (T, f) by the share, and whether the stiffness H is positive definite (T,).
+    """Compute the tangents (T, f), and whether the stiffness H is positive definite (T,).
 
-    H dz/dshare = -drive on the null space of the closures is solved by the eigenvalues of H. Eigenvalues
-    below rounding are replaced by rounding.
+    A tangent is the derivative dq/dshare = null dz/dshare of the moving joints. On the null space of the
+    closures H dz/dshare = -drive is solved by the eigenvalues of H, with a lower bound at rounding.
     """
-    values, vectors = np.linalg.eigh(H)  # (T, d), (T, d, d)
+    values, vectors = np.linalg.eigh(H)  # (T, d) ascending, (T, d, d)
     rounding = EIGENVALUE_ROUNDING * np.abs(values).max(axis=1, keepdims=True)
     divisors = np.where(np.abs(values) > rounding, values, rounding)
-    rate = matvec(vectors, matvec(vectors.swapaxes(1, 2), drive) / divisors)
+    components = matvec(vectors.swapaxes(1, 2), drive) / divisors
+    rate = matvec(vectors, components)  # -dz/dshare
     return -matvec(null, rate), values[:, 0] > rounding[:, 0]
 
 
@@ -195,8 +205,8 @@ def _take_steps(robot: ParallelRobot, start: _Points, load: Load, step: Array) -
     """Find the equilibria one step (T,) [rad, lengths] further on the curve.
 
     A step ends at the whole load if that is nearer. If the curve leads beyond the whole load, the next step
-    leads back. A step hides no fold if the share grows by the mean of the slopes at both ends, times the
-    length of the step.
+    leads back. There is no fold within a step if the gain of the share agrees with the mean of the slopes at
+    both ends, times the length of the step.
     """
     ahead = _predict_steps(start, step)
     end = _correct_steps(robot, start, ahead, load)
@@ -223,20 +233,20 @@ def _predict_steps(start: _Points, step: Array) -> _Prediction:
     """Compute steps of at most `step` (T,) [rad, lengths] along the tangents, up to the whole load."""
     remaining = 1.0 - start.share
     size_to_end = np.abs(start.rate * remaining[:, None]).max(axis=1)
-    fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the way to the whole load
+    fraction = np.minimum(1.0, step / np.maximum(size_to_end, step))  # of the remaining share
     motion = start.rate * (remaining * fraction)[:, None]
     length = np.linalg.norm(motion, axis=1, keepdims=True)
     tangent = motion / np.where(length > 0.0, length, 1.0)
     is_whole = fraction == 1.0
     share = np.where(is_whole, 1.0, start.share + fraction * remaining)
-    return _Prediction(motion, tangent, share, is_whole, size_to_end * fraction)
+    return _Prediction(motion, tangent, share, is_whole, size=size_to_end * fraction)
 
 
 def _correct_steps(robot: ParallelRobot, start: _Points, ahead: _Prediction, load: Load) -> _Corrected:
     """Correct predicted steps to the curve by Newton's method.
 
-    A step to the whole load keeps the share. Any other step keeps the joints' motion along the tangent. It
-    gets one more iteration, to rounding, which the tangent needs where the robot is soft.
+    A step to the whole load is corrected at constant share. Any other step is corrected across the tangent.
+    It gets one more iteration, to rounding, because the tangent of a soft robot needs this accuracy.
     """
     end = _Points(_move_joints(robot, start.q, ahead.step), ahead.share, np.zeros_like(ahead.step))
     length = np.linalg.norm(ahead.step, axis=1)
@@ -274,32 +284,36 @@ def _newton_step(state: Balance, tangent: Array, is_whole: BoolArray) -> tuple[A
     On the null space of the closures it solves [H drive; border' 0] [dz; dshare] = [-slope; 0] with the
     tangent as the border. Under the whole load the last row is dshare = 0.
     """
-    along = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
-    bordered = np.block([[state.H, state.drive[:, :, None]], [along[:, None], is_whole[:, None, None]]])
-    right = np.append(-state.slope, np.zeros((len(along), 1)), axis=1)
+    border = np.where(is_whole[:, None], 0.0, matvec(state.null.swapaxes(1, 2), tangent))
+    equilibrium_rows = [state.H, state.drive[:, :, None]]
+    last_row = [border[:, None], is_whole[:, None, None]]
+    right_side = np.append(-state.slope, np.zeros((len(border), 1)), axis=1)
     with np.errstate(all="ignore"):  # a singular system gives infinite steps, which end the iteration
-        step = solve(bordered, right)
-        return state.closing + matvec(state.null, step[:, :-1]), step[:, -1]
+        step = solve(np.block([equilibrium_rows, last_row]), right_side)
+        dz, dshare = step[:, :-1], step[:, -1]
+        return state.closing + matvec(state.null, dz), dshare
 
 
 def _find_folds(robot: ParallelRobot, start: _Points, load: Load) -> CurveEnds:
     """Find the turning points of the share ahead of points on the curve."""
 
     def evaluate(q: Array, share: Array) -> CurveEquations:
-        """Compute F (T, f): the slope of the energy along the null space Z, the loop errors across Z.
+        """Evaluate F (T, f): the energy's slope along the null space Z, loop errors across Z.
 
-        The Jacobian of F is the scaled stiffness along Z and 1 across Z: 1 + Z (H / size - 1) Z'.
+        Slope and stiffness H are divided by the largest entry of H. The Jacobian of F is the scaled stiffness
+        along Z and the identity across Z: 1 + Z (H / size - 1) Z'.
         """
         state = balance(robot, q, load._replace(share=share))
         size = np.abs(state.H).max(axis=(1, 2))[:, None]
         null = state.null
-        inner = state.H / size[:, None] - np.eye(null.shape[2])
-        matrix = np.eye(null.shape[1]) + matmul(null, matmul(inner, null.swapaxes(1, 2)))
+        along_null = state.H / size[:, None] - np.eye(null.shape[2])
+        matrix = np.eye(null.shape[1]) + matmul(null, matmul(along_null, null.swapaxes(1, 2)))
         drive, slope = matvec(null, state.drive / size), matvec(null, state.slope / size)
         return CurveEquations(matrix, drive, slope - state.closing, state.linearised)
 
-    columns, still = moving_columns(robot), np.zeros((len(start.q), robot.nv))
-    return Curves(robot, columns, still, evaluate).find_turning_points(start.q, start.share)
+    motors_at_rest = np.zeros((len(start.q), robot.nv))
+    curves = Curves(robot, moving_columns(robot), motors_at_rest, evaluate)
+    return curves.find_turning_points(start.q, start.share)
 
 
 def _move_joints(robot: ParallelRobot, q: Array, step: Array) -> Array:

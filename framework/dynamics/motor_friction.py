@@ -1,8 +1,8 @@
 """Dry friction of driven joints along a planned motion, with the sign of the planned speed.
 
 Dry friction f of a motor's joint adds f sign(dq_a/dt) / gear ratio to the motor's torque. If the law
-advances, the sign is that of dq_a/ds. This part jumps where a motor reverses, so it is not part of the
-Chebyshev series of the torques but added to them. At a standstill it is zero.
+advances, the sign is that of dq_a/ds. Friction jumps where a motor reverses, so it is added to the Chebyshev
+series of the torques instead of being part of them. At a standstill it is zero.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def speed_signs(speeds: Array) -> Array:
 class PlannedFriction(ReadOnlyArrays):
     """The torque of dry friction as a function of time, piecewise constant.
 
-    instants: for each motor the ascending ends (k,) [s] of the intervals: both ends of the motion, and the
-        instants at which the motor reverses, stops or starts.
-    between: for each motor the torque (k - 1,) on the intervals, motor side [N m or N].
+    instants: for each motor the ascending ends (k,) [s] of the intervals of constant friction. They are both
+        ends of the motion, and the instants at which the motor reverses, stops or starts.
+    between: for each motor the torque (k - 1,) on these intervals, motor side [N m or N].
     """
 
     instants: tuple[Array, ...]
@@ -48,7 +48,10 @@ class PlannedFriction(ReadOnlyArrays):
 
     @staticmethod
     def from_speed(size: Array, speed: Callable[[Array], Array], duration: float) -> PlannedFriction | None:
-        """Make friction of `size` (n_a,) for motor speeds speed(t) (T, n_a); None without friction."""
+        """Return the friction of `size` (n_a,) for motor speeds speed(t) (T, n_a).
+
+        None if all sizes are zero.
+        """
         if not size.any():
             return None
         t = np.linspace(0.0, duration, SPEED_SAMPLES)
@@ -58,7 +61,10 @@ class PlannedFriction(ReadOnlyArrays):
         return PlannedFriction(instants, tuple(map(np.multiply, interval_signs, size)))
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Evaluate the torque (T, n_a) [N m] at t (T,), (n_a,) at a scalar; 0 at a change of sign."""
+        """Evaluate the torque (T, n_a) [N m] at t (T,), or (n_a,) at a scalar.
+
+        It is zero at the ends of intervals.
+        """
         times = np.asarray(t, dtype=float)
         values = []
         for instants, between in zip(self.instants, self.between, strict=True):
@@ -71,10 +77,16 @@ class PlannedFriction(ReadOnlyArrays):
 def _constant_sign_intervals(
     t: Array, sign: Array, speed: Callable[[Array], Array], motor: int
 ) -> tuple[Array, Array]:
-    """Return the ends (k,) [s] of intervals of constant sign, and the signs (k - 1,), from samples at t.
+    """Return the ends (k,) [s] of intervals of constant sign, and their signs (k - 1,).
 
     The motion starts and stops smoothly, so the first and last samples may be zero; they belong to the
     adjacent interval. So does a single zero sample. Two or more are a standstill, an interval of sign 0.
+
+    Args:
+        t: instants (T,) [s] of the samples.
+        sign: sampled signs (T,) of the motor's speed.
+        speed: speeds (T, n_a) of all motors as a function of time.
+        motor: index of the motor.
     """
     from scipy.optimize import brentq  # slow to import, and most robots have no dry friction
 
@@ -86,7 +98,7 @@ def _constant_sign_intervals(
     if not len(moving):
         return t[[0, -1]], np.zeros(1)
     ends, signs = [t[0]], [sign[moving[0]]]
-    for i, j in pairwise(moving):
+    for i, j in pairwise(moving):  # successive samples in motion
         if j - i > 2:  # a standstill between samples i and j
             ends += [t[i + 1], t[j - 1]]
             signs += [0.0, sign[j]]

@@ -10,7 +10,7 @@ from framework.errors import InvalidInput, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 
-# One limit for all motors; one for each, None or infinite for motors without a limit; or limits by joint.
+# One limit for all motors; a limit for each motor, None or infinite if unlimited; or limits by joint.
 Limit = float | Sequence[float | None] | Mapping[str, float | None] | Array | None
 
 
@@ -20,11 +20,11 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
     Args:
         name: `torque_limit` [N m, or N for sliding motors] or `speed_limit` [rad/s, m/s].
         stated: one positive number for all motors; or one for each in the order of `robot.actuator_names`; or
-            some by joint, the others as in the robot file; or None for the limits of the robot file. A motor
-            whose entry is None or infinite has no limit.
+            numbers by joint, where joints left out have the limits of the robot file; or None for the limits
+            of the robot file. A motor whose entry is None or infinite has no limit.
 
     Raises:
-        InvalidInput: another number of limits, a joint without a motor, or a limit that is not positive.
+        InvalidInput: a wrong number of limits, a joint without a motor, or a limit that is not positive.
     """
     in_file = {motor.joint: getattr(motor, name) for motor in robot.description.actuators}
     if stated is None:
@@ -50,13 +50,19 @@ def motor_limits(robot: ParallelRobot, name: str, stated: Limit) -> Array:
 
 
 def is_limited(stated: Limit) -> bool:
-    """Return whether stated limits, as for `motor_limits`, bound any motor: None and infinity do not."""
+    """Return whether stated limits, as for `motor_limits`, bound any motor.
+
+    None and infinity are no bounds.
+    """
     values = stated.values() if isinstance(stated, Mapping) else np.atleast_1d(np.array(stated, object))
     return any(value is not None and value != np.inf for value in values)
 
 
 def shortest_form(limits: Array) -> tuple[float | None, ...]:
-    """Return limits (n_a,) as a tuple, of one number if all are equal, with None for infinity."""
+    """Return limits (n_a,) as a tuple, with None for infinity.
+
+    The tuple has a single entry if all limits are equal.
+    """
     values = tuple(limit if np.isfinite(limit) else None for limit in limits.tolist())
     return values[:1] if len(set(values)) == 1 else values
 

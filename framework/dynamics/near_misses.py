@@ -1,9 +1,9 @@
 """Check that the torques of a motion are resolved at near misses of the singular locus.
 
-Beside a singularity torques may rise like 1/|g| over a stretch of the path in which |g| doubles. Nodes that
-are farther apart do not resolve this peak, however small the tail of the series. So the torques are computed
-again from the motion where |g| is least and where it has doubled. They must agree with the series to the
-tolerance of a resolved torque, plus the rounding of g.
+Beside a singularity torques may rise like 1/|g|, in a peak as wide as the stretch of the path on which |g|
+doubles. Nodes that are farther apart do not resolve this peak, however small the tail of the series. So the
+torques are computed again where |g| is least and where it has doubled. They must agree with the series to
+the tolerance of a resolved torque, plus the rounding of g.
 """
 
 from __future__ import annotations
@@ -40,22 +40,25 @@ def unseen_near_miss(
 def _is_resolved_near(
     branch: Branch, state: DeflectionSolution, result: InverseDynamics, miss: NearMiss, instant: float
 ) -> bool:
-    """Return whether the series of the torques is right at a near miss passed at `instant` [s].
+    """Return whether the series of the torques is accurate at a near miss.
 
-    Torques are computed at the least |g|, and on both sides where |g| is twice as large.
+    The torques are computed at the least |g| and, on both sides, where |g| is twice as large.
+
+    Args:
+        instant: time [s] at which the robot with springs at rest passes the near miss.
     """
     robot, edges = branch.robot, state.grid.edges
     duration = edges[-1]
 
     def matrices(shares: Array) -> Array:
         """Compute the Type 2 matrices (T, n, n) at shares (T,) of the duration."""
-        motion = evaluate_motion(branch, result, shares * duration)[1]
+        _closed, motion = evaluate_motion(branch, result, shares * duration)
         return type2_matrix(robot, motion.linearised)
 
-    # the least |g| of the deflected robot, at another instant than for the robot at rest
+    # deflections shift the least |g|
     closest = extremum_near(matrices, edges / duration, instant / duration, miss.size)
     times = duration * np.array([closest.s, *closest.bracket(2 * abs(closest.g))])
-    motion = evaluate_motion(branch, result, times)[1]
+    _closed, motion = evaluate_motion(branch, result, times)
     computed = joint_forces(robot, motion).joint_torque
     torques = state.forces.joint_torque
     error = np.abs(computed - state.grid.fit(torques)(times)).max()

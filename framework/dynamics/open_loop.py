@@ -5,9 +5,9 @@ of the platform satisfies, to first order,
 
     M d" = -(W - G' tau) - dW/d(dx/dt) d' - d(W - G' tau)/dx d,        M = dW/d(d2x/dt2).
 
-The first term is the wrench missing on the path. If the last term repels, weight or the torques themselves
-drive the platform away, the faster the larger the error: without feedback a robot that stands on its legs
-falls over. These equations are regular at a Type 2 singularity.
+The first term is the wrench missing on the path. The last term may be destabilising: weight, or the torques
+themselves, then drive the platform away from the path. A robot that stands on its legs falls over without
+feedback. These equations are regular at a Type 2 singularity.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from framework.kinematics.linearised_loops import ClosedStack
 from framework.kinematics.motion_rates import motion_at
 from framework.numerics.arrays import Array
 
-GROWTH_INSTANTS = 65  # instants of the quadrature of the growth rate over the motion
+GROWTH_INSTANTS = 65  # instants at which the growth rate is integrated over the motion
 DIFFERENCE_STEP = 1e-4  # [rad, robot lengths] of the difference quotient of wrenches
 # Exponents below which the growth is 1 but for rounding, and above which it overflows.
 MIN_EXPONENT, MAX_EXPONENT = 1e-4, 300.0
@@ -38,9 +38,14 @@ class MotorControl(NamedTuple):
 
     @staticmethod
     def of(inertia: Array, frequency: Array | float, damping: float = 1.0) -> MotorControl:
-        """Return the gains for the natural `frequency` w [rad/s] and a damping ratio.
+        """Return the gains for a natural frequency and a damping ratio.
 
-        k_p = w^2 I and k_d = 2 damping w I, with the inertia I (n_a,) that each motor moves [kg m^2, kg].
+        k_p = w^2 I and k_d = 2 damping w I.
+
+        Args:
+            inertia: I (n_a,) [kg m^2, kg] that each motor moves.
+            frequency: w [rad/s].
+            damping: damping ratio; 1 is critical.
         """
         return MotorControl(k_p=frequency**2 * inertia, k_d=2.0 * damping * frequency * inertia)
 
@@ -60,7 +65,11 @@ class ErrorDynamics(NamedTuple):
     own: Array  # -M^-1 d(W - G' tau)/dx
 
     def with_control(self, control: MotorControl, motor_speed: Array) -> ErrorDynamics:
-        """Return the dynamics under feedback of motors with speeds G (T, n_a, n) for unit twists."""
+        """Return the dynamics under feedback of the motors.
+
+        Args:
+            motor_speed: G (T, n_a, n), the motors' speeds for unit twists of the platform.
+        """
         G_transposed = motor_speed.transpose(0, 2, 1)
         stiffness, damping = (G_transposed @ (gain[:, None] * motor_speed) for gain in control)
         return ErrorDynamics(
@@ -99,7 +108,12 @@ def error_dynamics(result: InverseDynamics, times: Array) -> ErrorDynamics:
 
 
 def _central_slopes(function: Callable[[Array], Array], sizes: Array) -> Array:
-    """Compute the derivatives (T, n, n) by each coordinate, by central differences of sizes (n,)."""
+    """Compute the Jacobian (T, n, n) of a function by central differences.
+
+    Args:
+        function: takes a step (n,) of the coordinates and returns values (T, n).
+        sizes: sizes (n,) of the steps along each coordinate.
+    """
     steps = zip(np.diag(sizes), sizes, strict=True)
     return np.stack([(function(step) - function(-step)) / (2.0 * size) for step, size in steps], axis=2)
 
@@ -107,7 +121,7 @@ def _central_slopes(function: Callable[[Array], Array], sizes: Array) -> Array:
 def repelling_rates(result: InverseDynamics, times: Array) -> Array:
     """Compute the largest growth rate (T,) [1/s] of an error of the platform; 0 if no error grows.
 
-    The solutions e^(rt) of d" = own d have eigenvalues r^2 of `own`.
+    The rates r of the solutions e^(rt) of d" = own d are the square roots of the eigenvalues of `own`.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
@@ -129,21 +143,24 @@ def open_loop_error(dynamics: ErrorDynamics, times: Array, missing_wrench: Array
         missing_wrench: W - G' tau at these instants [N, N m].
     """
     count, n = missing_wrench.shape
+    y, f = np.zeros((2, count, 2 * n))
+    f[:, n:] = np.einsum("tij,tj->ti", dynamics.forced, missing_wrench)
+    A = np.zeros((count, 2 * n, 2 * n))
+    A[:, :n, n:] = np.eye(n)
+    A[:, n:, :n] = dynamics.own
+    A[:, n:, n:] = dynamics.damped
     half_step = 0.5 * (times[1] - times[0])
-    y, half_f = np.zeros((2, count, 2 * n))  # half_f: h/2 f
-    half_f[:, n:] = half_step * np.einsum("tij,tj->ti", dynamics.forced, missing_wrench)
-    half_A = np.zeros((count, 2 * n, 2 * n))  # h/2 A
-    half_A[:, :n, n:] = half_step * np.eye(n)
-    half_A[:, n:, :n] = half_step * dynamics.own
-    half_A[:, n:, n:] = half_step * dynamics.damped
-    forward, backward = np.eye(2 * n) + half_A, np.linalg.inv(np.eye(2 * n) - half_A)
+    explicit = np.eye(2 * n) + half_step * A
+    implicit = np.linalg.inv(np.eye(2 * n) - half_step * A)
     for k in range(1, count):
-        y[k] = backward[k] @ (forward[k - 1] @ y[k - 1] + half_f[k - 1] + half_f[k])
+        y[k] = implicit[k] @ (explicit[k - 1] @ y[k - 1] + half_step * (f[k - 1] + f[k]))
     return y[:, :n]
 
 
 def fall_exponent(result: InverseDynamics) -> float:
-    """Compute the integral of the repelling rate over a motion: the duration in time constants of the fall.
+    """Compute the duration of a motion in time constants of the fall.
+
+    It is the integral of the largest growth rate over the motion.
 
     Raises:
         NotAssembled: the loops do not close beside the path.
@@ -153,10 +170,11 @@ def fall_exponent(result: InverseDynamics) -> float:
 
 
 def open_loop_growth(exponent: float) -> float:
-    """Compute the final error under a constant force over that of a free mass.
+    """Compute the final error under a constant force, relative to that of a free mass.
 
-    With L = `fall_exponent` it is 2 (cosh L - 1) / L^2, and 1 if no error grows: d" = r^2 d + f has the
-    solution d = f (cosh rt - 1) / r^2, and a free mass has d = f t^2 / 2.
+    The error d" = r^2 d + f grows as d = f (cosh rt - 1) / r^2, and that of a free mass as d = f t^2 / 2.
+    With the exponent L = rt of `fall_exponent` their ratio is 2 (cosh L - 1) / L^2. It is 1 if no error
+    grows.
     """
     if exponent <= MIN_EXPONENT:
         return 1.0

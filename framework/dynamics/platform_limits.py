@@ -6,10 +6,10 @@ exerts the wrench
     U = G' tau - W_g,        |tau_k| <= limit of motor k,
 
 on its surroundings, where W_g balances the weight of all bodies and the springs on their joints at rest.
-These U form a zonotope. Admissible velocities v have |G v| <= speed limits. For a linkage whose platform is
-joints (an ankle with pitch and roll), U are the true limits of the joints' torques. They depend on the pose
-and on one another, while a file that describes the tree alone has a box of limits. At a Type 2 singularity
-G t_s = 0: the zonotope has no width along t_s, and the speed along t_s has no limit.
+These U form a zonotope. Admissible velocities v have |G v| <= speed limits. If the platform coordinates are
+joints, as the pitch and roll of an ankle, the set of U has the true limits of the joints' torques. They
+depend on the pose and on one another, while a file that describes the tree alone has independent limits. At a
+Type 2 singularity G t_s = 0: the zonotope has no width along t_s, and the speed along t_s has no limit.
 
 Assumptions: all parts are rigid, springs keep their deflections, there are no contacts, and motors reach
 their torque limit at every speed. The limits hold at this pose only.
@@ -61,16 +61,16 @@ def platform_limits(
 ) -> PlatformLimits:
     """Compute the admissible wrenches and speeds of the platform at an assembled configuration q (nq,).
 
-    Wrenches are U = G' tau - W_g for torques tau within their limits; speeds are all v with G v within
-    theirs.
+    Wrenches are U = G' tau - W_g for all torques tau within the torque limits. Speeds are all v for which G v
+    is within the speed limits.
 
     Args:
-        q: as `assemble` or `forward_kinematics` give it.
-        torque_limit: motor side [N m], as `motor_limits` takes it; that of the robot file by default.
-        speed_limit: the same [rad/s].
+        q: as returned by `assemble` or `forward_kinematics`.
+        torque_limit: limits [N m], motor side, as for `motor_limits`; by default those of the robot file.
+        speed_limit: limits [rad/s], likewise.
 
     Raises:
-        InvalidInput: q leaves the loops open; limits of the wrong length, or not positive; a platform that
+        InvalidInput: q leaves the loops open; limits have the wrong length or are not positive; the platform
             does not determine the joints.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
     """
@@ -80,9 +80,9 @@ def platform_limits(
     torque = motor_limits(robot, "torque_limit", torque_limit)
     speed = motor_limits(robot, "speed_limit", speed_limit)
     G, rates = motor_speeds(robot, closed.linearised)
-    rest = np.zeros((1, robot.n))
-    motion = motion_at(robot, closed, rest, rest)
-    weight = (tree_forces(robot, motion) @ rates[0])[0]
+    at_rest = np.zeros((1, robot.n))
+    motion = motion_at(robot, closed, at_rest, at_rest)
+    weight = (tree_forces(robot, motion) @ rates[0])[0]  # (n,) W_g = (dq/dv)' r
     scale = robot.platform_scale  # the polytopes of scale * U and of v / scale are well conditioned
     wrenches = speeds = None
     if np.isfinite(torque).all():
@@ -94,7 +94,10 @@ def platform_limits(
 
 
 def _unscale_polytope(scaled: Polytope, scale: Array) -> Polytope:
-    """Convert a polytope of scale * y to one of y, with unit normals and orthonormal free directions."""
+    """Convert a polytope of scale * y to a polytope of y.
+
+    Normals are scaled to unit length, and free directions to an orthonormal basis.
+    """
     normals = scaled.normals * scale
     lengths = np.linalg.norm(normals, axis=1)
     free = np.linalg.qr((scaled.free / scale).T)[0].T if len(scaled.free) else scaled.free

@@ -1,12 +1,13 @@
 """The wrench on the platform that a motion requires, and the wrenches that the motors can exert.
 
 Along a virtual twist v of the platform with closed loops and constant deflections, the motor torques tau
-(motor side, rotors included) and the forces r of the open tree do the same work,
+(motor side, rotors included) do the same work as the forces r of the open tree and the rotors,
 
-    v . W = tau . G v,        W = (dq/dv)' r + rotors,        G = (d motor speed)/dv.
+    v . W = tau . G v,        W = (dq/dv)' r + G' (torques of the rotors),        G = (d motor speed)/dv.
 
-So W = G' tau is the wrench that the motion requires, with the inertia of the legs (W_p of the paper if the
-legs have no mass). G' maps the box of motor torques onto the zonotope of wrenches that the motors can exert.
+So W = G' tau is the wrench that the motion requires. It includes the inertia of the legs, and is W_p of the
+paper if the legs have no mass. G' maps the box of motor torques onto the zonotope of wrenches that the motors
+can exert.
 At a Type 2 singularity G t_s = 0: the zonotope has no width along t_s, and W must have no component along
 t_s. This is condition (8) of Briot and Arakelian 2010.
 """
@@ -30,18 +31,21 @@ class PlatformWrench(NamedTuple):
 
     required: Array  # (T, n) W [N, N m] on the platform's axes: inertia and weight of all bodies and rotors
     motor_speed: Array  # (T, n_a, n) G: motor speeds [rad/s] for unit twists along the platform's axes
-    rotors: Array  # (T, n) share of the rotors in W
+    rotors: Array  # (T, n) the part of W due to the rotors
 
     def force_along(self, twist: Array) -> Array:
         """Compute the required force (T,) along a twist (n,) or (T, n)."""
         return np.sum(self.required * twist, axis=1)
 
     def missing_wrench(self, torque: Array) -> Array:
-        """Compute the wrench W - G' tau (T, n) that torques tau (T, n_a) lack."""
+        """Compute the missing wrench W - G' tau (T, n) under torques tau (T, n_a)."""
         return self.required - np.einsum("tan,ta->tn", self.motor_speed, torque)
 
     def reach(self, twist: Array, torque_limit: Array) -> Array:
-        """Compute the largest force |G t| . limits (T,) of motors along a twist t (n,) or (T, n)."""
+        """Compute the largest force (T,) of motors along a twist t (n,) or (T, n).
+
+        It is |G t| . limits.
+        """
         twists = np.broadcast_to(twist, self.required.shape)
         speeds = np.einsum("tan,tn->ta", self.motor_speed, twists)  # G t
         return np.abs(speeds) @ torque_limit
@@ -49,10 +53,11 @@ class PlatformWrench(NamedTuple):
     def band(self, twist: Array, torque_limit: Array) -> Array:
         """Compute the least and the largest force (T, 2) that motors exert on the bodies along a twist.
 
-        The motors have torques up to the limits (n_a,), less the torques of the rotors. Where motors within
-        their limits can continue the motion, the band contains t_s . W_p of `wrench_curves`.
+        The motors have torques up to the limits (n_a,), of which the rotors take a part. Where the motion is
+        possible within these limits, t_s . W_p of `wrench_curves` lies between both forces.
         """
-        reach, rotor_force = self.reach(twist, torque_limit), np.sum(self.rotors * twist, axis=1)
+        reach = self.reach(twist, torque_limit)
+        rotor_force = np.sum(self.rotors * twist, axis=1)
         return np.column_stack([-reach - rotor_force, reach - rotor_force])
 
     def vertices(self, torque_limit: Array) -> Array:
@@ -65,7 +70,7 @@ class PlatformWrench(NamedTuple):
 
 
 def motor_speeds(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[Array, Array]:
-    """Compute G (T, n_a, n) and the joint rates dq/dv (T, nv, n) for unit twists on the platform's axes."""
+    """Compute G (T, n_a, n) and dq/dv (T, nv, n): speeds of motors and joints for unit twists."""
     count = len(linearised.residual)
     unit_twists = np.broadcast_to(np.eye(robot.n)[:, None], (robot.n, count, robot.n))
     rates = joint_rates(robot, linearised, unit_twists).transpose(1, 2, 0)
@@ -100,7 +105,8 @@ def hold_at(robot: ParallelRobot, q: Array, wrench: Array) -> Hold:
     Raises:
         InvalidInput: q is not assembled.
     """
-    G = motor_speeds(robot, assembled_at(robot, q).linearised)[0][0]
-    if G.shape[0] != G.shape[1] or np.linalg.matrix_rank(G) < robot.n:
+    stack, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
+    G = stack[0]
+    if robot.n_a != robot.n or np.linalg.matrix_rank(G) < robot.n:
         return Hold(G, None)
     return Hold(G, np.linalg.solve(G.T, wrench))

@@ -1,17 +1,17 @@
 """Pointwise dynamics on a Type 2 singularity: the limit of the torques, for a motion given to third order.
 
-This module serves `pointwise_dynamics` alone. The torques of a plan are series whose nodes avoid the singular
+Only `pointwise_dynamics` uses this module. The torques of a plan are series whose nodes avoid the singular
 instant (`inverse_dynamics`).
 
-At the singular instant M tau = w (see `forces`) reads 0 = 0 along t_s if condition (8), t_s . W_p = 0, holds,
-and has no solution otherwise. If it holds, tau(t) = M(t)^-1 w(t) has a removable singularity. By l'Hopital's
-rule the limit depends on the time derivatives of M and w: through w on the jerk of the platform, but on no
-higher derivative. Hence the motion
+At the singular instant the equation M tau = w of `forces` reads 0 = 0 along t_s if condition (8),
+t_s . W_p = 0, holds, and has no solution otherwise. If the condition holds, tau(t) = M(t)^-1 w(t) has a
+removable singularity. By l'Hopital's rule the limit depends on the first time derivatives of M and w, and so
+on the jerk of the platform, but on no higher derivative. Hence the motion
 
     x(t) = x + x' t + x" t^2 / 2 + x''' t^3 / 6
 
-is followed on one short Chebyshev panel around the instant, which is no node. The series of tau gives the
-limit, as along a whole plan, and the decay of the coefficients is the certificate.
+is followed on one short Chebyshev panel around the instant, which is no node. The value of the series of tau
+at this instant is the limit, and the decay of the coefficients is the certificate.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from framework.tolerances import CONDITION_RESIDUAL, RANK_LOST, TORQUE_TAIL
 
 MAX_ROOT_OFFSET = 0.01  # of half a panel: a root of g farther from the instant is another singularity
 PANEL_NODES = 24  # an even number, so that no node is in the middle
-MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to its ends
-MAX_HALVINGS = 8  # of the panel, after which the torques count as not resolved
-SIDE_OFFSET = 0.1  # of half a panel: on both sides there the motors must hold the robot
+MAX_JOINT_TRAVEL = 0.05  # [rad, robot lengths] from the middle of the first panel to either end
+MAX_HALVINGS = 8  # number of halvings of the panel, after which the torques count as not resolved
+SIDE_OFFSET = 0.1  # of half a panel: offset to both sides at which the motors must hold the robot
 
 
 def forces_through_singularity(
@@ -53,12 +53,12 @@ def forces_through_singularity(
     """Compute joint torques (1, n_a) and spring forces (1, n_e) of a motion on a Type 2 singularity.
 
     The motion is continued in time by the Taylor polynomial of third order. The torques beside the
-    singularity are regular; interpolated at t = 0 they give the limit.
+    singularity are regular, and their interpolation at t = 0 is the limit.
 
     Args:
         closed: the singular configuration, T = 1.
         rates: first, second and third time derivatives of the platform coordinates, each (n,).
-        wrenches: external, (6,) by frame, constant on base axes.
+        wrenches: external wrenches (6,) by frame, constant on base axes.
 
     Raises:
         SingularPose: a singularity of another kind; condition (8) does not hold (`wrench` is then t_s . W_p);
@@ -71,8 +71,9 @@ def forces_through_singularity(
         several = f"a Type 2 singularity with {uncontrolled.corank} uncontrolled motions"
         reason = UNCROSSABLE.get(uncontrolled.kind, several)
         raise SingularPose(f"{place} the robot is in {reason}: its torque has no limit", platform=x)
-    singular = motion_at(robot, closed, rates[0][None], rates[1][None])
-    half_panel = _half_panel_duration(robot, singular, rates[2])
+    dx, ddx, jerk = rates
+    singular = motion_at(robot, closed, dx[None], ddx[None])
+    half_panel = _half_panel_duration(robot, singular, jerk)
     if not np.isfinite(half_panel):
         raise SingularPose(
             f"{place} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
@@ -90,17 +91,23 @@ def forces_through_singularity(
 
 
 def _taylor_motion(robot: ParallelRobot, singular: Motion, x: Array, rates: Array, t: Array) -> Motion:
-    """Compute the motion at t (T,) [s] by the Taylor polynomial of the platform about the singular pose.
+    """Compute the motion at t (T,) [s] by a Taylor polynomial of the platform's coordinates.
 
-    `rates` (3, n) are the time derivatives of the platform's x (1, n) at t = 0. The loops are closed from a
-    guess of second order for all joints.
+    The loops are closed from a guess of second order for all joints.
+
+    Args:
+        singular: the motion at t = 0.
+        x: platform coordinates (1, n) at t = 0.
+        rates: first, second and third time derivatives (3, n) of x at t = 0.
     """
-    powers = np.stack([t, t**2 / 2, t**3 / 6], axis=1)  # (T, 3)
-    dx = rates[0] + powers[:, :2] @ rates[1:]
-    ddx = rates[1] + powers[:, :1] @ rates[2:]
-    joint_steps = powers[:, :1] * singular.v + powers[:, 1:2] * singular.a
+    rate, acceleration, jerk = rates
+    t = t[:, None]
+    dx = rate + t * acceleration + t**2 / 2 * jerk
+    ddx = acceleration + t * jerk
+    displacement = t * rate + t**2 / 2 * acceleration + t**3 / 6 * jerk
+    joint_steps = t * singular.v + t**2 / 2 * singular.a
     guess = integrate(robot, np.repeat(singular.q, len(t), axis=0), joint_steps)
-    return motion_at(robot, close_loops(robot, x + powers @ rates, guess), dx, ddx)
+    return motion_at(robot, close_loops(robot, x + displacement, guess), dx, ddx)
 
 
 def _interpolate_torques(
@@ -110,9 +117,9 @@ def _interpolate_torques(
     place: str,
     x: Array,
 ) -> Forces:
-    """Interpolate torques and spring forces at t = 0.
+    """Interpolate joint torques and spring forces at t = 0.
 
-    The panel from -half_panel to half_panel [s] is halved until the series is resolved.
+    The panel from -half_panel to half_panel [s] is halved until the series of the forces is resolved.
 
     Raises:
         SingularPose: the series is not resolved.
@@ -144,11 +151,11 @@ def _half_panel_duration(robot: ParallelRobot, motion: Motion, jerk: Array) -> f
     Each of |v| t, |a| t^2/2 and |jerk| t^3/6 is at most that travel. The jerk is that of the platform.
     """
     scale = robot.column_scale
-    scaled = (motion.v[0] / scale, motion.a[0] / scale, jerk / robot.platform_scale)
-    if not np.any(scaled[0]):
+    if not np.any(motion.v):
         return np.inf
     duration = np.inf
-    for order, rates in enumerate(scaled, start=1):
+    derivatives = (motion.v[0] / scale, motion.a[0] / scale, jerk / robot.platform_scale)
+    for order, rates in enumerate(derivatives, start=1):
         largest = np.abs(rates).max()
         if largest > 0:
             duration = min(duration, (factorial(order) * MAX_JOINT_TRAVEL / largest) ** (1 / order))
@@ -162,13 +169,13 @@ def _crossing_instant(
     place: str,
     x: Array,
 ) -> float:
-    """Find the instant [s] at which g is zero: t = 0 but for the rounding of the pose.
+    """Find the instant [s] at which g is zero, which is t = 0 up to rounding of the pose.
 
     Raises:
         SingularPose: g does not change sign there, or the motors do not hold the robot on both sides.
     """
     if robot.n_a > robot.n:
-        return 0.0  # with redundant motors g has a double root
+        return 0.0  # with redundant motors g has a double root, without a change of sign
 
     def matrices(t: Array) -> Array:
         """Compute the Type 2 matrices (T, n, n) at t (T,)."""
@@ -176,7 +183,8 @@ def _crossing_instant(
 
     root = root_of_g(matrices, 0.0, low=-half_panel, high=half_panel)
     both_sides = matrices(np.array([-SIDE_OFFSET, SIDE_OFFSET]) * half_panel)
-    changes_sign = np.prod(np.linalg.slogdet(both_sides)[0]) < 0
+    signs, _log_sizes = np.linalg.slogdet(both_sides)
+    changes_sign = np.prod(signs) < 0
     is_regular = np.linalg.svd(both_sides, compute_uv=False).min() > RANK_LOST
     is_at_root = root.converged and abs(root.place) <= MAX_ROOT_OFFSET * half_panel
     if not (is_at_root and changes_sign and is_regular):
@@ -191,13 +199,13 @@ def _crossing_instant(
 def _check_condition(robot: ParallelRobot, motion: Motion, place: str) -> None:
     """Raise SingularPose if a motion (T = 1) violates condition (8), eta . r = 0.
 
-    eta is the uncontrolled motion, r are the forces of the open tree.
+    eta are the joint rates of the uncontrolled motion, r are the forces of the open tree.
     """
     uncontrolled = uncontrolled_motion(robot, motion.linearised)
     terms = tree_forces(robot, motion)[0] * uncontrolled.motion
     rate = np.abs(motion.v / robot.column_scale).max()
     escape_rate = np.abs(uncontrolled.motion / robot.column_scale).max()
-    # if all terms are rounding, compare with the centripetal force of the whole robot
+    # where all terms vanish but for rounding, their scale is the centripetal force of the whole robot
     centripetal = robot.mass * robot.length**2 * rate**2 * escape_rate
     size = max(np.abs(terms).sum(), centripetal)
     wrench = float(terms.sum())

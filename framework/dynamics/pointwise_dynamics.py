@@ -1,9 +1,9 @@
 """The dynamics of one instant: loads of motors, loops and joints, and the reflected inertia.
 
-The input is a pose, rates and accelerations of the platform, and external wrenches. Motor torques follow from
+The pose, rates and accelerations of the platform, and external wrenches are given. Motor torques follow from
 the independent loop equations (`forces`); on a Type 2 singularity they are a limit
 (`pointwise_at_singularity`). Loads of loops and joints (`reactions`), inertia and velocity matrices are
-computed on first use. `forward_dynamics` returns the same record from torques.
+computed on first use. `forward_dynamics` computes the same record from given torques.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from framework.tolerances import RANK_LOST
 class Instant(ReadOnlyArrays):
     """State and loads of a robot at one instant; wrenches are (force, moment) (6,) on base axes [N, N m].
 
-    For a stack of T instants the first axis of every array is T. Springs have the deflections of q;
-    `spring_force` is the force that balance needs at these deflections.
+    For a stack of T instants the first axis of every array is T. The deflections of springs are those of q;
+    `spring_force` is the force that the springs must exert for balance, whatever their stiffness.
     """
 
     robot: ParallelRobot
@@ -91,35 +91,41 @@ class Instant(ReadOnlyArrays):
     def platform_inertia(self) -> Array:
         """The inertia M_x (n, n) of all bodies and rotors: the kinetic energy is v' M_x v / 2."""
         mass = mass_matrices(self.robot, self._motion.q) + np.diag(self.robot.rotors)
-        rates = motor_speeds(self.robot, self._motion.linearised)[1]  # (T, nv, n) of unit twists
+        _G, rates = motor_speeds(self.robot, self._motion.linearised)  # (T, nv, n) joints, for unit twists
         return self._unstack(rates.swapaxes(1, 2) @ mass @ rates)
 
     @cached_property
     def motor_inertia(self) -> Array:
         """The inertia (n_a, n_a) of all bodies and rotors along the motors' joints.
 
-        It is S' M_x S with S = dx/dq_a and M_x = `platform_inertia`. NaN with redundant motors, and at
-        Type 2, where the platform can move with motors at rest.
+        It is S' M_x S with S = dv/d(dq_a), the platform's twists per motor rate, and M_x =
+        `platform_inertia`. NaN with redundant motors, and at Type 2, where the platform can move with motors
+        at rest.
         """
         robot = self.robot
         inertia = np.full((len(self._motion.v), robot.n_a, robot.n_a), np.nan)
         regular = np.atleast_1d(self.clearance) >= RANK_LOST
         if robot.n_a == robot.n:
-            joint_rates_per_twist = motor_speeds(robot, self._motion.linearised)[1]
-            S = np.linalg.inv(joint_rates_per_twist[:, robot.actuated][regular])
+            _G, joint_rates = motor_speeds(robot, self._motion.linearised)  # for unit twists
+            S = np.linalg.inv(joint_rates[:, robot.actuated][regular])
             M_x = self.platform_inertia.reshape(-1, robot.n, robot.n)[regular]
             inertia[regular] = S.swapaxes(1, 2) @ M_x @ S
         return self._unstack(inertia)
 
     @cached_property
     def platform_velocity(self) -> Array:
-        """The platform's twist v (n,), see `kinematics.platform`; for several axes of rotation not dx."""
-        return self._unstack(platform_twists(self.robot, self._motion)[0])
+        """The platform's twist v (n,), see `kinematics.platform`.
+
+        For a platform with several axes of rotation the twist is not dx/dt.
+        """
+        twist, _twist_rate = platform_twists(self.robot, self._motion)
+        return self._unstack(twist)
 
     @cached_property
     def platform_acceleration(self) -> Array:
         """The time derivative (n,) of `platform_velocity`."""
-        return self._unstack(platform_twists(self.robot, self._motion)[1])
+        _twist, twist_rate = platform_twists(self.robot, self._motion)
+        return self._unstack(twist_rate)
 
     @property
     def velocity_matrices(self) -> VelocityMatrices:
@@ -156,7 +162,7 @@ class Instant(ReadOnlyArrays):
         return VelocityMatrices(*map(self._unstack, matrices)), VelocityMatrices(*map(self._unstack, rates))
 
     def _unstack(self, stack: Array) -> Array:
-        """Return a stack (T, ...) for T instants, the only item for one instant."""
+        """Return a stack (T, ...), or its only item for a single configuration q."""
         return read_only(stack if self.q.ndim == 2 else stack[0])
 
     def _unstack_each(self, stacks: Mapping[str, Array]) -> Mapping[str, Array]:
@@ -176,19 +182,19 @@ def dynamics_at(
     """Compute motor torques, loop forces, joint reactions and inertia at an assembled configuration q (nq,).
 
     Args:
-        q: of `assemble` or `forward_kinematics`; or a stack of T instants (T, nq), and all results then have
-            T as their first axis.
+        q: as returned by `assemble` or `forward_kinematics`; or a stack of T instants (T, nq), for which the
+            first axis of all results is T.
         dx, ddx: rates (n,) and accelerations (n,) of the platform coordinates, 0 by default; or (T, n).
-        wrenches: external, by URDF link or joint: ON its body, at its origin, (force, moment) (6,) on base
-            axes [N, N m]; or (T, 6). They are assumed constant.
+        wrenches: external wrenches by URDF link or joint: ON its body, at its origin, (force, moment) (6,) on
+            base axes [N, N m]; or (T, 6). They are assumed constant.
         dddx: third derivatives (n,), or (T, n), used only on a Type 2 singularity.
 
     Raises:
-        InvalidInput: q leaves the loops open; an argument of the wrong shape, or an unknown frame; a platform
-            that does not determine the joints.
+        InvalidInput: q leaves the loops open; an argument has the wrong shape; a frame is unknown; the
+            platform does not determine the joints.
         NotAssembled: the platform does not determine the joints at this pose (Type 1).
-        SingularPose: the pose is singular of Type 2. There the torque is a limit, which is computed if dddx
-            is given and the motion crosses the locus and meets condition (8).
+        SingularPose: the pose is singular of Type 2. There the torque is a limit. It is computed only if dddx
+            is given, the motion crosses the locus, and condition (8) holds.
     """
     prescribed = prescribed_motion(robot, q, dx=dx, ddx=ddx, wrenches=wrenches)
     motion, count = prescribed.motion, len(prescribed.x)
@@ -213,14 +219,14 @@ def dynamics_at(
 
 
 def motor_inertia(robot: ParallelRobot, q: Array) -> Array:
-    """Compute the inertia (n_a,) [kg m^2, kg] that each motor moves by itself at q (nq,), motor side.
+    """Compute the inertia (n_a,) [kg m^2, kg] that each motor moves by itself, motor side.
 
     Raises:
-        As `dynamics_at`.
+        InvalidInput, NotAssembled, SingularPose: as `dynamics_at` for q (nq,).
     """
-    speeds, _ = motor_speeds(robot, assembled_at(robot, q).linearised)
-    dx_dmotor = np.linalg.pinv(speeds[0])
-    return np.diag(dx_dmotor.T @ dynamics_at(robot, q).platform_inertia @ dx_dmotor)
+    speeds, _rates = motor_speeds(robot, assembled_at(robot, q).linearised)
+    twists = np.linalg.pinv(speeds[0])  # (n, n_a) of the platform, for unit motor speeds
+    return np.diag(twists.T @ dynamics_at(robot, q).platform_inertia @ twists)
 
 
 class PrescribedMotion(NamedTuple):
@@ -258,7 +264,10 @@ def prescribed_motion(
 
 
 def entry_of(q: ArrayLike) -> int | slice:
-    """Return the index into results: 0 for a configuration q (nq,), all for a stack (T, nq)."""
+    """Return the index into results: 0 for a configuration q (nq,), all for a stack (T, nq).
+
+    `q` may be an object with an attribute `q`, such as the result of `assemble`.
+    """
     return 0 if np.ndim(getattr(q, "q", q)) == 1 else slice(None)
 
 
@@ -278,11 +287,12 @@ def type2_pose(robot: ParallelRobot, x: Array, torque: str) -> SingularPose:
 
 
 def instant_of(robot: ParallelRobot, motion: Motion, r: Array, forces: Forces, entry: int | slice) -> Instant:
-    """Return the entry of a stack of motions, with forces.
+    """Return the instants of a stack of motions, with their forces.
 
     Args:
         r: (T, nv) forces of the open tree [N m or N].
-        forces: of motors and springs, in balance with r.
+        forces: forces of motors and springs, in balance with r.
+        entry: index of the instants in the stack, see `entry_of`.
     """
     freeze((motion, r))
     return Instant(

@@ -1,16 +1,15 @@
 """Wrenches in loops and joints.
 
-With the forces r of the open tree (RNEA less external wrenches), the motors' columns S, and the Jacobian J of
-all loop equations, redundant ones included,
+With the forces r of the open tree (RNEA less external wrenches), the selection S of the actuated joints, and
+the Jacobian J of all loop equations, redundant ones included,
 
-    r = S tau_joint + J' lambda.
+    r = S' tau_joint + J' lambda.
 
 lambda is unique only if J' has no null space. Wrenches of loops and joints that change along the null space
-are indeterminate in a rigid robot. They are NaN instead of one arbitrary choice.
+are indeterminate in a rigid robot. They are NaN, since any number would be an arbitrary choice.
 
-The wrench in a joint is the inertial wrench of all bodies behind the joint, less the external wrenches and
-the loop wrenches on these bodies. It is computed as a sum about the base's origin, to which each wrench
-contributes if the joint carries its body.
+The wrench in a joint is the inertial wrench of all bodies that the joint carries, less the external wrenches
+and the loop wrenches on these bodies. All are summed about the base's origin.
 """
 
 from __future__ import annotations
@@ -66,10 +65,10 @@ def stack_wrenches(robot: ParallelRobot, wrenches: Mapping[str, ArrayLike] | Non
 
 
 def stacked_rows(name: str, entries: ArrayLike, width: int, count: int) -> Array:
-    """Return rows (count, width) from as many rows, or from one row (width,) for all.
+    """Return rows (count, width); repeat a single row (width,).
 
     Raises:
-        InvalidInput: numbers are not finite, or the shape is another.
+        InvalidInput: `entries` has another shape, or numbers that are not finite.
     """
     values = finite_numbers(name, entries, width, stacks=True)
     if values.ndim == 2 and len(values) != count:
@@ -87,8 +86,9 @@ def apply_wrenches(robot: ParallelRobot, motion: Motion, wrenches: Wrenches) -> 
 def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, joint_torque: Array) -> LoopLoads:
     """Solve r (T, nv) = S' tau_joint + J' lambda for the multipliers of all rows of J.
 
-    The row of J for a loop equation contains the power of its unit wrench along the screw of each joint that
-    moves one of the two bodies: positive for the second body, negative for the first.
+    The row of J for a loop equation contains the power of its unit wrench along the screw of each joint. The
+    power is positive if the joint carries the second body of the loop alone, negative if it carries the first
+    alone, and zero otherwise.
     """
     rows, columns, frames = robot.rows, robot.moving, linearised.frames
     wrench, position = linearised.loops.wrench, frames.position[:, rows.second]
@@ -98,8 +98,9 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
     jacobian += rows.coupling_jacobian(robot.nv)[:, columns]
     loop_forces = r[:, columns].copy()
     loop_forces[:, : robot.n_a] -= joint_torque
-    scale, lengths = robot.column_scale[columns], robot.row_lengths  # radians and robot lengths
-    multipliers, free = _least_multipliers(jacobian * scale / lengths[:, None], loop_forces * scale)
+    scale, lengths = robot.column_scale[columns], robot.row_lengths
+    scaled_jacobian = jacobian * scale / lengths[:, None]  # in radians and robot lengths
+    multipliers, free = _least_multipliers(scaled_jacobian, loop_forces * scale)
     displacement = position - frames.position[:, rows.first]
     return LoopLoads(wrench, position, displacement, multipliers / lengths, free / lengths)
 
@@ -107,8 +108,11 @@ def loop_loads(robot: ParallelRobot, linearised: LinearisedLoops, r: Array, join
 def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
     """Solve J' lambda = forces (T, f) for lambda (T, rows) of least norm; span the null space.
 
-    With J = U S V', lambda = U S^-1 V' forces over the nonzero singular values. The other columns of U span
-    the null space of J'. They are rows of the second result (T, rows, rows), whose other rows are zero.
+    With the singular value decomposition J = U S V', lambda = U S^-1 V' forces over the nonzero singular
+    values. The other columns of U span the null space of J'.
+
+    Returns:
+        lambda, and an array (T, rows, rows) whose nonzero rows span the null space.
     """
     U, singular_values, V_rows = np.linalg.svd(J)
     count = singular_values.shape[1]
@@ -116,7 +120,7 @@ def _least_multipliers(J: Array, forces: Array) -> tuple[Array, Array]:
     components = matvec(V_rows[:, :count], forces)
     components = np.where(nonzero, components / np.where(nonzero, singular_values, 1.0), 0.0)
     null_space = U.swapaxes(1, 2).copy()
-    null_space[:, :count] *= ~nonzero[:, :, None]
+    null_space[:, :count] *= ~nonzero[:, :, None]  # keeps the columns of U with zero singular values
     return matvec(U[:, :, :count], components), null_space
 
 
@@ -143,6 +147,7 @@ def coupling_torques(robot: ParallelRobot, loops: LoopLoads) -> dict[str, Array]
     The torque on the second joint is minus the ratio times this torque.
     """
     rows = np.flatnonzero(robot.rows.coupled)
+    # largest component of a null-space vector at each coupling (T, couplings)
     freedom = np.abs(loops.free[:, :, rows] * robot.row_lengths[rows]).max(axis=1, initial=0.0)
     torque = np.where(freedom > RANK_ROUNDING, np.nan, loops.multipliers[:, rows])
     names = [coupling.name for coupling in robot.description.couplings]
@@ -156,7 +161,7 @@ def joint_reactions(robot: ParallelRobot, motion: Motion, loops: LoopLoads) -> d
     open tree, less the loop wrenches and external wrenches on all bodies that the joint carries.
     """
     model = robot.model
-    reactions, position = _tree_reactions(robot, motion)
+    reactions, position = _tree_reactions(robot, motion)  # at the joints' origins
     first_columns = [model.joints[j].idx_v for j in range(1, model.njoints)]
     carried_by_joint = tree_columns(robot).carried[:, first_columns]
     carried_by_joint = np.insert(carried_by_joint, 0, 1.0, axis=1)  # (bodies, joints): the base carries all

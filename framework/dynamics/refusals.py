@@ -19,9 +19,9 @@ from framework.tolerances import RESOLVABLE_TAIL
 
 
 def unsettled_error(robot: ParallelRobot, state: DeflectionSolution) -> NotConverged:
-    """Return the error for deflections that did not converge."""
-    size = np.abs(state.caused / spring_scale(robot))
-    instant, k = divmod(int(np.argmax(size)), robot.n_e)
+    """Return the error for deflections that did not converge, with the largest deflection."""
+    size = np.abs(state.caused / spring_scale(robot))  # (T, n_e)
+    instant, k = np.unravel_index(np.argmax(size), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     why = f" ({state.obstacle})" if state.obstacle else ""
     return NotConverged(
@@ -42,9 +42,11 @@ def unresolved_error(
     enough: float,
     unseen: NearMiss | None,
 ) -> NotConverged:
-    """Return the error for a motion that the finest grid, `size` nodes a panel, does not resolve.
+    """Return the error for a motion that the finest grid does not resolve.
 
     Args:
+        result: the motion on the finest grid.
+        size: number of nodes per panel of this grid.
         enough: the least tolerance that some grid met.
         unseen: a near miss that no grid resolved, if any.
     """

@@ -2,12 +2,12 @@
 
 The motion is computed from the loop equations that are independent at the reference, with the idle joints at
 rest or turned by `kinematics.idle_turns`. This module evaluates all loop equations, and the residual torques:
-those that the planned motion would need in addition to motors and springs. They vanish if the motion is
-right. With the inverse dynamics r of the tree, the Jacobian J of the loop equations, the motors' columns S
-and joint torques tau_joint,
+torques that the planned motion would need in addition to motors and springs. They vanish if the motion is
+exact. With the forces r of the open tree, the Jacobian J of the loop equations, the selection S of the
+actuated joints and the joint torques tau_joint,
 
     r - S' tau_joint = J' lambda + X' w        along the actuated and passive joints
-    idle             = r - J' lambda           along the idle joints
+    residual         = r - J' lambda           along the idle joints
 
 X is the platform's Jacobian and w the platform wrench missing for balance; [X; J] is regular at Type 2.
 """
@@ -43,7 +43,7 @@ def measure_residuals(branch: Branch, state: DeflectionSolution, result: Inverse
     """Return the certificate with the largest loop gap and residual torque, on and between nodes.
 
     Raises:
-        NotAssembled: a loop equation that was dropped at the reference is open on a node.
+        NotAssembled: a loop equation that was left out as redundant is open on a node.
     """
     robot = branch.robot
     on_nodes = state.motion.linearised.loops.residual
@@ -66,7 +66,7 @@ def measure_residuals(branch: Branch, state: DeflectionSolution, result: Inverse
 def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
     """Compute the largest gap [m or rad] of rounded loops along q (T, nq).
 
-    A rounded loop repeats other loop equations at the reference, but for the rounding of numbers in the file.
+    A rounded loop repeats other loop equations at the reference, up to the rounding of numbers in the file.
 
     Raises:
         NotAssembled: the gap is larger than rounding explains.
@@ -86,8 +86,8 @@ def _rounded_gap(robot: ParallelRobot, q: Array) -> float:
 def check_idle_joints(branch: Branch, state: DeflectionSolution, result: InverseDynamics) -> float:
     """Return the largest torque [N m or N] that the planned motion needs at an idle joint.
 
-    No motor supplies it, so the real joint would turn, and the motors' torques would change by the same order
-    of size.
+    No motor supplies this torque, so the real joint would turn, and the motors' torques would change by the
+    same order of magnitude.
 
     Raises:
         LoadedJoint: the torque is more than HELD_IDLE of a motor's largest torque on the joint side.
@@ -96,10 +96,10 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
     if not len(idle):
         return 0.0
     times, scale = _instants(robot, state.grid.times), robot.column_scale
-    motion = evaluate_motion(branch, result, times)[1]
+    _closed, motion = evaluate_motion(branch, result, times)
     torques = state.grid.fit(state.forces.joint_torque)(times)
     loads = _residual_torques(robot, motion, torques)[:, idle]  # (T, idle)
-    instant, k = divmod(int(np.abs(loads * scale[idle]).argmax()), len(idle))
+    instant, k = np.unravel_index(np.abs(loads * scale[idle]).argmax(), loads.shape)
     load, column = float(loads[instant, k]), int(idle[k])
     largest_torque = np.abs(torques * scale[robot.actuated]).max()
     if abs(load) * scale[column] <= HELD_IDLE * largest_torque:
@@ -116,7 +116,7 @@ def check_idle_joints(branch: Branch, state: DeflectionSolution, result: Inverse
 
 
 def _remedy(robot: ParallelRobot, column: int) -> str:
-    """Return advice on how to hold an idle coordinate, or how to remove the load."""
+    """Return advice on how to hold an idle coordinate, or how to remove its load."""
     model, name = robot.model, robot.coordinates.name_of(column)
     joint = carried_axis(robot, column).joint
     if not is_ball(model.joints[joint]):
@@ -135,20 +135,20 @@ def _remedy(robot: ParallelRobot, column: int) -> str:
 
 
 def _instants(robot: ParallelRobot, nodes: Array) -> Array:
-    """Return the instants half-way between the nodes and, with idle joints, the nodes.
+    """Return the instants [s] of the check: half-way between the nodes and, with idle joints, the nodes.
 
-    On the nodes the equations of all joints but the idle ones are solved, so that only the instants between
-    the nodes are a check.
+    On the nodes the equations of all joints but the idle ones hold by construction, so that nodes are no
+    check of these joints.
     """
     middle = 0.5 * (nodes[1:] + nodes[:-1])
     return np.sort(np.concatenate([nodes, middle])) if len(robot.structure.idle) else middle
 
 
 def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tuple[ClosedStack, Motion]:
-    """Evaluate the result's series at instants (T,): the poses, and the motion that causes the forces.
+    """Evaluate the result's series at instants (T,) [s]: poses, and motion that causes the forces.
 
-    The loops are not closed again, so that both show the errors of the series. With rigid geometry the second
-    is the motion without deflections.
+    The loops are not closed again, so that poses and motion have the errors of the series. With rigid
+    geometry the motion is that of the undeformed robot, and its loops are closed.
     """
     robot, s = branch.robot, law_derivatives(result.law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
@@ -163,13 +163,13 @@ def evaluate_motion(branch: Branch, result: InverseDynamics, times: Array) -> tu
 
 
 def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None:
-    """Raise NotAssembled if a loop equation that was dropped at the reference is open on a node."""
+    """Raise NotAssembled if a loop equation that was left out as redundant is open on a node."""
     scale, dropped = robot.row_lengths, robot.structure.dropped
     if not len(dropped):
         return
     residual = state.motion.linearised.loops.residual  # (T, rows) of all loop equations
     scaled_gaps = np.abs(residual[:, dropped]) / scale[dropped]
-    instant, k = divmod(int(scaled_gaps.argmax()), len(dropped))
+    instant, k = np.unravel_index(scaled_gaps.argmax(), scaled_gaps.shape)
     if scaled_gaps[instant, k] <= LOOP_GAP:
         return
     row = dropped[k]
@@ -185,10 +185,13 @@ def _check_dropped_rows(robot: ParallelRobot, state: DeflectionSolution) -> None
 
 
 def _residual_torques(robot: ParallelRobot, motion: Motion, torque: Array) -> Array:
-    """Compute the generalised forces (T, nv) missing for balance with motor torques (T, n_a), joint side.
+    """Compute the generalised forces (T, nv) missing for balance.
 
     They are X' w along actuated and passive joints, and r - J' lambda along idle joints (see this file's
-    docstring). Elastic columns stay zero.
+    docstring). Elastic columns are zero.
+
+    Args:
+        torque: motor torques (T, n_a), joint side.
     """
     forces, columns, idle = tree_forces(robot, motion), robot.moving, robot.structure.idle
     multipliers = loop_multipliers(robot, motion.linearised, forces, torque)

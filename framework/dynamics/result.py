@@ -24,23 +24,24 @@ class Certificate:
     """The numbers that prove the torques of a result.
 
     nodes: number of Chebyshev nodes in time, on all panels together.
-    tail: largest of the last Chebyshev coefficients of torques and deflections over the largest coefficient.
-        A pole leaves coefficients of the size of its residue, which do not decay with more nodes.
-    passes: evaluations of forces at given deflections, on all grids together.
+    tail: largest of the last Chebyshev coefficients of torques and deflections divided by the largest
+        coefficient. With a pole, coefficients do not decay with more nodes: they stay of the size of its
+        residue.
+    passes: number of evaluations of forces at given deflections, on all grids together.
     change: relative change of deflections or spring forces by one more pass; 0 with rigid geometry, which has
         no iteration.
     max_closure_error: largest residual of a loop or platform equation [m or rad], on the nodes and half-way
         between them, redundant loop equations included.
-    max_residual_torque: largest torque beside motors and springs that the planned motion would need in a
-        joint, half-way between the nodes [N m or N]; idle joints are not counted.
+    max_residual_torque: largest torque that the planned motion would need in a joint in addition to motors
+        and springs, half-way between the nodes [N m or N]; idle joints are not counted.
     max_held_torque: largest torque that the planned motion would need in an idle joint, such as the spin of a
-        rod about its own line [N m or N]. The motors' torques have errors of the same order of size. 0
+        rod about its own line [N m or N]. The motors' torques have errors of the same order of magnitude. 0
         without idle joints; at most `tolerances.HELD_IDLE` of a motor's largest torque on the joint side.
-    end_speed: largest motor speed at both ends over the largest of the motion. Zero if the law is smooth
-        enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
+    end_speed: largest motor speed at both ends divided by the largest of the motion. Zero if the law is
+        smooth enough; an elastic robot whose springs carry inertia needs more smoothness than its default.
     monotone: whether s' > 0 at all instants between the ends.
-    rounded_gap: largest gap [m or rad] of loop equations that are left out because they repeat others but for
-        rounding; 0 without any.
+    rounded_gap: largest gap [m or rad] of loop equations that are left out because they repeat others up to
+        rounding; 0 if there are none.
     """
 
     nodes: int
@@ -64,16 +65,16 @@ class Certificate:
 class SingularityCrossing(ReadOnlyArrays):
     """An instant at which the motion is in a Type 2 singularity.
 
-    `wrench` is t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies. `scale`
-    is the largest sum of the absolute values of its terms along the motion, at least
-    mass length / duration^2. Condition (8) holds if wrench / scale is rounding.
+    wrench: t_s . W_p at this instant [N, or N m for a pure turn], with the inertia of all bodies.
+    scale: the largest sum, along the motion, of the absolute values of the terms of t_s . W_p; at least
+        mass length / duration^2. Condition (8) holds if wrench / scale is rounding.
     """
 
-    time: float
+    time: float  # [s]
     s: float
-    platform: Array  # (n,)
-    twist: Array  # (n,)
-    kind: str
+    platform: Array  # (n,) platform coordinates
+    twist: Array  # (n,) t_s
+    kind: str  # of the singularity
     wrench: float
     scale: float
 
@@ -112,12 +113,14 @@ class InverseDynamics(ReadOnlyArrays):
 
     @property
     def duration(self) -> float:
+        """The duration of the motion [s]."""
         return self.law.duration
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
-        """Evaluate motor torques [N m] or their time derivatives; t (T,) gives (T, n_a), a scalar (n_a,).
+        """Evaluate motor torques [N m] or their time derivatives, (T, n_a); a scalar t gives (n_a,).
 
-        If the plan includes dry friction of the driven joints, the torques jump where a motor reverses.
+        With dry friction of the driven joints, the torques jump where a motor reverses; their derivatives are
+        those of the smooth part.
         """
         smooth = self.torques(t, order)
         return smooth if self.friction is None or order > 0 else smooth + self.friction(t)
@@ -129,7 +132,7 @@ class InverseDynamics(ReadOnlyArrays):
     def motor_angle(self, t: ArrayLike, order: int = 0) -> Array:
         """Evaluate motor angles [rad] (gear ratio times joint angle) or their time derivatives, (T, n_a).
 
-        Accelerations come from `motion`: the second derivative of a series loses digits at the ends.
+        Accelerations come from `motion`, since the second derivative of a series loses digits at the ends.
         """
         if order != 2:
             return self.motor_angles(t, order)

@@ -25,20 +25,23 @@ from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import UNCROSSABLE, escaping_motions, uncontrolled_motion
 from framework.tolerances import SAME_PLACE, STOP_AT_CROSSING
 
-LAW_ROOT_ROUNDING = 1e-12  # residual in s of a root of the law
-MAX_NEWTON_STEPS, NEWTON_RESIDUAL = 3, 1e-15  # to a root of the law; residual in s that ends them
+LAW_ROOT_ROUNDING = 1e-12  # largest residual in s of a root of the law
+MAX_NEWTON_STEPS, NEWTON_RESIDUAL = 3, 1e-15  # limit of steps to a root of the law; residual in s to stop at
 SAMPLES = 17  # instants of a motion at which the size of the forces is measured
 MAX_CROSSINGS_ON_PANEL = 3  # of a law without panels; with more, 512 nodes are slow or not enough
-EDGE_CLEARANCE = 0.1  # of a panel's width: edges are nodes, so an edge nearer to a crossing is shifted
+EDGE_CLEARANCE = 0.1  # of a panel's width; edges are nodes, so an edge nearer to a crossing is shifted
 
 
 def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) -> Array:
     """Return the ascending edges [s] of panels on which all functions of time are smooth.
 
     Edges are the ends of the motion and of the law's panels, and the instants of the branch's knots. Every
-    edge is a node, and no node may be at a crossing (`clear_of` [s]). So an edge of the law near a crossing
-    is shifted aside. A law without panels and with many crossings gets a panel for each of them, so that the
-    number of nodes is proportional to the number of crossings.
+    edge is a node, and no node may be at a crossing. So an edge of the law near a crossing is shifted aside.
+    A law without panels and with many crossings gets a panel for each crossing, so that the number of nodes
+    is proportional to the number of crossings.
+
+    Args:
+        clear_of: instants [s] of crossings.
     """
     edges = np.array([0.0, law.duration])
     law_edges = edges_of(law)
@@ -46,9 +49,11 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
         edges = law_edges.copy()
         for t in clear_of:
             k = int(np.argmin(np.abs(edges - t)))
-            width = np.diff(edges)[max(k - 1, 0) : k + 1].min()  # of the narrower panel at this edge
-            if 0 < k < len(edges) - 1 and abs(edges[k] - t) < EDGE_CLEARANCE * width:
-                edges[k] = t + 3.0 * EDGE_CLEARANCE * width
+            if not 0 < k < len(edges) - 1:  # the ends of the motion stay
+                continue
+            narrower_width = min(edges[k] - edges[k - 1], edges[k + 1] - edges[k])
+            if abs(edges[k] - t) < EDGE_CLEARANCE * narrower_width:
+                edges[k] = t + 3.0 * EDGE_CLEARANCE * narrower_width
     else:
         crossings = np.sort(np.fromiter(clear_of, dtype=float))
         if len(crossings) > MAX_CROSSINGS_ON_PANEL:
@@ -60,8 +65,10 @@ def panel_edges(branch: Branch, law: MotionLaw, clear_of: Iterable[float] = ()) 
 def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
     """Find all instants (k,) [s] with law(t) = s, ascending.
 
-    The law is smooth on panels between `edges` [s]. Newton's method on the law itself refines the roots of
-    the law's Chebyshev series.
+    The roots of the law's Chebyshev series are refined by Newton's method on the law itself.
+
+    Args:
+        edges: instants [s] between which the law is smooth.
     """
     grid = TimeGrid(edges, 65)
     function = grid.fit(np.asarray(law(grid.times))[:, None])
@@ -78,7 +85,7 @@ def find_instants(law: MotionLaw, edges: Array, s: float) -> Array:
             residual = np.asarray(law(t)) - s
             if np.abs(residual).max() < NEWTON_RESIDUAL:
                 break
-        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # excludes a minimum just above s
+        roots.append(t[np.abs(residual) < LAW_ROOT_ROUNDING])  # an extremum close to s is no root
     times = np.sort(np.concatenate(roots))
     is_new = np.diff(times, prepend=-np.inf) > SAME_PLACE * (edges[-1] - edges[0])
     return times[is_new]
@@ -98,7 +105,7 @@ def rigid_crossings(
     crossed = [(float(t), point) for point in points for t in find_instants(law, edges, point.s)]
     if not crossed:
         return ()
-    # first the crossings, then samples along the motion for the size of the forces
+    # rows: first the crossings, then SAMPLES instants along the motion for the size of the forces
     times = np.concatenate([[t for t, _ in crossed], np.linspace(0.0, law.duration, SAMPLES)])
     s = law_derivatives(law, times)
     speeds = np.abs(s[1])
@@ -109,18 +116,21 @@ def rigid_crossings(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
             f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
         )
-    # at the samples approximate configurations are enough
+    # the samples are approximate poses, which are enough for the size of the forces
     q = np.vstack([*(singular.q for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])
     forces = _undeformed_forces(branch, q, s)
-    crossings = []
-    for k, (t, singular) in enumerate(crossed):
-        crossing_and_samples = np.vstack([forces[k], forces[-SAMPLES:]])
-        crossings.append(_rigid_crossing(branch.robot, law.duration, t, singular, crossing_and_samples))
-    return tuple(crossings)
+    return tuple(
+        _rigid_crossing(branch.robot, law.duration, t, singular, np.vstack([forces[k], forces[-SAMPLES:]]))
+        for k, (t, singular) in enumerate(crossed)
+    )
 
 
 def _undeformed_forces(branch: Branch, q: Array, s: list[Array]) -> Array:
-    """Compute forces (T, nv) of the open tree at q (T, nq), for s and two derivatives, each (T,)."""
+    """Compute forces (T, nv) of the open tree at q (T, nq).
+
+    Args:
+        s: the path coordinate and its first two time derivatives, each (T,).
+    """
     x, dx, ddx = time_derivatives(branch.path, s)
     motion = motion_at(branch.robot, ClosedStack(q, x, linearised_at(branch.robot, q, x)), dx, ddx)
     return tree_forces(branch.robot, branch.load_motion(motion, s[0]))
@@ -146,38 +156,41 @@ def _rigid_crossing(
 ) -> SingularityCrossing:
     """Compute t_s . W_p = eta . r of the undeformed robot at a singular point.
 
-    The point is passed at time t [s] of the motion.
-
     If several motions eta escape, the result is that of the largest relative t_s . W_p.
 
     Args:
+        duration: duration of the motion [s].
+        t: instant [s] at which the motion passes the point.
         forces: (1 + SAMPLES, nv) r of the open tree, at the point and along the motion.
     """
-    escape = singular.motion[None]
+    escape = singular.motion[None]  # (corank, nv) eta
     if singular.corank > 1:
         linearised = linearised_at(robot, singular.q[None], singular.platform[None])
         escape = escaping_motions(robot, linearised, at_least=singular.corank).motions
     inertial_force = robot.mass * robot.length / duration**2
     least_scale = inertial_force * robot.length * np.abs(escape / robot.column_scale).max(axis=1)
-    terms = forces[:, None] * escape  # (T, corank, nv)
-    scale = np.maximum(np.abs(terms).sum(axis=2).max(axis=0), least_scale)
+    terms = forces[:, None] * escape  # (1 + SAMPLES, corank, nv)
+    sizes = np.abs(terms).sum(axis=2)
+    scale = np.maximum(sizes.max(axis=0), least_scale)
     wrench = terms[0].sum(axis=1)
     worst = int(np.argmax(np.abs(wrench) / np.where(scale > 0.0, scale, 1.0)))
     return SingularityCrossing(
-        t,
-        singular.s,
-        singular.platform,
-        singular.twist,
-        singular.kind,
-        float(wrench[worst]),
-        float(scale[worst]),
+        time=t,
+        s=singular.s,
+        platform=singular.platform,
+        twist=singular.twist,
+        kind=singular.kind,
+        wrench=float(wrench[worst]),
+        scale=float(scale[worst]),
     )
 
 
 def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> SingularityCrossing:
-    """Find the crossing of the deformed robot, a root of g in time, near that of the undeformed robot.
+    """Find the crossing of the deformed robot, a root of g in time.
 
-    The twist has the sign of the twist at rest.
+    Args:
+        at_rest: the crossing of the undeformed robot, at which the search begins. Its twist decides the sign
+            of the twist.
     """
     robot = result.robot
 
@@ -202,7 +215,7 @@ def deformed_crossing(result: InverseDynamics, at_rest: SingularityCrossing) -> 
 
 
 def check_bounded(robot: ParallelRobot, crossings: tuple[SingularityCrossing, ...], allowed: float) -> None:
-    """Raise UnboundedTorque for the crossing of largest residual if that is not allowed."""
+    """Raise UnboundedTorque if the largest residual of condition (8) is above `allowed`."""
     worst = max(crossings, key=lambda crossing: crossing.residual, default=None)
     if worst is None or worst.residual <= allowed:
         return
@@ -225,7 +238,7 @@ def check_crossings(robot: ParallelRobot, state: DeflectionSolution, result: Inv
     """
     if result.geometry == "rigid" and robot.n_e:
         return
-    signs = mode_signs(robot, state.motion.linearised)[1]
+    _, signs = mode_signs(robot, state.motion.linearised)  # (T,) of the assembly mode
     times = state.grid.times
     for k in np.flatnonzero(signs[1:] != signs[:-1]):
         if not any(times[k] <= crossing.time <= times[k + 1] for crossing in result.crossings):

@@ -11,12 +11,13 @@ lambda is added. The stiffness K_x along a platform motion v is that of the moti
 
     v' K_x v = min { dz' H dz : X dz = v },        compliance = X H^-1 X' = K_x^-1.
 
-Nothing here divides by A, so K_x, H and M are finite at a Type 2 singularity, where the platform can move
-along t_s without stretching a spring. Without load K_x t_s = 0, the compliance along t_s is infinite, and the
-first frequency is 0. Under load only the geometric stiffness is left along t_s; the robot may hold or buckle.
+No formula divides by the velocity matrix A, so K_x, H and M are finite at a Type 2 singularity, where the
+platform can move along t_s without stretching a spring. Without load K_x t_s = 0, the compliance along t_s is
+infinite, and the first frequency is 0. Under load only the geometric stiffness remains along t_s; the robot
+may hold or buckle.
 
-Source: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; the elimination
-by a null space as Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12, for Z.
+Sources: Quennouelle and Gosselin, Stiffness Matrix of Compliant Parallel Mechanisms, ARK 2008; for the
+elimination by a null space Z, Briot and Khalil, Dynamics of Parallel Robots, Springer 2015, chapter 12.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ from framework.tolerances import (
 )
 
 MAX_NEWTON_STEPS = 200  # of Newton's method for the equilibrium, which converges quadratically at the end
-MAX_STEP = 0.1  # [rad, robot lengths] of that method: deflections of linear springs are smaller
+MAX_STEP = 0.1  # [rad, robot lengths] largest step of that method; deflections of linear springs are smaller
 SHIFTS = (1.0, 1e3, 1e6)  # sigma of H + sigma S over tr H / tr S; indefinite H under load need larger ones
-MIN_EIGENVALUE_RATIO = 1e-8  # over the largest eigenvalue of H; smaller eigenvalues are replaced by this one
+MIN_EIGENVALUE_RATIO = 1e-8  # lower bound of eigenvalues of H divided by the largest one
 
 
 class CompliantMotions(NamedTuple):
@@ -83,7 +84,7 @@ def compliant_motions(robot: ParallelRobot, linearised: LinearisedLoops, q: Arra
     """
     require_springs(robot)
     columns = moving_columns(robot)
-    null = factor_transposed(scaled_loops(robot, linearised)[:, :, columns])[2]
+    _Q, _R, null = factor_transposed(scaled_loops(robot, linearised)[:, :, columns])
     Z = null * robot.column_scale[columns][:, None]
     stiffness = robot.all_stiffness[columns]
     mass = mass_matrices(robot, q)[:, columns[:, None], columns]
@@ -101,24 +102,25 @@ def least_ratios(H: Array, S: Array) -> Array:
     """Compute the least ratio z' H z / z' S z (T,) for positive semidefinite S; NaN without one.
 
     If H + sigma S is positive definite, the least ratio is 1 / mu - sigma, where mu is the largest eigenvalue
-    of S relative to H + sigma S. This inverts neither H, which is singular at Type 2, nor S, which is
-    singular if bodies have no mass.
+    of S relative to H + sigma S. With the Cholesky factor L of H + sigma S, mu is the largest eigenvalue of
+    L^-1 S L'^-1. This inverts neither H, which is singular at Type 2, nor S, which is singular if bodies have
+    no mass.
     """
     least = np.full(len(H), np.nan)
     size_H = np.abs(np.trace(H, axis1=1, axis2=2))
     size_S = np.trace(S, axis1=1, axis2=2)
     for factor in SHIFTS:
-        todo = np.flatnonzero(np.isnan(least) & (size_S > 0))
-        if not len(todo):
+        unsolved = np.flatnonzero(np.isnan(least) & (size_S > 0))
+        if not len(unsolved):
             break
-        sigma = factor * size_H[todo] / size_S[todo]
-        shifted = H[todo] + sigma[:, None, None] * S[todo]
-        positive = np.linalg.eigvalsh(shifted)[:, 0] > 0
-        rows = todo[positive]
-        inverse = np.linalg.inv(np.linalg.cholesky(shifted[positive]))
-        relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))  # L^-1 S L'^-1
+        sigma = factor * size_H[unsolved] / size_S[unsolved]
+        shifted = H[unsolved] + sigma[:, None, None] * S[unsolved]
+        is_definite = np.linalg.eigvalsh(shifted)[:, 0] > 0
+        rows = unsolved[is_definite]
+        inverse = np.linalg.inv(np.linalg.cholesky(shifted[is_definite]))  # L^-1
+        relative = matmul(matmul(inverse, S[rows]), inverse.swapaxes(1, 2))
         mu = np.linalg.eigvalsh(relative)[:, -1]
-        least[rows] = 1.0 / mu - sigma[positive]
+        least[rows] = 1.0 / mu - sigma[is_definite]
     return least
 
 
@@ -174,12 +176,12 @@ def platform_stiffness(
     Args:
         loaded: whether to deflect the springs from q, with locked motors, until they carry weight and
             `wrench`. Otherwise the result is that at q without load.
-        wrench: external, ON the platform, on the platform's axes (n,) [N, N m]; a moment is allowed only if
-            the platform turns about a single axis (otherwise it has no potential).
+        wrench: external wrench ON the platform, on the platform's axes (n,) [N, N m]. A moment is allowed
+            only if the platform turns about a single axis, since otherwise it has no potential.
 
     Raises:
-        InvalidInput: q leaves the loops open; a robot without springs, or with springs that leave the
-            platform rigid along some axis; a wrench without `loaded`.
+        InvalidInput: q leaves the loops open; the robot has no springs, or springs that leave the platform
+            rigid along some axis; a wrench is given without `loaded`.
         NotConverged: there is no equilibrium near q.
     """
     expect_robot(robot)
@@ -279,27 +281,30 @@ def _condense(robot: ParallelRobot, H: Array, X: Array) -> Array:
 
 
 def _inverse(robot: ParallelRobot, K: Array) -> Array:
-    """Compute the compliance (n, n), infinite in entries that a direction without stiffness reaches."""
+    """Compute the compliance (n, n) from the stiffness K, which may be singular.
+
+    Entry (i, j) is infinite if a direction without stiffness moves both axes i and j.
+    """
     scales = np.outer(robot.platform_scale, robot.platform_scale)
     values, vectors = np.linalg.eigh(K * scales)
     is_free = np.abs(values) <= EIGENVALUE_ROUNDING * np.abs(values).max()
     compliance = (vectors / np.where(is_free, np.inf, values)) @ vectors.T * scales
-    # entry (i, j) is infinite if one free direction moves both axes i and j
     is_moved = np.abs(vectors[:, is_free]) > RANK_ROUNDING
     return np.where(is_moved @ is_moved.T, np.inf, compliance)
 
 
 def _vibrations(H: Array, M: Array) -> tuple[Array, Array]:
-    """Compute squared angular frequencies (k,) [rad^2/s^2], ascending, and shapes z (k, d) with z' M z = 1.
+    """Compute squared angular frequencies (k,) [rad^2/s^2], ascending, and mode shapes z (k, d).
 
-    Motions without mass have no vibration of their own: they follow the others statically.
+    The shapes have z' M z = 1. Motions without mass have no vibration of their own: they follow the others
+    statically.
     """
     values, vectors = np.linalg.eigh(M)
     has_mass = (values > 0.0) & (values > RANK_ROUNDING * values[-1])
     massive = vectors[:, has_mass] / np.sqrt(values[has_mass])  # (d, k) of unit mass
     massless = vectors[:, ~has_mass]
     if massless.shape[1] and massive.shape[1]:  # massless motions y follow with the least energy
-        y = np.linalg.lstsq(massless.T @ H @ massless, massless.T @ H @ massive, rcond=None)[0]
+        y, *_ = np.linalg.lstsq(massless.T @ H @ massless, massless.T @ H @ massive, rcond=None)
         massive -= massless @ y
     squares, shapes = np.linalg.eigh(massive.T @ H @ massive)
     is_rounding = np.abs(squares) <= EIGENVALUE_ROUNDING * np.abs(squares).max(initial=0.0)

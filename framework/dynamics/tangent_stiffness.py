@@ -5,8 +5,8 @@ balance is dV/dq - w . dx/dq = lambda . dc/dq. The tangent stiffness along motio
 
     H = Z' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) Z.
 
-Second derivatives are exact: lambda . closure_drift is the quadratic form of lambda . c", and drifts along
-sums of two motions give the matrix of that form by polarisation.
+Second derivatives are exact: lambda . `closure_drift` is the quadratic form of lambda . d2c/dq2, and drifts
+along sums of two motions give the matrix of that form by polarisation.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Load(NamedTuple):
     """The load on T configurations, each under its own share of weight and wrench."""
 
     w: Array  # (n,) external wrench ON the platform, on the platform's axes
-    share: Array  # (T,) of weight and w, 0 .. 1
-    preload: Array  # (T, nv) spring forces in the balance without load
+    share: Array  # (T,) share of weight and w that acts, 0 .. 1
+    preload: Array  # (T, nv) spring forces at which the robot is in balance without load
 
     def select(self, which: IntArray) -> Load:
         """Return the load on the configurations `which` (k,)."""
@@ -43,8 +43,8 @@ class Load(NamedTuple):
 class Balance(NamedTuple):
     """The distance of T configurations from balance. Steps are in radians and robot lengths."""
 
-    gap: Array  # (T,) largest error of a loop equation
-    closing: Array  # (T, f) the least step that closes the loops, to first order
+    gap: Array  # (T,) largest residual of a loop equation
+    closing: Array  # (T, f) the shortest step that closes the loops, to first order
     null: Array  # (T, f, d) orthonormal steps Z that keep the loops closed
     slope: Array  # (T, d) derivative of the energy along Z, after the closing step
     drive: Array  # (T, d) derivative of the slope by the share of the load
@@ -72,14 +72,15 @@ def moving_columns(robot: ParallelRobot) -> IntArray:
 def balance(robot: ParallelRobot, q: Array, load: Load) -> Balance:
     """Compute the distance from balance of configurations q (T, nq), with loops open or closed.
 
-    With J' = Q R the least step that closes the loops is -Q R'^-1 residual. The stiffness is computed along
-    [Z, closing]. The last column is then the change of the slope by the closing step.
+    With the QR factorisation J' = Q R, the shortest step that closes the loops is -Q R'^-1 residual. The
+    stiffness is computed along the steps [Z, closing]: its last column is the change of the slope by the
+    closing step.
     """
     columns = moving_columns(robot)
     lengths = robot.column_scale[columns]
     linearised = linearised_at(robot, q, robot.platform.coordinates(frames_at(robot, q)))
     J = scaled_loops(robot, linearised)[:, :, columns]
-    residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)
+    residual = linearised.residual[:, robot.n :] * (1.0 / robot.loop_lengths)  # of the loop equations
     Q, R, null = factor_transposed(J)
     closing = -matvec(Q, solve(R.swapaxes(1, 2), residual))
     steps = np.concatenate([null, closing[:, :, None]], axis=2)
@@ -102,14 +103,15 @@ def tangent_stiffness(
 ) -> Array:
     """Compute the tangent stiffness (T, p, p) along steps (T, f, p) [N m] at q (T, nq).
 
-    It is steps' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) steps. The multipliers lambda solve
-    J' lambda = forces in the least-squares sense.
+    It is steps' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) steps. The multipliers lambda are the
+    least-squares solution of J' lambda = forces.
     """
     columns = moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]
-    forces = _forces(robot, linearised, q, load)[0][:, columns] * robot.column_scale[columns]
-    Q, R, _ = factor_transposed(J)
-    multipliers = solve(R, matvec(Q.swapaxes(1, 2), forces)) * (1.0 / robot.loop_lengths)
+    forces, _by_share = _forces(robot, linearised, q, load)
+    scaled_forces = forces[:, columns] * robot.column_scale[columns]
+    Q, R, _null = factor_transposed(J)
+    multipliers = solve(R, matvec(Q.swapaxes(1, 2), scaled_forces)) * (1.0 / robot.loop_lengths)
     gravity_stiffness = _gravity_stiffness(robot, q)[:, columns[:, None], columns] * load.share[:, None, None]
     force_changes = robot.all_stiffness[columns][:, None] * steps + matmul(gravity_stiffness, steps)
     curvature = _curvature(robot, linearised.frames, steps, multipliers, load.share[:, None] * load.w)
@@ -126,13 +128,13 @@ def _gravity_stiffness(robot: ParallelRobot, q: Array) -> Array:
 def _curvature(robot: ParallelRobot, frames: FrameStack, steps: Array, multipliers: Array, w: Array) -> Array:
     """Compute lambda . d2c/dq2 + w . d2x/dq2 (T, p, p) along `steps` (T, f, p), by polarisation.
 
-    The quadratic form D of `_drift` gives its bilinear form by B(a, b) = (D(a + b) - D(a) - D(b)) / 2.
+    The bilinear form of the quadratic form D of `_drift` is B(a, b) = (D(a + b) - D(a) - D(b)) / 2.
     """
-    i, j = np.triu_indices(steps.shape[2])
+    i, j = np.triu_indices(steps.shape[2])  # each pair of steps once, with i <= j
     sums = np.zeros((len(steps), len(i), robot.nv))
     sums[:, :, moving_columns(robot)] = (steps[:, :, i] + steps[:, :, j]).swapaxes(1, 2)
     drift = _drift(robot, frames, sums, multipliers, w)
-    diagonal = drift[:, i == j] / 4.0  # D(a) = D(a + a) / 4
+    diagonal = drift[:, i == j] / 4.0  # D(a) = D(a + a) / 4 of each step
     curvature = np.zeros((len(steps), steps.shape[2], steps.shape[2]))
     curvature[:, i, j] = 0.5 * (drift - diagonal[:, i] - diagonal[:, j])
     curvature[:, j, i] = curvature[:, i, j]
@@ -164,10 +166,10 @@ def _forces(robot: ParallelRobot, linearised: LinearisedLoops, q: Array, load: L
 
 
 def _drift(robot: ParallelRobot, frames: FrameStack, v: Array, multipliers: Array, w: Array) -> Array:
-    """Compute the drifts (T, p) at rates v (T, p, nv), loops times lambda plus platform times w.
+    """Compute v' (lambda . d2c/dq2 + w . d2x/dq2) v (T, p) at rates v (T, p, nv).
 
-    The drift of an equation c is the second time derivative at zero joint accelerations, v' c" v. The result
-    is v' (lambda . c" + w . x") v.
+    The drift of an equation is its second time derivative at zero joint accelerations. The result is the
+    drift of the loop equations c times lambda, plus the drift of the platform x times w.
     """
     repeated = frames.select(np.repeat(np.arange(len(v)), v.shape[1]))  # each configuration p times
     motions = frame_motions(robot, repeated, v.reshape(-1, v.shape[2]))

@@ -1,4 +1,4 @@
-"""t_s, W_p and the measure g along a whole motion; by condition (8), t_s . W_p vanishes at crossings."""
+"""t_s, W_p and the measure g along a motion; by condition (8), t_s . W_p vanishes at crossings."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from framework.singularity.type2 import sign_along, singularity_measure, twist_n
 class WrenchCurves(NamedTuple):
     """The force that a motion requires along t_s, the twist that the motors control least, at T instants.
 
-    t_s is continued smoothly away from the singularity. Where |g| is least, it has unit size and points along
-    the motion. `power` is eta . r, with the joint rates eta of t_s and the forces r of the open tree. It
-    equals t_s . W_p at a singularity; elsewhere only if the legs have no mass.
+    t_s is continued smoothly away from the singularity. Where |g| is least, t_s has unit size and points
+    along the motion. `power` is eta . r, with the joint rates eta of t_s and the forces r of the open tree.
+    It equals t_s . W_p at a singularity and, if the legs have no mass, at all poses.
     """
 
     g: Array  # (T,) measure, zero at Type 2
@@ -33,7 +33,7 @@ class WrenchCurves(NamedTuple):
 def wrench_curves(robot: ParallelRobot, motion: Motion) -> WrenchCurves:
     """Compute g, t_s, W_p and t_s . W_p along a motion in time."""
     forces = tree_forces(robot, motion)
-    joint_rates = motor_speeds(robot, motion.linearised)[1]  # (T, nv, n) dq/dv
+    _G, joint_rates = motor_speeds(robot, motion.linearised)  # (T, nv, n) dq/dv
     wrench = np.einsum("tvn,tv->tn", joint_rates, forces)  # W_p = (dq/dv)' r
     measure = singularity_measure(robot, motion.linearised)
     twist = np.einsum("tnv,tv->tn", motion.linearised.platform, measure.motion)

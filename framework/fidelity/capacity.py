@@ -1,11 +1,13 @@
 """The largest load with which a robot still crosses a path within the limits of its motors.
 
 Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
-(`optimal`). So the admissible pairs (m, z) form a convex set, and the multiples with a law of free shape form
-an interval. Bisection brackets the upper end of the interval by a planned multiple, with a certificate, and a
-multiple that is refused or undecided. A search that finds no law proves nothing. So a search upwards from the
-refused multiple looks for one at which the bound of all laws (`peak_bound`) exceeds the limits. Elastic
-robots and polynomials are bisected likewise, but without that proof.
+(`planning.optimal`). So the admissible pairs (m, z) form a convex set, and the multiples that admit a law of
+free shape form an interval. Bisection brackets the upper end of the interval between a multiple with a
+certified plan and a multiple that is refused or undecided.
+
+A refusal for lack of a law proves nothing, since the search may have missed one. So larger and larger
+multiples are tried until a lower bound on the peaks of all laws (`peak_bound`) exceeds the limits. For
+elastic robots and polynomials there is no such proof.
 """
 
 from __future__ import annotations
@@ -29,23 +31,24 @@ from framework.planning.result import CrossingPlan
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, search_path
 
-MAX_DOUBLINGS = 20  # of the multiple, up or down; beyond, the capacity counts as unbounded or as zero
-BRACKET_RATIO = 1e-3  # refused over planned multiple, less 1, at which the bisection ends
-IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # of the refused multiple, tried in turn
+MAX_DOUBLINGS = 20  # of the multiple, or halvings; after them the capacity counts as unbounded, or as zero
+BRACKET_RATIO = 1e-3  # relative width of the bracket at which the bisection ends
+IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # multiples over the refused one, tried in turn
 
 
 @dataclass(frozen=True, eq=False)
 class Capacity:
     """The largest multiple of a request's wrenches with a plan, and the reason for the limit.
 
-    plan: under the largest multiple, with certificate and limits like any plan.
-    refused: the least refused multiple (`NoLaw`, `LimitsExceeded`); infinite if none was refused.
-    refusal: of that multiple; None if none was refused.
-    impossible: a multiple that no law carries, by a bound of all laws. Without damping of the motors, no law
-        carries a larger multiple either. Infinite if none was found.
-    undecided: the least multiple for which planning failed without a statement about laws (`NotConverged` and
-        others); infinite if there was none.
-    failure: the error of that multiple.
+    multiple: the largest planned multiple.
+    plan: the plan under this multiple.
+    refused: the least refused multiple (`NoLaw`, `LimitsExceeded`); infinite if no multiple was refused.
+    refusal: the error for `refused`; None if no multiple was refused.
+    impossible: a multiple at which a bound on all laws exceeds the limits; infinite if none was found.
+        Without damping of the motors, larger multiples are impossible, too.
+    undecided: the least multiple for which planning failed for numerical reasons (`NotConverged` and others);
+        infinite if there was none.
+    failure: the error for `undecided`.
     """
 
     multiple: float
@@ -64,8 +67,9 @@ class Capacity:
     @property
     def proved(self) -> bool:
         """Whether the least multiple without a plan is refused with a proof."""
-        proved = getattr(self.refusal, "proof", None) is not None or self.impossible <= self.refused
-        return self.refused < self.undecided and proved
+        has_proof = getattr(self.refusal, "proof", None) is not None
+        is_impossible = self.impossible <= self.refused
+        return self.refused < self.undecided and (has_proof or is_impossible)
 
 
 @takes_options
@@ -75,10 +79,10 @@ def largest_load(robot: ParallelRobot, path: Path, **options: Any) -> Capacity:
     Args:
         robot, path: as for `plan_crossing`.
         {options}
-        optimize is "time" by default if no duration is given.
+        If no duration is given, `optimize` is "time" by default.
 
     Raises:
-        InvalidInput: no wrenches, or no limit of torque or speed; see `plan_crossing`.
+        InvalidInput: there are no wrenches, or no limits of torque or speed; see `plan_crossing`.
         NoAnswer: there is no plan even without the wrenches.
     """
     return largest_load_of(robot, capacity_request(robot, path, **options))
@@ -105,7 +109,7 @@ def largest_load_of(
         progress: called before each plan with its number, 1, 2, ...
 
     Raises:
-        As `largest_load`.
+        InvalidInput, NoAnswer: as `largest_load`.
     """
     if not request.external_wrenches.is_nonzero:
         raise InvalidInput("wrenches: give a wrench that is not zero, whose largest multiple is looked for")
@@ -131,7 +135,7 @@ class _Multiples:
     count: int = 0
 
     def plan_multiple(self, multiple: float) -> CrossingPlan | NoAnswer:
-        """Plan under a multiple; return the plan, or the refusal."""
+        """Plan under a multiple of the wrenches; return the plan, or the refusal."""
         self.count += 1
         self.progress(self.count)
         try:
@@ -145,7 +149,7 @@ class _Multiples:
         return replace(self.request, wrenches=wrenches.document or None)
 
     def is_impossible(self, multiple: float) -> bool:
-        """Return whether the bound of all laws exceeds the limits under a multiple."""
+        """Return whether a bound on all laws exceeds the limits under a multiple."""
         request = self._request(multiple)
         try:
             to_cross = path_to_cross(self.searched, request)
@@ -177,7 +181,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect at geometric means between the largest planned multiple and the least that failed."""
+    """Bisect at geometric means between the largest planned and the least failed multiple."""
     if not 0.0 < capacity.multiple < capacity.end < np.inf:
         return capacity
     while capacity.end > (1.0 + BRACKET_RATIO) * capacity.multiple:
@@ -186,7 +190,7 @@ def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Add the least of IMPOSSIBLE_RATIOS times the refused multiple that no law carries, if any."""
+    """Add the least impossible multiple among IMPOSSIBLE_RATIOS times the refused one, if any."""
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)

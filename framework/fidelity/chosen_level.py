@@ -24,16 +24,17 @@ from framework.planning.plan import plan_request
 from framework.planning.request import SMOOTHNESS, Request
 from framework.planning.scenes import scene_request
 
-TOLERANCE = 0.01  # default: error of a level as a share of the path's length and of the peak torque
+TOLERANCE = 0.01  # default of the allowed error, as a share of the path's length and of the peak torque
 
 
 class ChosenLevel(NamedTuple):
     """The least level that is enough for a motion, with the evidence.
 
     level: name of the level.
-    tolerance: allowed error as a share of the path's length and of the peak torque.
-    simulated: whether a study found the level by simulation; otherwise it is predicted.
-    error: predicted error, a share; None for a simulated level, and for the highest, which is the reference.
+    tolerance: allowed error, as a share of the path's length and of the peak torque.
+    simulated: whether a study found the level by simulation; otherwise the level is predicted.
+    error: predicted error, as such a share; None for a simulated level, and for the highest level, which is
+        the reference.
     """
 
     level: str
@@ -68,9 +69,9 @@ def predict_level(
     """Predict the least level that is enough for a motion, from the indicators.
 
     Args:
-        path: to follow, or the name of a scene.
-        tolerance: allowed error as a share of the path's length and of the peak torque.
-        options: of `plan_crossing` without geometry, as each level has its own.
+        path: path to follow, or the name of a scene.
+        tolerance: allowed error, as a share of the path's length and of the peak torque.
+        options: options of `plan_crossing` except geometry, since each level has its own.
 
     Raises:
         InvalidInput: an option is invalid.
@@ -94,7 +95,8 @@ def predict_errors(description: RobotDescription, path: Path | str, **options: A
     try:
         plan = plan_request(robot, request)
         motions = compute_level_motions(description, plan, rigid)
-        return compute_indicators(motions, measure_fall(plan.dynamics)[1])
+        _fall, control = measure_fall(plan.dynamics)
+        return compute_indicators(motions, control)
     except NoAnswer:
         return Indicators.of({})
 
@@ -113,9 +115,9 @@ def request_without_geometry(robot: ParallelRobot, path: Path | str, **options: 
 
 
 def options_of_level(description: RobotDescription, name: str) -> dict[str, Any]:
-    """Return the options that plan with a level: flexibility, geometry, smoothness.
+    """Return the options with which to plan at a level: flexibility, geometry, smoothness.
 
-    Levels below `rigid` are planned with all bodies: fewer bodies would not make planning faster.
+    Levels below `rigid` are planned with all bodies, since fewer bodies would not make planning faster.
     """
     level = LEVELS_BY_NAME[name]
     flexibility = description.least_flexibility(level.flexibility)

@@ -1,15 +1,15 @@
-"""The motions of all levels of fidelity, and indicators: the estimated error of each without simulation.
+"""The motions of all levels of fidelity, and indicators: estimates of their errors without simulation.
 
-All levels follow one motion, each with the torques that it needs along this motion. A level lacks the torques
-of the effects that it leaves out. Without these torques the platform would leave the level's motion. So a
-level has two errors:
+All levels follow one motion, each with the torques that its model needs along this motion. The torques of a
+level lack the effects that the level leaves out, so that a real platform would leave the motion. So a level
+has two errors:
 
-* of torque: the difference of the level's torques from those of the highest level, over their peak;
-* of the platform: the displacement under the missing wrench G' (difference of the torques)
-  (`dynamics.open_loop`), plus the distance of the two levels' motions, over the path's length.
+* of torque: the difference of the level's torques from those of the highest level, divided by their peak;
+* of the platform: the displacement under the missing wrench, which is G' times the difference of the torques
+  (`dynamics.open_loop`), plus the distance of the two levels' motions, divided by the path's length.
 
-Both are regular at Type 2: each level crosses with its own condition (8), and the equations of the
-displacement are regular there.
+Both are finite at Type 2: each level meets its own condition (8), and the equations of the displacement are
+regular there.
 """
 
 from __future__ import annotations
@@ -34,14 +34,16 @@ from framework.planning.model_on_motion import ModelOnMotion
 from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
 from framework.planning.result import CrossingPlan
 
-INSTANTS = 65  # of the motion at which the error dynamics are computed, to be interpolated
-STEPS = 512  # of the integration of the platform's error
+INSTANTS = 65  # instants of the motion between which the error dynamics are interpolated
+STEPS = 512  # integration steps of the platform's error
 
 
 class LevelMotion(NamedTuple):
-    """The motion with the torques of one level, and their computing time [s].
+    """The motion with the torques of one level.
 
-    dynamics: None if the level's model cannot follow the motion, for a `reason`.
+    dynamics: the motion with its torques; None if the level's model cannot follow the motion.
+    seconds: computing time of the torques [s].
+    reason: why the model cannot follow the motion; empty otherwise.
     """
 
     dynamics: InverseDynamics | None
@@ -52,9 +54,12 @@ class LevelMotion(NamedTuple):
 def compute_level_motions(
     description: RobotDescription, plan: CrossingPlan, own: Level
 ) -> dict[str, LevelMotion]:
-    """Compute the torques of each level, by name, along a motion planned with level `own`.
+    """Compute the torques of each level, by name, along the motion of a plan.
 
     The law is corrected to meet the condition (8) of each level.
+
+    Args:
+        own: the level with which the plan was made.
     """
     motions = {}
     for level in LEVELS:
@@ -79,7 +84,11 @@ def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot
 
 
 class LevelError(NamedTuple):
-    """The estimated errors of a level: of torques over their peak, of the platform over the path's length."""
+    """The estimated errors of a level.
+
+    torque: error of the torques, divided by their peak.
+    platform: error of the platform, divided by the path's length.
+    """
 
     torque: float = np.inf
     platform: float = np.inf
@@ -120,7 +129,11 @@ class Indicators(NamedTuple):
 
 
 def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl | None) -> Indicators:
-    """Compute the indicators from the levels' motions, by name, with feedback of the motors if any."""
+    """Compute the indicators from the levels' motions, by name.
+
+    Args:
+        control: feedback of the motors, if any.
+    """
     highest, rigid = motions[LEVELS[-1].name].dynamics, motions["rigid"].dynamics
     if highest is None or rigid is None:
         return Indicators.of({})
@@ -133,13 +146,13 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
     if control is not None:
         dynamics = dynamics.with_control(control, motor_speed)
     errors = {}
-    needed = highest.torque_without_friction(times)
-    peaks = largest_by_unit(rigid.robot, np.abs(needed).max(axis=0))
+    reference = highest.torque_without_friction(times)
+    peaks = largest_by_unit(rigid.robot, np.abs(reference).max(axis=0))
     sizes = coordinate_sizes(rigid.robot) / path_length(rigid.robot, rigid.path)
     for name, motion in motions.items():
         if motion.dynamics is None:
             continue
-        missing = needed - motion.dynamics.torque_without_friction(times)
+        missing = reference - motion.dynamics.torque_without_friction(times)
         missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing)  # G' (difference of the torques)
         displacement = open_loop_error(dynamics, times, missing_wrench)
         displacement += highest.platform(times) - motion.dynamics.platform(times)
@@ -150,8 +163,9 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
 
 def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
     """Interpolate the error dynamics of the platform at t (T,) [s]."""
-    few = np.linspace(0.0, rigid.duration, INSTANTS)
-    return ErrorDynamics(*CubicSpline(few, error_dynamics(rigid, few), axis=1)(times))
+    instants = np.linspace(0.0, rigid.duration, INSTANTS)
+    matrices = error_dynamics(rigid, instants)  # three stacks (INSTANTS, n, n)
+    return ErrorDynamics(*CubicSpline(instants, matrices, axis=1)(times))
 
 
 def format_percent(share: float) -> str:

@@ -3,13 +3,13 @@
 All levels follow one motion: that of the plan of the highest level or, if there is none, of the rigid level.
 The torques of each level drive the forward simulation of the highest model that the robot's file can express,
 from rest at the start of the path. A level is enough if two errors are within the tolerance: the distance of
-the platform from the motion over the path's length, and the difference of the level's torques from those of
-the plan over their peak. A comparison of adjacent levels would not suffice: if legs have no mass, two levels
-agree exactly, whatever the springs of the levels above.
+the platform from the motion, relative to the path's length, and the difference of the level's torques from
+those of the plan, relative to their peak. A comparison of adjacent levels would not suffice: if legs have no
+mass, two levels agree exactly, whatever the springs of the levels above.
 
-The simulation shows what happens near a singularity with the torques of too low a level. There the robot
-cannot resist a force along t_s, and the remaining t_s . W_p pushes the platform off its path. A robot that
-falls by itself is simulated with controllers of the motors (`model_comparison`).
+The simulation shows the effect of missing torques near a singularity. There the robot cannot resist a force
+along t_s, and the remaining t_s . W_p pushes the platform off its path. A robot that falls by itself is
+simulated with controllers of the motors (`model_comparison`).
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ from framework.planning.request import Request
 from framework.planning.result import CrossingPlan
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
-ERROR_ROUNDING = 1e-12  # of the path's length or the peak torque; smaller errors are rounding
+ERROR_ROUNDING = 1e-12  # share of the path's length or the peak torque, below which errors are rounding
 
 
 @dataclass(frozen=True, eq=False)
 class FidelityStudy(ReadOnlyArrays):
     """The comparison of all levels for one motion."""
 
-    tolerance: float
+    tolerance: float  # allowed error, as a share of the path's length and of the peak torque
     highest: CrossingPlan  # the plan of the motion, of the highest level or else of the rigid one
     robot: ParallelRobot  # the highest model
-    length: float  # of the path, turns multiplied by the robot's length [m]
-    times: Array  # (T,) [s] of the levels' errors
+    length: float  # [m] of the path, with rotations multiplied by the robot's length
+    times: Array  # (T,) [s] instants of the levels' errors
     levels: tuple[Comparison, ...]  # in the order of `fidelity_levels.LEVELS`
     indicators: Indicators
     fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
@@ -70,10 +70,11 @@ class FidelityStudy(ReadOnlyArrays):
 
     @cached_property
     def neglected_work(self) -> float:
-        """The work of dry friction that no level models over the work of the motors, both absolute.
+        """The work of dry friction that no level models, divided by the work of the motors.
 
-        Work is compared because the torque against this friction is unbounded near Type 2: the law meets
-        condition (8) without it. Zero without such friction; infinite if the motors do no work.
+        Both are integrals of absolute powers. Torques cannot be compared: the law meets condition (8) without
+        this friction, so that the torque against it is unbounded near Type 2. Zero without such friction;
+        infinite if the motors do no work.
         """
         plan, friction = self.highest, neglected_friction(self.highest.dynamics)
         if not friction.any():
@@ -81,12 +82,12 @@ class FidelityStudy(ReadOnlyArrays):
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
         dissipated = np.abs(plan.dynamics.velocity(times)) @ friction
         supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)
-        total = np.trapezoid(supplied, times)
-        return float(np.trapezoid(dissipated, times) / total) if total else np.inf
+        motor_work = np.trapezoid(supplied, times)
+        return float(np.trapezoid(dissipated, times) / motor_work) if motor_work else np.inf
 
     @cached_property
     def enough(self) -> Comparison | None:
-        """The least level that is enough; None if not even the highest is."""
+        """The least level that is enough; None if no level is."""
         if self.neglected_work > self.tolerance:
             return None
         return next((level for level in self.levels if self.is_enough(level)), None)
@@ -110,14 +111,17 @@ class FidelityStudy(ReadOnlyArrays):
         return by_name[chosen.same_as] if chosen.same_as else chosen
 
     def law_difference(self, comparison: Comparison) -> float:
-        """Return the largest difference in s between a level's law and the motion's; infinite without."""
+        """Return the largest difference in s between a level's law and the motion's.
+
+        It is infinite if the level has no motion.
+        """
         if comparison.motion is None:
             return np.inf
         return float(np.abs(comparison.motion.law(self.times) - self.highest.law(self.times)).max())
 
     def place(self, errors: Array) -> float | None:
         """Return the s of the largest of the errors (T,); None if all errors are rounding."""
-        errors_or_zero = np.nan_to_num(errors)  # nan: after the end of a motion or simulation
+        errors_or_zero = np.nan_to_num(errors)  # NaN without a motion, and after the end of a simulation
         if errors_or_zero.max() <= ERROR_ROUNDING:
             return None
         return float(self.highest.law(self.times[np.argmax(errors_or_zero)]))
@@ -211,12 +215,12 @@ def fidelity_study(
     """Find the least detailed model of a robot that is enough for a motion, with evidence.
 
     Args:
-        robot: of any flexibility; the levels are made from the robot's description.
-        path: to follow, or the name of a scene.
-        tolerance: allowed error of a level as a share of the path's length and of the peak torque.
+        robot: the robot, with any flexibility; the levels are made from its description.
+        path: path to follow, or the name of a scene.
+        tolerance: allowed error of a level, as a share of the path's length and of the peak torque.
         progress: called with the number of levels done.
-        options: of `plan_crossing` without geometry, as each level has its own. The smoothness of all levels
-            is by default that of the highest.
+        options: options of `plan_crossing` except geometry, since each level has its own. The default
+            smoothness of all levels is that of the highest.
 
     Raises:
         InvalidInput: an option is invalid, or the robot cannot be simulated.

@@ -3,7 +3,7 @@
 All levels follow one motion (`fidelity_indicators`). The simulation begins at rest at the start of the path.
 
 If the robot falls so fast that even integration errors would carry it off its path, each motor has a
-controller, which pulls the motor back to the angle that the level plans.
+controller, which drives the motor back to its planned angle.
 """
 
 from __future__ import annotations
@@ -30,21 +30,22 @@ from framework.simulation import Event, Simulation, simulate
 from framework.simulation.drive import Drive
 from framework.tolerances import TORQUE_TAIL
 
-# Torques count as equal if they differ by less than this share of the peak. Relevant effects change them by
-# 1e-7 and more.
+# Torques count as equal if they differ by less than this share of the peak. Relevant effects change torques
+# by a share of 1e-7 or more.
 EQUAL_TORQUES = 10 * TORQUE_TAIL
-# Platform error over the path's length that ends a simulation; twice the tolerance if that is more.
+# Platform error divided by the path's length that ends a simulation; twice the tolerance if that is more.
 MAX_ERROR = 0.1
-STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step over the tolerance, tried in turn
-# Platform error over the tolerance, under the reference's own torques, above which shorter steps are tried.
+STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step divided by the tolerance, tried in turn
+# Platform error divided by the tolerance, under the reference's own torques, above which shorter steps are
+# tried.
 OWN_ERROR = 0.1
-# Time constants of the fall in a motion, above which motors have controllers. Without them the error of the
-# shortest steps would grow beyond OWN_ERROR.
+# Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
+# of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
-CONTROL_TO_FALL = 10.0  # frequency of the motors' feedback over the rate of the fall, to catch the robot
+CONTROL_TO_FALL = 10.0  # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
 MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
-MOTION_SAMPLES = 1001  # equidistant instants of a comparison
-NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # of the duration, before and after crossings: more instants
+MOTION_SAMPLES = 1001  # number of equidistant instants of a comparison
+NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # offsets of further instants from crossings, over the duration
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +53,10 @@ class Comparison(ReadOnlyArrays):
     """The torques of one level along the motion, and their errors in the highest model.
 
     motion: the level's motion with its torques; None if the level's model cannot follow it.
-    torque_error: (T,) difference from the reference's torques over their peak, at the study's instants.
-    platform_error: (T,) distance of the simulated platform from the level's motion over the path's length.
-        Both errors are nan without a motion, the latter also after the platform was lost.
+    torque_error: (T,) difference from the reference's torques divided by their peak, at the study's instants;
+        NaN without a motion.
+    platform_error: (T,) distance of the simulated platform from the level's motion divided by the path's
+        length; NaN without a motion, and after the platform was lost.
     reason: why there is no motion, or where the platform was lost; empty otherwise.
     seconds: computing time of the torques.
     same_as: the lowest level with equal torques; empty if there is none.
@@ -76,12 +78,15 @@ class Comparison(ReadOnlyArrays):
     @property
     def platform(self) -> float:
         """The largest platform error; infinite if the platform was lost."""
-        # by rounding a complete simulation may end just before the last instant, whose error is then nan
+        # by rounding, a complete simulation may end just before the last instant, whose error is then NaN
         return np.inf if self.reason else float(np.nanmax(self.platform_error))
 
     @property
     def deflection(self) -> tuple[str, float] | None:
-        """The spring of largest deflection in rad or robot lengths, and the deflection [m, rad]."""
+        """The name of the spring of largest deflection, and the deflection [m, rad].
+
+        Deflections are compared in rad and robot lengths.
+        """
         if self.motion is None or not self.motion.robot.n_e:
             return None
         robot = self.motion.robot
@@ -92,9 +97,9 @@ class Comparison(ReadOnlyArrays):
 
 
 def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return the exponent of growth of a disturbance over a motion, and the feedback of the motors.
+    """Return `fall_exponent` of a motion, and the feedback that the motors need.
 
-    The motors have feedback only if the exponent, the integral of the fall's rate, is above MAX_FALL.
+    The motors have feedback only if the exponent is above MAX_FALL.
     """
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
@@ -124,8 +129,8 @@ class ReferenceMotion:
         """Sample the motion of a plan, and tune controllers if the robot falls."""
         duration = plan.duration
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
-        close_instants = [crossing.time + offsets for crossing in plan.crossings]
-        times = np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *close_instants])
+        instants_beside = [crossing.time + offsets for crossing in plan.crossings]
+        times = np.concatenate([np.linspace(0.0, duration, MOTION_SAMPLES), *instants_beside])
         fall, control = measure_fall(plan.dynamics)
         return cls(
             plan=plan,
@@ -140,7 +145,7 @@ class ReferenceMotion:
 
     @property
     def lost(self) -> float:
-        """The platform error over path length above which the platform counts as lost."""
+        """The platform error divided by the path's length at which the platform counts as lost."""
         return max(MAX_ERROR, 2.0 * self.tolerance)
 
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
@@ -168,8 +173,8 @@ class ReferenceMotion:
     def _simulate_reference(self) -> Comparison:
         """Simulate the reference's own torques; choose the step error for all simulations.
 
-        The allowed error of a step is one of STEP_ERRORS times the tolerance times the path's length. The
-        error with the smallest steps is reported, even if it is too large.
+        The step error is the first of STEP_ERRORS, times the tolerance and the path's length, with which the
+        platform stays on its path. If none is small enough, the last one is used.
         """
         allowed = self.tolerance * self.length / self.highest.length
         for step_error in STEP_ERRORS:
@@ -184,9 +189,10 @@ class ReferenceMotion:
         return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
-        """Return the largest difference (T,) of two motions' torques over their peak, without friction."""
-        torque, reference_torque = (one.torque_without_friction(self.times) for one in (motion, reference))
-        return (np.abs(torque - reference_torque) / self.peak).max(axis=1)
+        """Return the largest difference (T,) of two motions' smooth torques, relative to their peak."""
+        torque = motion.torque_without_friction(self.times)
+        difference = torque - reference.torque_without_friction(self.times)
+        return (np.abs(difference) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
         """Compare a level with the reference by simulating its torques in the highest model."""
@@ -224,7 +230,7 @@ class ReferenceMotion:
         return simulate(
             robot,
             self._make_drive(motion),
-            method="stiff",  # takes long steps where fast vibrations are not excited
+            method="stiff",  # takes long steps while fast vibrations are not excited
             tolerance=self.step_error,
             start=start,
             start_velocity=np.zeros(robot.nv),

@@ -1,13 +1,13 @@
 """Condition (8) on a path: alpha s" + beta s'^2 + gamma + delta s' = 0 at the singular point.
 
 At a Type 2 singularity the motors cannot exert a wrench along the platform's twist t_s. Their torques stay
-finite only if the motion requires none there: t_s . W_p = 0, where W_p is the wrench on the platform that the
-inertia and weight of all bodies require (Briot and Arakelian 2010, condition (8)).
+finite only if the motion requires no such wrench: t_s . W_p = 0, where W_p is the wrench on the platform that
+the inertia and weight of all bodies require (Briot and Arakelian 2010, condition (8)).
 
-t_s . W_p = motion . r, where r are the generalised forces of the open tree (`dynamics.forces`), less the
-external wrenches, and `motion` are the joint rates of t_s with locked motors. On a path, r is affine in s"
-and quadratic in s', so a few evaluations of the inverse dynamics give the coefficients (toppra finds its
-constraint coefficients in the same way). delta comes from viscous damping and from changing deflections.
+The power t_s . W_p is computed as eta . r. Here eta (`motion` in the code) are the joint rates of t_s with
+locked motors, and r are the generalised forces of the open tree (`dynamics.forces`) less the external
+wrenches. On a path, r is affine in s" and quadratic in s', so a few evaluations of the inverse dynamics give
+the coefficients, as in toppra. Only viscous damping and changing deflections contribute to delta.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
 from framework.planning.motion_scales import coordinate_sizes
@@ -49,18 +50,18 @@ class Condition8(NamedTuple):
 
     @property
     def holds_anyway(self) -> bool:
-        """Whether t_s . W_p vanishes for all s' and s", as on a straight path across t_s without weight."""
+        """Whether t_s . W_p vanishes for all s' and s", as on a straight path orthogonal to t_s."""
         return not any(self)
 
     def acceleration(self, speed: Speed) -> Speed:
-        """Return the s" [1/s^2] that makes t_s . W_p vanish at speeds s' [1/s]; 0 if any s" does."""
+        """Return the s" [1/s^2] that meets the condition at speeds s' [1/s]; 0 if any s" does."""
         if self.holds_anyway:
             return 0.0 * speed
         return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
 
 
 class Deflection(NamedTuple):
-    """Deflections [m, rad] and two time derivatives at one instant, each (n_e,)."""
+    """The deflections [m, rad] and their first two time derivatives at one instant, each (n_e,)."""
 
     value: Array
     rate: Array
@@ -68,7 +69,7 @@ class Deflection(NamedTuple):
 
     @staticmethod
     def evaluate(deflections: Callable[[float, int], Array], time: float) -> Deflection:
-        """Evaluate the function deflections(t, order) at a time [s]."""
+        """Evaluate deflections(t, order) and two derivatives, each (n_e,), at a time [s]."""
         return Deflection(*(deflections(time, order) for order in range(3)))
 
 
@@ -90,7 +91,13 @@ def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoin
         return singular
     touches = singular.contact == "tangential"
     return CrossingPoint(
-        singular.s, singular.kind, singular.twist, singular.motion, singular.q, singular.corank, touches
+        singular.s,
+        singular.kind,
+        singular.twist,
+        singular.motion,
+        singular.q,
+        corank=singular.corank,
+        touches=touches,
     )
 
 
@@ -126,19 +133,20 @@ class _DeflectedPoses:
         self._branch = branch
         self._spring_step = np.zeros((1, branch.robot.nv))
         self._spring_step[:, branch.robot.elastic] = deflection.value
-        # the last s (3,) at which `root_of_g` asked for poses, the iterate in the middle, and these poses
+        # the last three s of `close`, ascending, and the poses there
         self._closed: tuple[Array, ClosedStack] | None = None
 
     def close(self, s: Array) -> ClosedStack:
-        """Close the loops at s (3,)."""
+        """Close the loops at s (3,), an iterate of `root_of_g` with two neighbours."""
         branch = self._branch
-        self._closed = s, close_loops(branch.robot, branch.path(s), self._predict(s))
-        return self._closed[1]
+        closed = close_loops(branch.robot, branch.path(s), self._predict(s))
+        self._closed = s, closed
+        return closed
 
     def predicted_pose(self, s: float) -> ClosedStack:
         """Predict the pose at s from the last poses closed.
 
-        The step along their tangent is so short that the loops stay closed.
+        The loops stay closed but for rounding, since the step along the tangent is short.
         """
         branch, s_row = self._branch, np.array([s])
         q, x = self._predict(s_row), branch.path(s_row)
@@ -149,9 +157,10 @@ class _DeflectedPoses:
         branch, robot = self._branch, self._branch.robot
         if self._closed is None:
             return integrate(robot, branch.guess(s), np.repeat(self._spring_step, len(s), axis=0))
-        last_s, last = self._closed
-        tangent = difference(robot, last.q[0], last.q[2:]) / (last_s[2] - last_s[0])  # dq/ds (1, nv)
-        return integrate(robot, last.q[1], (s - last_s[1])[:, None] * tangent)
+        (s_left, s_middle, s_right), last = self._closed
+        q_left, q_middle, q_right = last.q
+        tangent = difference(robot, q_left, q_right[None]) / (s_right - s_left)  # dq/ds (1, nv)
+        return integrate(robot, q_middle, (s - s_middle)[:, None] * tangent)
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
@@ -160,14 +169,14 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
     With rounded data an imposed point lies beside the singular one.
     """
     closed = branch.close(s)
-    kind, twist, motion, _ = uncontrolled_motion(branch.robot, closed.linearised)
+    kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)
     return _orient_along_path(branch, s, closed, twist, motion, kind)
 
 
 def _orient_along_path(
     branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
 ) -> CrossingPoint:
-    """Return the crossing point, its twist and motion signed along the path."""
+    """Return the crossing point at s, with twist and motion signed along the path."""
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
 
@@ -185,7 +194,11 @@ def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection
 def require_effect(
     branch: Branch, crossing: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """Return a condition that some s" meets or that always holds; raise as `condition_at`."""
+    """Return a condition that some s" meets or that always holds; refuse any other.
+
+    Raises:
+        NoLaw, NotConverged: s" has no effect, as in `condition_at`.
+    """
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
         return condition
@@ -212,29 +225,20 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
         beta:  inertia at s' = 1
         gamma: weight and external wrenches at rest, and inertia and damping while only deflections change
         delta: damping at s' = 1, and the inertial forces that are bilinear in s' and the deflection rates
-
-    The bilinear forces are half the difference of the inertial forces at s' = +pace and -pace. At this pace
-    path and deflections move the joints equally fast, so that the difference loses few digits. The other
-    coefficients need no difference.
     """
     robot = branch.robot
-    linearised = linearised_at(robot, crossing.q[None], branch.path(crossing.s)[None])
     deflection = deflection if robot.n_e else None
-    pace = 1.0 if deflection is None else _equal_pace(branch, crossing, linearised, deflection.rate)
-    motion = _unit_motions(branch, crossing, linearised, deflection, pace)
+    linearised = linearised_at(robot, crossing.q[None], branch.path(crossing.s)[None])
     wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
-    # powers at the joints, to be summed over them: of the five motions (5, nv), and at rest (nv,)
-    inertial = inertial_forces(robot, motion) * crossing.motion
-    damping = robot.joint_damping * motion.v * crossing.motion
-    static = static_forces(robot, crossing.q[None], wrenches)[0] * crossing.motion
-    rigid_terms = np.array([inertial[0], inertial[1], static, damping[1]])  # alpha, beta, gamma, delta
-    bilinear = 0.5 * (inertial[3] - inertial[4]) / pace
-    elastic_terms = np.array([inertial[2] + damping[2], bilinear])  # gamma, delta
-    values = rigid_terms.sum(axis=1)
+    static = static_forces(robot, crossing.q[None], wrenches)[0]
+    probe_speed = _matching_speed(branch, crossing, linearised, deflection)
+    motion = _probe_motions(branch, crossing, linearised, deflection, probe_speed)
+    rigid_terms, elastic_terms = _joint_powers(robot, crossing.motion, motion, static, probe_speed)
+    values = rigid_terms.sum(axis=1)  # alpha, beta, gamma, delta
     values[2:] += elastic_terms.sum(axis=1)
 
-    rate = np.abs(motion.v[1] / robot.column_scale).max()
-    sizes = np.maximum(bounds_of_terms(branch, crossing, rate), np.abs(rigid_terms).sum(axis=1))
+    largest_rate = np.abs(motion.v[1] / robot.column_scale).max()  # of dq/ds: motion 1 has s' = 1
+    sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(rigid_terms).sum(axis=1))
     sizes[2:] += np.abs(elastic_terms).sum(axis=1)
     # stiff springs add small terms, which are not rounding as long as s" has an effect
     if deflection is None or not abs(values[0]) > NO_HOLD * sizes[0]:
@@ -242,26 +246,57 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     return Condition8(*values.tolist())
 
 
-def _unit_motions(
+def _joint_powers(
+    robot: ParallelRobot, escape: Array, motion: Motion, static: Array, probe_speed: float
+) -> tuple[Array, Array]:
+    """Compute the power of each joint in the uncontrolled motion, for each coefficient.
+
+    The bilinear forces are half the difference of the inertial forces at s' = +probe_speed and -probe_speed.
+    The other forces need no difference.
+
+    Args:
+        escape: joint rates (nv,) of the uncontrolled motion.
+        motion: the five motions of `_probe_motions`.
+        static: forces (nv,) at rest.
+
+    Returns:
+        Powers (4, nv) with springs at rest, for alpha, beta, gamma and delta, and the additional powers
+        (2, nv) of moving springs, for gamma and delta.
+    """
+    damping = robot.joint_damping * motion.v * escape  # (5, nv)
+    by_acceleration, by_speed, by_springs, forwards, backwards = inertial_forces(robot, motion) * escape
+    bilinear = 0.5 * (forwards - backwards) / probe_speed
+    rigid = np.array([by_acceleration, by_speed, static * escape, damping[1]])
+    return rigid, np.array([by_springs + damping[2], bilinear])
+
+
+def _probe_motions(
     branch: Branch,
     crossing: CrossingPoint,
     linearised: LinearisedLoops,
     deflection: Deflection | None,
-    pace: float,
+    probe_speed: float,
 ) -> Motion:
     """Compute five motions that separate the terms of condition (8).
 
-    Springs rest in the first two, s" = 1 and s' = 1. They move in the others, at s' = 0, pace and -pace.
+    motion   s"   s'            springs
+    0        1    0             at rest
+    1        0    1             at rest
+    2        0    0             with the rates and accelerations of the deflections
+    3        0    probe_speed   with the rates of the deflections
+    4        0    -probe_speed  with the rates of the deflections
     """
     robot = branch.robot
-    elastic = np.zeros((2, 5, robot.n_e))  # rates and accelerations of the deflections
+    accelerations = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+    speeds = np.array([0.0, 1.0, 0.0, probe_speed, -probe_speed])
+    elastic_rates, elastic_accelerations = np.zeros((2, 5, robot.n_e))
     if deflection is not None:
-        elastic[0, 2:] = deflection.rate
-        elastic[1, 2] = deflection.acceleration
-    speeds, accelerations = np.array([0.0, 1.0, 0.0, pace, -pace]), np.eye(5)[0]
+        elastic_rates[2:] = deflection.rate
+        elastic_accelerations[2] = deflection.acceleration
     x, dx, ddx = time_derivatives(branch.path, [np.full(5, crossing.s), speeds, accelerations])
-    stack = linearised.select(np.zeros(5, dtype=np.intp))
-    return motion_at(robot, ClosedStack(stack.frames.q, x, stack), dx, ddx, *elastic)
+    repeated = linearised.select(np.zeros(5, dtype=np.intp))  # the one pose, five times
+    closed = ClosedStack(repeated.frames.q, x, repeated)
+    return motion_at(robot, closed, dx, ddx, elastic_rates, elastic_accelerations)
 
 
 def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
@@ -271,19 +306,23 @@ def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
     a larger share of their terms.
 
     Args:
-        sizes: sums (k,) of the absolute terms of each coefficient.
-        alpha: index of the coefficient of s".
+        sizes: sums (k,) of the absolute values of each coefficient's terms.
+        alpha: index of the coefficient of s" among the k.
     """
-    rounding = CONDITION_ROUNDING if abs(values[alpha]) > NO_HOLD * sizes[alpha] else NO_HOLD
+    alpha_has_effect = abs(values[alpha]) > NO_HOLD * sizes[alpha]
+    rounding = CONDITION_ROUNDING if alpha_has_effect else NO_HOLD
     return np.where(np.abs(values) > rounding * sizes, values, 0.0)
 
 
 def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Array:
     """Bound the sizes (4,) of the terms of alpha, beta, gamma and delta.
 
-    The powers at the joints do not show terms that cancelled within a joint force, such as all forces of a
-    payload across t_s on massless legs. So the mass of all bodies is taken to move like the platform and, for
-    beta, like joints of the robot's length at their largest `rate` dq/ds [1].
+    Terms that cancel within one joint force do not show in the powers of the joints. An example is a payload
+    on massless legs whose forces are all orthogonal to t_s. So these bounds let the mass of all bodies move
+    like the platform and, for beta, at the end of a joint of the robot's length.
+
+    Args:
+        rate: the largest dq/ds of a joint [rad, robot lengths].
     """
     robot = branch.robot
     units = coordinate_sizes(robot)  # (n,) [m]
@@ -297,15 +336,20 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
     return escape * np.array([alpha, beta, weight, 0.0])
 
 
-def _equal_pace(branch: Branch, crossing: CrossingPoint, linearised: LinearisedLoops, rate: Array) -> float:
+def _matching_speed(
+    branch: Branch, crossing: CrossingPoint, linearised: LinearisedLoops, deflection: Deflection | None
+) -> float:
     """Compute the s' [1/s] at which path and deflections move joints equally fast.
 
-    It is 1 if either moves no joint. `rate` (n_e,) are the deflection rates.
+    At this speed the difference of two motions that isolates their bilinear forces loses few digits. The
+    speed is 1 if either moves no joint.
     """
+    if deflection is None:
+        return 1.0
     robot = branch.robot
     scale = robot.column_scale
     twist = robot.platform.path_twist(branch.path, crossing.s)
     tangent = joint_rates(robot, linearised, twist[None])  # dq/ds (1, nv)
     path_rate = np.abs(tangent / scale).max()
-    elastic_rate = np.abs(rate / scale[robot.elastic]).max()
+    elastic_rate = np.abs(deflection.rate / scale[robot.elastic]).max()
     return elastic_rate / path_rate if path_rate and elastic_rate else 1.0

@@ -27,7 +27,7 @@ from framework.tolerances import SAME_PLACE
 class PathToCross:
     """A path, its singular points, and the points where condition (8) is to hold.
 
-    explained: whether a refusal searches for limits and a duration that would admit a law.
+    explained: whether a refusal also searches for limits and a duration within which a law exists.
     """
 
     searched: SearchedPath
@@ -52,11 +52,11 @@ class PathToCross:
 
 
 def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
-    """Choose the points where a request asks for condition (8), under its wrenches.
+    """Choose the points at which a request asks for condition (8).
 
     They are the imposed points, if any, else the singular ones. An empty list of times asks for a law without
     crossing conditions, and so for no points. Singular points that no law can cross are refused; imposed
-    points are not checked.
+    points are not checked. The result contains the external wrenches of the request.
 
     Raises:
         InvalidInput: the number of times or speeds is not that of the points.
@@ -71,7 +71,8 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
     count = len(searched.points if imposed is None else imposed)
     for name, values in (("times", times), ("speeds", speeds)):
         if values is not None and len(values) != count:
-            listed, are = ", ".join(f"{value:g}" for value in values), "is" if count == 1 else "are"
+            listed = ", ".join(f"{value:g}" for value in values)
+            are = "is" if count == 1 else "are"
             counted = _count_points(searched.points, imposed)
             raise InvalidInput(f"{name}: got {len(values)} ({listed}), but there {are} {counted}")
     if imposed is not None:
@@ -82,7 +83,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
-    """Return the number of imposed or singular points in words, the latter with their s."""
+    """Return the number of imposed or singular points in words; list the s of singular points."""
     if imposed is not None:
         return f"{len(imposed)} imposed by `at`"
     text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"
@@ -101,12 +102,12 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     if not stops_at(singular):
         return
     end = "starts" if singular.s < 0.5 else "ends"
-    alpha, beta, gamma, _ = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
+    alpha, beta, gamma, _delta = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
     unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
     raise NoLaw(
         f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; a stop on "
         f"the locus can never be crossed: move the path's end",
-        proof=unmet if gamma else None,
+        proof=unmet if gamma else None,  # without gamma, rest meets the condition
     )
 
 
@@ -118,11 +119,11 @@ def stops_at(singular: SingularPoint) -> bool:
 def check_one_condition_each(robot: ParallelRobot, points: Sequence[SingularPoint | CrossingPoint]) -> None:
     """Refuse points at which the polynomial law would have several conditions to meet.
 
-    A tangential touch needs condition (8) and its time derivative. A point where several motions escape at
-    once needs one condition for each of them.
+    Where the path touches the locus, finite torques need condition (8) and its time derivative. A point where
+    several motions escape at once needs one condition for each motion.
 
     Raises:
-        NoLaw: with the point and a remedy.
+        NoLaw: there is such a point; the message names a remedy.
     """
     for singular in points:
         if not isinstance(singular, SingularPoint):

@@ -1,8 +1,8 @@
-"""Condition (8) of the undeformed robot at a singular point, before any law is sought.
+"""Condition (8) of the undeformed robot at a singular point, and its consequences for every law.
 
-In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion: alpha is due
-to the acceleration s", beta to the curvature of path and joints, gamma to weight, joint springs and external
-wrenches, and delta to viscous damping.
+In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion. alpha is due
+to the acceleration s", beta to the curvature of the path and to joint rates, gamma to weight, joint springs
+and external wrenches, and delta to viscous damping.
 """
 
 from __future__ import annotations
@@ -25,18 +25,20 @@ from framework.planning.request import Request
 from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
-LARGE_CURVATURE = 4.0  # |s"| / s'^2: the largest that polynomial laws reach
-VECTOR_ROUNDING = 1e-12  # norm of a motion in robot lengths and radians, of unit size unless it is zero
+LARGE_CURVATURE = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
+VECTOR_ROUNDING = 1e-12  # [robot lengths, rad] norm of a motion of unit size, below which it counts as zero
 
 
 @dataclass(frozen=True)
 class Feasibility:
     """Condition (8) of the undeformed robot at a singular point, and its geometric causes.
 
+    s: path coordinate of the singular point.
+    condition: coefficients of condition (8) there.
     weight_share: |cos| of the angle between gravity and the velocity of the centre of mass in the
         uncontrolled motion; on massless legs, the share of the weight along t_s.
-    tangent_share: |cos| of the angle between the path's tangent and t_s, turns multiplied by the robot's
-        length.
+    tangent_share: |cos| of the angle between the path's tangent and t_s. Rotations are multiplied by the
+        robot's length.
     wrenches: whether external wrenches act along the path.
     """
 
@@ -53,16 +55,18 @@ class Feasibility:
 
     @property
     def acceleration(self) -> tuple[float, float, float] | None:
-        """The coefficients of the required s" = a + b s'^2 + c s'; None where s" has no effect.
+        """The coefficients (a, b, c) of the required s" = a + b s'^2 + c s'.
 
-        They are a [1/s^2], b [-] and c [1/s].
+        Units are a [1/s^2], b [-] and c [1/s]. None where s" has no effect.
         """
+        if self.orthogonal:
+            return None
         alpha, beta, gamma, delta = self.condition
-        return None if self.orthogonal else (0.0 - gamma / alpha, 0.0 - beta / alpha, 0.0 - delta / alpha)
+        return 0.0 - gamma / alpha, 0.0 - beta / alpha, 0.0 - delta / alpha  # 0.0 - 0.0 is not -0.0
 
     @property
     def weightless(self) -> bool:
-        """Whether neither weight nor a wrench enters the condition.
+        """Whether the condition contains neither weight nor external wrenches.
 
         Without damping, such a condition is independent of the duration.
         """
@@ -71,13 +75,14 @@ class Feasibility:
     @property
     def steady_speed(self) -> float | None:
         """The least s' > 0 [1/s] that meets condition (8) at s" = 0, or None."""
-        _, beta, gamma, delta = self.condition
-        if beta == 0.0:
-            roots = [-gamma / delta] if delta else []
-        else:
-            discriminant = delta**2 - 4.0 * beta * gamma
-            signs = (-1, 1) if discriminant > 0 else ()
-            roots = [(-delta + sign * np.sqrt(discriminant)) / (2.0 * beta) for sign in signs]
+        _alpha, beta, gamma, delta = self.condition
+        discriminant = delta**2 - 4.0 * beta * gamma
+        roots = []
+        if beta != 0.0 and discriminant > 0:
+            root = np.sqrt(discriminant)
+            roots = [(-delta - root) / (2.0 * beta), (-delta + root) / (2.0 * beta)]
+        elif beta == 0.0 and delta != 0.0:
+            roots = [-gamma / delta]
         return min((root for root in roots if root > 0), default=None)
 
     @property
@@ -88,7 +93,8 @@ class Feasibility:
         """
         if self.acceleration is None or self.weightless:
             return None
-        return float(np.sqrt(2.0 / abs(self.acceleration[0])))
+        required, _, _ = self.acceleration  # s" at s' = 0
+        return float(np.sqrt(2.0 / abs(required)))
 
     @property
     def forbids_every_law(self) -> bool:
@@ -100,18 +106,19 @@ class Feasibility:
         """The condition, the required s", and the consequences for path and speed, in one line."""
         alpha, beta, gamma, delta = self.condition
         damping = f", delta = {delta:.6g}" if delta else ""
+        clauses = "; ".join([self._demand_text(), *self._consequence_texts()])
         return (
             f"condition (8) at s = {self.s:.6g} has alpha = {alpha:.6g}, beta = {beta:.6g}, "
             f"gamma = {gamma:.6g}{damping}, with "
             f"{100 * self.weight_share:.3g} % of the weight and {100 * self.tangent_share:.3g} % of the "
-            f"path's tangent along t_s: {'; '.join([self._demand_text(), *self._consequence_texts()])}"
+            f"path's tangent along t_s: {clauses}"
         )
 
     @property
     def short_sentence(self) -> str:
         """The acceleration that the condition requires, in one clause."""
         weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
-        pace = "" if self.pace is None else f", the pace of {self.pace:.3g} s for the path at any duration"
+        pace = "" if self.pace is None else f", which covers the path from rest in {self.pace:.3g} s"
         return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand_text()}{pace}"
 
     def _demand_text(self) -> str:
@@ -131,9 +138,10 @@ class Feasibility:
         return demand
 
     def _consequence_texts(self) -> list[str]:
-        """Return the consequences of the condition for speed, pace and path, as clauses."""
+        """Return the consequences for speed, duration and path, as clauses."""
         if self.acceleration is None:
             return []
+        _constant, curvature, _damping = self.acceleration  # curvature: s" over s'^2
         clauses = []
         forces, s = ("weight and wrenches", "") if self.wrenches else ("weight", "s")
         if self.steady_speed is not None:
@@ -144,20 +152,19 @@ class Feasibility:
             clauses.append(f"no {forces} enter{s}, but damping does: the slower, the more it counts")
         else:
             clauses.append(f"no {forces} enter{s}, so what it asks for looks alike at all durations")
-        curvature = abs(self.acceleration[1])  # |s"| over s'^2
-        if curvature > LARGE_CURVATURE:
+        if abs(curvature) > LARGE_CURVATURE:
             clauses.append(
-                f"s' changes e-fold over {1 / curvature:.2g} of the path there: make it smoother "
+                f"s' changes e-fold over {1 / abs(curvature):.2g} of the path there: make it smoother "
                 f"(straighter), or nearer to t_s"
             )
         return clauses
 
 
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
-    """Compute condition (8) at a singular point.
+    """Compute condition (8) at a singular point, with its geometric causes.
 
-    None where one condition is not enough, or is of no use: several motions escape, or the singularity is not
-    of Type 2.
+    None where several motions escape, so that one condition is not enough, and where the singularity is not
+    of Type 2, so that the condition does not apply.
     """
     if singular.corank > 1:
         return None
@@ -186,7 +193,10 @@ def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...
 
 
 def _cosine(a: Array, b: Array) -> float:
-    """Compute |cos| of the angle between two vectors; 0 if a is zero or b is rounding."""
+    """Compute |cos| of the angle between vectors a and b; 0 if either vanishes.
+
+    b is of unit size unless it vanishes, and vanishes only up to rounding.
+    """
     norm_a, norm_b = np.linalg.norm(a), np.linalg.norm(b)
     if norm_a == 0.0 or norm_b <= VECTOR_ROUNDING:
         return 0.0
@@ -207,11 +217,13 @@ def is_crossable(searched: SearchedPath) -> bool:
 class OptimalDurations(NamedTuple):
     """The least duration [s] found of a law of free shape within the limits.
 
-    It is 0 without limits, and None with a `refusal` if no law was found. There is never a longest duration:
-    the squared speeds z of the laws of free shape that meet condition (8) and the limits are a convex set.
-    Near an end of the path a smooth law needs little more than the torques of the weight, and z may be scaled
-    by a factor close to zero there. Without limits there is no shortest duration either, since condition (8)
-    concerns z and z' at the crossing alone.
+    shortest: 0 without limits, since condition (8) concerns speed and acceleration at the crossing alone;
+        None if no law was found.
+    refusal: the reason why no law was found.
+
+    There is never a longest duration. The squared speeds z of all laws that meet condition (8) and the limits
+    form a convex set, and near an end of the path, where a smooth law needs little more than the torques of
+    the weight, z may be scaled by a factor as small as desired.
     """
 
     shortest: float | None
@@ -231,10 +243,10 @@ class OptimalDurations(NamedTuple):
 
 
 def optimal_durations(searched: SearchedPath, request: Request) -> OptimalDurations | None:
-    """Compute the durations of laws of free shape through all singular points.
+    """Compute the least duration of a law of free shape through all singular points.
 
-    The springs are at rest; the limits and the smoothness are those of the request. None if no law can cross,
-    or if a law of free shape cannot have that smoothness.
+    The springs are at rest; limits and smoothness are those of the request. None if no law can cross, or if
+    the request asks for more smoothness than laws of free shape have.
     """
     from framework.planning.optimal.optimal_task import Task  # slow to import, and seldom needed
     from framework.planning.optimal.undeformed_law import find_undeformed_law

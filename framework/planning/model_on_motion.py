@@ -1,16 +1,17 @@
 """The torques that another model of a robot needs for nearly the same motion.
 
-Another model has its own condition (8) and, with springs, its own singular point on the path. So the law is
-corrected by polynomials of least degree. The corrected law meets the singular points of the model at the same
-instants and speeds, with the accelerations of the model's condition (8). Its torques are then bounded, and
-the difference of the two models' torques is the torque that one of them leaves out. The corrections vanish at
-both ends, with as many derivatives as the laws of elastic robots if one of the two models has springs.
+The other model has its own condition (8) and, with springs, its own singular points on the path. So the law
+is corrected by polynomials of least degree. The corrected law passes the model's singular points at the
+planned instants and speeds, with the accelerations that the model's condition (8) requires. The model's
+torques are then bounded, and the difference of the two models' torques is what one model leaves out. The
+corrections vanish at both ends, with as many derivatives as the laws of elastic robots if one of the two
+models has springs.
 
-A polynomial law that is as smooth at its ends as the correction becomes the polynomial through the model's
-points. A plan of the model has the same law if it crosses at the same instants and speeds.
+If a polynomial law is as smooth at its ends as the correction, the corrected law is the polynomial with which
+the model itself would be planned, for the same instants and speeds of the crossings.
 
-`resolve` computes the torques with their certificate. `torque` is an estimate of first order: one pass, in
-which the forces of the first model cause the deflections.
+`resolve` computes the torques with their certificate. `torque` is an estimate of first order: a single pass,
+in which the deflections are caused by the forces of the first model.
 """
 
 from __future__ import annotations
@@ -44,21 +45,23 @@ from framework.planning.request import SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
-CORRECTED_SHARE = 0.9  # of the time to the next crossing or end, which a local correction may change
+CORRECTED_SHARE = 0.9  # half-width of a local correction divided by the time to the next crossing or end
 
 
 @dataclass(frozen=True)
 class CorrectedLaw(ExactLaw):
-    """A law plus correction polynomials, which vanish at both of their ends."""
+    """A law plus correction polynomials, each of which vanishes at both of its ends."""
 
     law: MotionLaw
-    corrections: Mapping[float, Law]  # by the time [s] at which each begins
+    corrections: Mapping[float, Law]  # the key is the instant [s] at which the correction begins
 
     @staticmethod
     def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
-        """Change s, s' and s" of a law at times (k,) [s] by `changes` (k, 3).
+        """Correct a law so that s, s' and s" change by `changes` (k, 3).
 
-        At the ends of a correction its derivatives up to order `smoothness` vanish.
+        Args:
+            times: instants (k,) [s] of the changes.
+            smoothness: order up to which derivatives of a correction vanish at its ends.
         """
         corrections = {}
         for start, end in _correction_intervals(law, times):
@@ -139,7 +142,11 @@ class ModelOnMotion:
 
     @cached_property
     def first_pass(self) -> Pass:
-        """Motion and forces at the deflections of the motion; raises NoAnswer as `compute_pass`."""
+        """Motion and forces at the deflections of the motion.
+
+        Raises:
+            NoAnswer: as `compute_pass`.
+        """
         return self.compute_pass(self.known_deflections())
 
     def resolve(self, geometry: str) -> InverseDynamics:
@@ -151,7 +158,7 @@ class ModelOnMotion:
         at_rest = self.grid.fit(np.zeros((len(self.grid.times), self.robot.n_e)))
 
         def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
-            """Correct the law for the deflections; for springs at rest in rigid geometry."""
+            """Correct the law for the deflections; rigid geometry ignores deflections."""
             if deflections is None or geometry == "rigid":
                 deflections = at_rest
             return self._correct_law(deflections)
@@ -160,11 +167,11 @@ class ModelOnMotion:
 
     @property
     def planned_torque(self) -> Array:
-        """The planned torques (T, n_a) [N m or N] without dry friction, on the nodes."""
+        """The planned torques (T, n_a) [N m or N] at the nodes, without dry friction."""
         return self.dynamics.torque_without_friction(self.grid.times)
 
     def compute_pass(self, deflections: Array) -> Pass:
-        """Compute motion and forces on the nodes at deflections (T, n_e), under the corrected law.
+        """Compute motion and forces at the nodes for deflections (T, n_e) under the corrected law.
 
         Raises:
             NoAnswer: no correction of the law makes the torques bounded.
@@ -174,31 +181,32 @@ class ModelOnMotion:
         return evaluate_pass(self.searched.branch, self.grid, law, function, None)
 
     def torque(self, evaluated: Pass) -> Array:
-        """Compute the motors' torques (T, n_a) [N m or N] of a pass on the nodes.
+        """Compute the motors' torques (T, n_a) [N m or N] of a pass at the nodes.
 
         Torques with dry friction jump where a joint changes direction, and the tail of a series cannot tell
-        a pole from a jump. So the check for a pole uses a smooth friction: for each joint, the polynomial
-        through the signs of its rate at the crossings. At the crossings it equals the dry friction, which
-        condition (8) contains.
+        a pole from a jump. So the check for a pole uses a smooth friction, which equals the dry friction at
+        the crossings: condition (8) contains it there. For each joint, the smooth friction is the polynomial
+        through the signs of the joint's rate at the crossings, times the size of the friction.
 
         Raises:
             NotConverged: the torques have a pole.
         """
         robot, motion = self.robot, evaluated.motion
-        smooth = np.zeros_like(motion.v)
+        smooth_friction = np.zeros_like(motion.v)
         if self.friction is not None and self.dynamics.crossings:
             from scipy.interpolate import KroghInterpolator  # takes time to import
 
             times = np.array([crossing.time for crossing in self.dynamics.crossings])
-            smooth = self.friction * KroghInterpolator(times, self._rate_signs(times))(self.grid.times)
-        torque = self._torque_with_friction(evaluated, smooth)
+            smooth_signs = KroghInterpolator(times, self._rate_signs(times))
+            smooth_friction = self.friction * smooth_signs(self.grid.times)
+        torque = self._torque_with_friction(evaluated, smooth_friction)
         tail = self.grid.fit(torque).tail
         if not tail <= RESOLVABLE_TAIL:
             raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
         if self.friction is None:
             return torque
-        dry = self.friction * speed_signs(motion.v / robot.column_scale)
-        return self._torque_with_friction(evaluated, dry)
+        dry_friction = self.friction * speed_signs(motion.v / robot.column_scale)
+        return self._torque_with_friction(evaluated, dry_friction)
 
     def _torque_with_friction(self, evaluated: Pass, friction: Array) -> Array:
         """Compute motor torques (T, n_a) of a pass with friction (T, nv) at the joints."""
@@ -213,9 +221,12 @@ class ModelOnMotion:
         return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
 
     def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
-        """Correct the law to meet condition (8) of the model at deflections over time.
+        """Correct the law to meet the model's condition (8) under deflections over time.
 
         At each crossing, s, s' and s" change from the planned values to those of `_correct_crossing`.
+
+        Args:
+            function: the deflections (n_e) [m, rad] as a function of time.
 
         Raises:
             NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
@@ -229,12 +240,12 @@ class ModelOnMotion:
         if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
             raise NotConverged("crossings of the motion meet the same singular point of the model")
         has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0
-        changed = CorrectedLaw.of(law, times, corrected - planned, SMOOTHNESS[has_springs])
+        corrected_law = CorrectedLaw.of(law, times, corrected - planned, SMOOTHNESS[has_springs])
         try:
-            check_advance(changed, list(corrected[:, 0]), self.robot.name)
+            check_advance(corrected_law, list(corrected[:, 0]), self.robot.name)
         except NoLaw as refusal:
             raise NotConverged(f"the corrected law turns back: {refusal}") from None
-        return changed
+        return corrected_law
 
     def _correct_crossing(
         self, crossing: SingularityCrossing, planned: Array, function: TimeFunction
@@ -244,13 +255,14 @@ class ModelOnMotion:
         s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
 
         Args:
-            planned: s, s' and s" (3,) of the law.
+            planned: s, s' and s" (3,) of the planned law.
+            function: the deflections as a function of time.
 
         Raises:
             NoAnswer: the model has no such singular point, or no s" meets its condition (8).
         """
         branch = self.searched.branch
-        _, speed, acceleration = planned
+        _s, speed, acceleration = planned
         singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
         if singular is None or singular.corank > 1:
             raise NotConverged("the model has no simple singular point at the crossing")
@@ -262,7 +274,7 @@ class ModelOnMotion:
             condition = condition._replace(gamma=condition.gamma + friction @ point.motion)
         if not condition.holds_anyway:
             if condition.alpha == 0.0:
-                raise NotConverged("no acceleration at the crossing makes up for it")
+                raise NotConverged("no acceleration at the crossing meets the model's condition (8)")
             acceleration = condition.acceleration(speed)
         return point.s, speed, acceleration
 
@@ -271,11 +283,11 @@ def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, flo
     """Return the start and end [s] of each correction of a law that crosses at times (k,).
 
     A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
-    the law with which the model would be planned. Another law has one correction around each crossing: a
-    single one would be large far away from a crossing that is near an end.
+    the polynomial with which the model would be planned. Any other law has one correction around each
+    crossing: for a crossing near an end of the motion, a single correction would be large far away from it.
     """
     if not len(edges_of(law)):
         return [(0.0, law.duration)]
     gaps = np.diff([0.0, *times, law.duration])
-    widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
-    return list(zip(times - widths, times + widths, strict=True))
+    half_widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
+    return list(zip(times - half_widths, times + half_widths, strict=True))

@@ -1,6 +1,6 @@
-"""The scales that errors of a motion are relative to: the length of the path and the largest torque.
+"""The scales by which errors of a motion are divided: the length of the path and the largest torque.
 
-Turns are multiplied by the robot's length, so that they are comparable with distances.
+Angles are multiplied by the robot's length, so that they are comparable with distances.
 """
 
 from __future__ import annotations
@@ -13,20 +13,27 @@ from framework.numerics.arrays import Array
 
 
 def coordinate_sizes(robot: ParallelRobot) -> Array:
-    """Return the length (n,) [m] of each platform coordinate's unit: 1 for m, robot length for rad."""
+    """Return the length (n,) [m] per unit of each platform coordinate.
+
+    It is 1 for a coordinate in m, and the robot's length for one in rad.
+    """
     return np.where(robot.translations, 1.0, robot.length)
 
 
 def path_length(robot: ParallelRobot, path: Path) -> float:
-    """Compute the length [m] of a path, as the polygon through 1001 of its points."""
+    """Compute the length [m] of a path from a polygon through 1001 of its points."""
     points = path(np.linspace(0.0, 1.0, 1001)) * coordinate_sizes(robot)
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def largest_by_unit(robot: ParallelRobot, torques: Array) -> Array:
-    """Compute for each motor the largest of the torques (n_a,) >= 0 of motors of the same unit.
+    """Compute for each motor (n_a,) the largest torque of all motors of the same unit.
 
-    The results (n_a,) are positive, so that they can be divided by.
+    Args:
+        torques: (n_a,) >= 0.
+
+    Returns:
+        Positive numbers: the least positive float stands for zero, so that they can be divisors.
     """
     units = np.array(robot.torque_units)
     largest = [torques[units == unit].max() for unit in units]

@@ -17,7 +17,7 @@ from framework.laws.law import is_number, law_derivatives
 from framework.numerics.arrays import Array
 from framework.tolerances import SAME_PLACE
 
-RATES = ("", "/s", "/s2")  # appended to a unit, by the order of the time derivative
+RATES = ("", "/s", "/s2")  # suffixes of units, indexed by the order of the time derivative
 MIN_SAMPLES, MAX_SAMPLES = 2, 10_000_000
 DEFAULT_ROWS = 1501
 NamesAndUnits = tuple[Sequence[str], Sequence[str]]
@@ -74,14 +74,15 @@ def sample_times(duration: float, count: int, period: float | None = None) -> Ar
 
     Raises:
         InvalidInput: `count` is no whole number from MIN_SAMPLES to MAX_SAMPLES; the period is longer than
-            the duration, or gives more instants.
+            the duration, or so short that there are more than MAX_SAMPLES instants.
     """
     if period is None:
         return np.linspace(0.0, duration, whole_number("samples", count, MIN_SAMPLES, MAX_SAMPLES))
     least = duration / (MAX_SAMPLES - 1)
     if not (is_number(period) and least <= period <= duration):
         raise InvalidInput(f"period: needs {least:.3g} to {duration:.6g} s, the duration, got {period!r}")
-    periods = np.ceil(duration / period * (1.0 - SAME_PLACE))  # the last one may be shorter
+    # the last period may be shorter, but not by rounding alone
+    periods = np.ceil(duration / period * (1.0 - SAME_PLACE))
     return np.append(period * np.arange(periods), duration)
 
 
@@ -98,37 +99,45 @@ def motion_table(
     """
     robot = dynamics.robot
     coordinates, passive = robot.coordinates, robot.passive
-    with_rates = (dynamics.platform, dynamics.motor_angle, dynamics.deflection)
-    rates = [quantity(times, order) for quantity in with_rates for order in (1, 2)]
     positions = coordinates.positions(dynamics.configuration(times))
-    joint_rates = [coordinates.to_file_axes(dynamics.velocity(times, order)) for order in (1, 2)]
+    velocities = coordinates.to_file_axes(dynamics.velocity(times, 1))
+    accelerations = coordinates.to_file_axes(dynamics.velocity(times, 2))
     values = [  # in the order of `motion_columns`, each (T, k)
         np.stack([times, *law_derivatives(dynamics.law, times)], axis=1),
         dynamics.platform(times),
         dynamics.motor_angle(times),
         dynamics.torque(times),
         dynamics.deflection(times),
-        *rates,
-        *(joints[:, passive] for joints in (positions, *joint_rates)),
+        dynamics.platform(times, 1),
+        dynamics.platform(times, 2),
+        dynamics.motor_angle(times, 1),
+        dynamics.motor_angle(times, 2),
+        dynamics.deflection(times, 1),
+        dynamics.deflection(times, 2),
+        positions[:, passive],
+        velocities[:, passive],
+        accelerations[:, passive],
     ]
-    every, rows = motion_columns(robot), np.concatenate(values, axis=1)
-    chosen = select_columns(every, columns)
-    return MotionTable(tuple(every[k] for k in chosen), rows[:, chosen])
+    all_columns = motion_columns(robot)
+    chosen = select_columns(all_columns, columns)
+    rows = np.concatenate(values, axis=1)[:, chosen]
+    return MotionTable(tuple(all_columns[k] for k in chosen), rows)
 
 
-def select_columns(every: Sequence[Column], wanted: Sequence[str] | None) -> list[int]:
+def select_columns(columns: Sequence[Column], wanted: Sequence[str] | None) -> list[int]:
     """Return the indices of the wanted columns, by names or prefixes of names; all when None.
 
     Raises:
         InvalidInput: a column is unknown; the message lists the valid ones.
     """
-    names = [column.name for column in every]
+    names = [column.name for column in columns]
     if wanted is None:
         return list(range(len(names)))
     selected: dict[int, None] = {}  # an ordered set: each column once, in the order wanted
     for prefix in wanted:
+        # the underscores let a prefix match whole words only: "ds" is no prefix of "dds"
         matching = [k for k, name in enumerate(names) if f"{name}_".startswith(f"{prefix}_")]
-        if not matching:  # no name that is the prefix or continues it with an underscore
+        if not matching:
             raise InvalidInput(choose_from("column", prefix, names))
         selected |= dict.fromkeys(matching)
     return list(selected)
@@ -136,6 +145,7 @@ def select_columns(every: Sequence[Column], wanted: Sequence[str] | None) -> lis
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     """Return the columns of motion.csv, in their order."""
+    # names and units of the components of each quantity
     axes = robot.axis_names, robot.axis_units
     forces = robot.actuator_names, robot.torque_units
     motors = robot.actuator_names, ["m" if unit == "N" else "rad" for unit in robot.torque_units]
@@ -149,8 +159,8 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     return (
         Column("time", "s", "instant"),
         Column("s", "1", "path coordinate"),
-        Column("ds", "1/s", "its time derivative"),
-        Column("dds", "1/s2", "its second time derivative"),
+        Column("ds", "1/s", "time derivative of the path coordinate"),
+        Column("dds", "1/s2", "second time derivative of the path coordinate"),
         *_quantity_columns("platform", axes, "platform coordinate"),
         *_quantity_columns("motor_angle", motors, "motor angle, motor side of the gear"),
         *_quantity_columns("torque", forces, "motor torque, motor side of the gear"),
@@ -166,7 +176,7 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
 def _quantity_columns(
     prefix: str, names_and_units: NamesAndUnits, description: str, order: int = 0
 ) -> list[Column]:
-    """Return a column for each name, its unit divided by s^order."""
+    """Return a column for each name and unit; units are divided by s^order."""
     pairs = zip(*names_and_units, strict=True)
     return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in pairs]
 

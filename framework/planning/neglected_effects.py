@@ -1,12 +1,12 @@
 """The effects that a motion's torques leave out, each with the motor torque that it would add.
 
-* Springs left rigid, geometry and inertia of the deflections, dry friction: the difference of the torques of
-  the model with and without the effect (`model_on_motion`).
-* Idle turns: the torque that would hold them, a number of the certificate.
-* Parts of a foreign file that its reader left out: no number.
+* Springs left rigid, geometry and inertia of the deflections, dry friction: the number is the difference of
+  the torques of the model with and without the effect (`model_on_motion`).
+* Idle turns: the number is the torque that would hold them, which the certificate contains.
+* Parts of a foreign file that its reader left out: there is no number.
 
-Masses that the robot itself was made without, as at the lower levels of fidelity, are not listed: the robot
-does not know of them.
+Masses without which the robot was made, as at the lower levels of fidelity, are not listed: the robot does
+not know of them.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from framework.tolerances import TORQUE_TAIL
 
 MAX_NAMES = 4  # of springs or idle turns that are listed by name
 
-# Each effect in words, with a function that computes its change of the torques (T, n_a) or raises NoAnswer.
+# Each effect in words, with a function that computes the torques (T, n_a) it adds, or raises NoAnswer.
 Differences = Iterator[tuple[str, Callable[[], Array]]]
 
 
 class NeglectedEffect(NamedTuple):
     """An effect that the torques of a motion leave out.
 
-    effect: in words.
-    torque: the largest change of a motor's torque by the effect [N m or N, motor side]; None if unknown.
+    effect: description in words.
+    torque: the largest torque that the effect adds at a motor [N m or N, motor side]; None if unknown.
     motor: the joint of that motor; empty if the effect concerns no single motor.
-    share: the torque over the largest planned torque of motors of the same unit; None if unknown.
+    share: `torque` divided by the largest planned torque of motors of the same unit; None if unknown.
     """
 
     effect: str
@@ -50,11 +50,11 @@ class NeglectedEffect(NamedTuple):
 
 
 def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
-    """Compute the effects that the torques of a motion leave out, the largest first, unknown ones last.
+    """Compute the neglected effects of a motion, largest first, unknown ones last.
 
-    Effects smaller than the tail of the torques are not listed. Each number is of first order, for one effect
-    alone. It is only an order of magnitude if it comes near the largest torque or exceeds it, as for springs
-    under a load across a crossing.
+    Effects smaller than the tail of the torques are not listed. Each number is a first-order estimate for one
+    effect alone. It is only an order of magnitude if it comes near the largest torque, as for springs under a
+    load across a crossing.
     """
     robot = dynamics.robot
     times = np.linspace(0.0, dynamics.duration, 501)
@@ -74,7 +74,10 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
 def _measure_effect(
     robot: ParallelRobot, peaks: Array, effect: str, difference: Callable[[], Array]
 ) -> NeglectedEffect:
-    """Measure the largest torque of an effect relative to the peaks (n_a,), or state the failure."""
+    """Measure the largest torque of an effect relative to the planned peaks (n_a,).
+
+    If the torque cannot be computed, the result says why.
+    """
     try:
         largest = np.abs(difference()).max(axis=0)
     except NoAnswer as failure:
@@ -91,7 +94,7 @@ def _measure_effect(
 
 
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield the effects of springs left rigid, and of the geometry and inertia of active ones."""
+    """Yield the effects of springs left rigid, and of geometry and inertia of active springs."""
     robot, description = dynamics.robot, dynamics.robot.description
 
     @cache

@@ -29,8 +29,8 @@ from framework.tolerances import TORQUE_TAIL
 
 LAWS = ("auto", "polynomial", "optimal")
 MOTION, LAW, MODEL, LIMITS = "what to plan", "the law", "the model", "limits"  # topics of the help
-OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # options of a remedy
-Check = Callable[[str, Any], Any]  # (name, value) -> converted value; raises InvalidInput
+OPTIMAL_LAW: dict[str, Any] = {"law": "optimal", "times": None, "speeds": None}  # a remedy of refusals
+Check = Callable[[str, Any], Any]  # (option's name, value) -> converted value; raises InvalidInput
 
 
 class Option(NamedTuple):
@@ -63,6 +63,7 @@ class Option(NamedTuple):
 
 
 def _seconds(name: str, value: Any) -> float:
+    """Return a positive number of seconds as a float."""
     check_duration(value)
     return float(value)
 
@@ -78,6 +79,7 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
 
 
 def _tolerance(name: str, value: Any) -> float:
+    """Return a tolerance of the torques as a float."""
     check_tolerance(value)
     return float(value)
 
@@ -182,20 +184,20 @@ class PlanOptions:
         default="auto",
     )
     optimize: str | None = _option(
-        "what the optimal law is best at (peak_torque)",
-        ': "time"; "peak_torque": the largest torque over its limit, or in N m if no motor has one; '
+        "cost that the optimal law minimises (peak_torque)",
+        ': "time"; "peak_torque": the largest ratio of a torque to its limit, or in N m if no motor has one; '
         '"energy": the integral over the motion of the sum of (torque over limit)^2. There a motor '
-        "without a limit is weighed with the largest of the others, and never bounded by it. Of the laws "
-        "that cost at most 0.4 % more than the least found, the smoothest is taken, or one that costs more "
-        "where none of these is resolved",
+        "without a limit is weighted by the largest limit of the others, which does not bound it. Of the "
+        "laws that cost at most 0.4 % more than the least cost found, the smoothest is taken, or one that "
+        "costs more if the torques of none of these are resolved",
         check=_one_of(GOALS),
         typed={"choices": GOALS},
     )
     time_limit: float | None = _option(
         "time of the search for an optimal law, after which it ends with the best so far [s]",
-        ", or with `SearchEnded` if none was found yet. The plan's `reason` says that it was ended. It is "
-        "checked before each cone program and each step of deflections: what comes before the search, the "
-        "certificate and proofs take their time",
+        ", or with `SearchEnded` if none was found yet. The plan's `reason` then says that the search was "
+        "ended. The time is checked before each cone program and each step of deflections; it does not "
+        "include the computation before the search, the certificate and the proofs",
         check=_seconds,
         typed={"type": float, "metavar": "SECONDS"},
     )
@@ -207,8 +209,8 @@ class PlanOptions:
     )
     torque_limit: Limit = _option(  # noqa: RUF009 - frozen
         "largest torque [N m] of all motors, of each, or JOINT=N of some, motor side; none: no limit",
-        "; a force [N] where a motor slides. In Python a number, a list or a dict by joint; inf, or "
-        "None for one motor, is no limit. The robot file's by default; no law of a plan exceeds them",
+        "; a force [N] where a motor slides. In Python a number, a list or a dict by joint; inf, or None "
+        "for one motor, is no limit. By default those of the robot file; no law of a plan exceeds them",
         typed={"nargs": "+", "metavar": "N"},
         topic=LIMITS,
     )
@@ -235,10 +237,10 @@ class PlanOptions:
         default="driven",
     )
     wrenches: Mapping[str, Any] | None = _option(
-        "wrenches of the world by URDF link or joint, ON its body, at its origin, (force, moment) (6,)",
-        " [N, N m], base axes; or {wrench: (6,), axes: tool} on those of the frame, which turn with it; "
-        "or, in place of (6,), rows (s, force, moment) with s from 0 to 1, and a cubic spline between "
-        "them. They count as weight does; what depends on velocity is not among them",
+        "external wrenches by URDF link or joint, ON its body, at its origin, (force, moment) (6,)",
+        " [N, N m], base axes; or {wrench: (6,), axes: tool} on the axes of the frame, which turn with it; "
+        "or, in place of (6,), rows (s, force, moment) with s from 0 to 1, interpolated by a cubic spline. "
+        "Plans count them like weight; forces that depend on velocity cannot be given",
         check=_wrenches,
     )
     keep_limits: bool = _option(

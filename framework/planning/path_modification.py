@@ -1,14 +1,14 @@
 """The least bend of a path that lets a robot cross where no timing can.
 
 Where a path runs orthogonal to t_s, s" has no effect on condition (8). So the tangent at the crossing s = c
-is turned towards t_s: the path becomes x(s) + size d b(s), where d are the coordinate rates that move the
-platform along t_s, and
+is turned towards t_s. The path becomes x(s) + size d b(s), where d are the rates of the platform coordinates
+that move the platform along t_s, and
 
     b(s) = (s / m)^(N m) ((1 - s) / (1 - m))^(N (1 - m)),  b"(c) = 0,
 
 is a bump of height 1 at m with its steepest slope at c. Among all m, this one turns the tangent most for a
-given height of the bump. The crossing shifts a little with the bend; the ends stay. The bent path is a spline
-through points of that curve, and all proofs are made on the spline.
+given height of the bump. The bend shifts the crossing a little and keeps both ends of the path. The bent path
+is a spline through points of that curve, and all proofs are made on the spline.
 """
 
 from __future__ import annotations
@@ -32,31 +32,33 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SAME_PLACE
 
-MAX_BEND_SHARE = 0.05  # of the path's length; a larger bend would make another path
-END_SHARE = 0.15  # in s: at crossings nearer to an end the bump would not vanish smoothly there
+MAX_BEND_SHARE = 0.05  # largest bend divided by the path's length; a larger one would make another path
+END_SHARE = 0.15  # least distance in s of a crossing from both ends: nearer, the bump ends with a kink
 BEND_SAMPLES = 1001  # equidistant values of s at which the size of a bend is measured
-# Bends tried to each side, each twice the last. The first, 0.04 % of the path, is of the size of errors in
-# building a robot.
-# Later, COMPARED_BENDS go from the least sufficient bend to the largest.
+# DOUBLED_BENDS bends are tried to each side, each twice the last. The first, 0.04 % of the path's length, is
+# of the size of errors in building a robot. COMPARED_BENDS is the number of bends from the least sufficient
+# one to the largest whose torques are compared.
 DOUBLED_BENDS, COMPARED_BENDS = 8, 6
-# After the bisections the least bend is known to a factor of 2^(1/8), 9 %; the reserve is a factor on it.
+# After the bisections the least bend is known to a factor of 2^(1/8), or 9 %; it is multiplied by RESERVE.
 BISECTIONS, RESERVE = 3, 1.1
-MIN_INTERVALS = 9  # of the bent spline
+MIN_INTERVALS = 9  # least number of intervals of the bent spline
 
 
 class BendChoice(NamedTuple):
-    """A bend over the path's length, and the torque peaks [N m, N] of its plan, by joint."""
+    """A bend, and the peak torques of a plan on the path that is bent so."""
 
-    share: float
-    peak_torque: dict[str, float]
+    share: float  # of the path's length
+    peak_torque: dict[str, float]  # [N m, N] by joint of the motor
 
 
 class ModifiedPathPlan(NamedTuple):
     """A plan, and the distance of its path from the requested path; 0 if no bend was needed.
 
-    moved, turned: the largest distance [m], and the largest norm of the difference of the rotation vectors
-        [rad], between points of equal s.
-    share: the largest distance over the path's length, turns multiplied by the robot's length.
+    Distances are between points of equal s.
+
+    moved: the largest distance [m].
+    turned: the largest norm of the difference of the rotation vectors [rad].
+    share: the largest distance divided by the path's length, with rotations multiplied by the robot's length.
     choices: this bend and larger ones to the same side, with the torques of their plans.
     """
 
@@ -73,16 +75,18 @@ def plan_request_with_modified_path(
     """Plan a request; if no law can cross, bend the path.
 
     The path is bent at the crossing whose tangent is the most orthogonal to t_s. Bends are tried to both
-    sides, each twice the last, until the request is planned within its limits. Bisection between this bend
-    and the last refused one then gives the least bend, to which a tenth is added. Without a torque limit the
-    least bend may need a large torque: `choices` has the torques of larger bends.
+    sides, each twice the last, until one has a plan within the limits of the request. Bisection between this
+    bend and half of it then gives the least bend, to which a tenth is added. Without a torque limit the least
+    bend may need a large torque: `choices` has the torques of larger bends.
 
     Args:
-        bend: share of the path's length to bend by instead of the least, to the side of smaller torques.
+        bend: the bend to use instead of the least, as a share of the path's length. The path is bent to the
+            side of smaller torques.
 
     Raises:
         InvalidInput: a bend that is not in (0, MAX_BEND_SHARE].
-        As `plan_request`; NoLaw with the reason of the unbent path where no bend helps.
+        NoLaw: no bend helps; the message has the refusal of the unbent path.
+        NoAnswer: for other reasons, as `plan_request`.
     """
     if bend is not None and not (is_number(bend) and 0.0 < bend <= MAX_BEND_SHARE):
         raise InvalidInput(
@@ -94,7 +98,7 @@ def plan_request_with_modified_path(
         raise
     except NoLaw as refusal:
         proof = refusal.proof
-        # a bend keeps the ends of the path: a proof about an end holds with any bend
+        # a bend keeps the ends of the path, so that a proof about an end holds for any bend
         at_end = isinstance(proof, HoldingTorque) or (isinstance(proof, UnmetCondition) and proof.stop)
         modification = None if at_end else _modification_at_crossing(robot, request)
         if modification is None:
@@ -108,18 +112,18 @@ def plan_request_with_modified_path(
 
 
 class _Modification(NamedTuple):
-    """A request and the unit bend of its path, which moves the path by its own length."""
+    """A request and the unit bend of its path: a displacement as large as the path is long."""
 
     robot: ParallelRobot
     request: Request
     s: Array  # (m,) of the points of the bent spline
-    unit: Array  # (m, n) displacement of these points by the unit bend
-    size: Array  # (n,) [m] length of each coordinate's unit
+    unit_bend: Array  # (m, n) displacement of these points by the unit bend, zero at both ends
+    size: Array  # (n,) [m] length per unit of each platform coordinate
     length: float  # [m] of the path
 
     def plan_bent(self, share: float) -> CrossingPlan | None:
         """Plan on the path bent by a share of its length; None without a plan."""
-        points = self.request.path(self.s) + share * self.unit  # zero at both ends
+        points = self.request.path(self.s) + share * self.unit_bend
         try:
             request = replace(self.request, path=Spline(points))
             return plan_request(self.robot, request, explained=False)
@@ -140,18 +144,20 @@ class _Modification(NamedTuple):
         share, plan = least
         choices = [BendChoice(abs(share), plan.peak_torque)]
         if abs(share) < MAX_BEND_SHARE:
-            for size in np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS)[1:].tolist():
-                larger = self.plan_bent(np.copysign(size, share))
+            _least_bend, *larger_bends = np.geomspace(abs(share), MAX_BEND_SHARE, COMPARED_BENDS).tolist()
+            for bend in larger_bends:
+                larger = self.plan_bent(np.copysign(bend, share))
                 if larger is not None:
-                    choices.append(BendChoice(size, larger.peak_torque))
+                    choices.append(BendChoice(bend, larger.peak_torque))
         return self._measure(plan, tuple(choices))
 
     def _find_least(self) -> tuple[float, CrossingPlan] | None:
-        """Find the least sufficient bend, signed by its side and with a reserve, and its plan.
+        """Find the least sufficient bend with a reserve, and its plan.
 
-        The reserve is left out if the request has no plan with it.
+        The bend is a share of the path's length; its sign is the side. The reserve is left out if the request
+        has no plan with it.
         """
-        sizes = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]
+        sizes = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]  # ascending
         for share in np.outer(sizes, [1.0, -1.0]).ravel().tolist():  # each size to both sides
             plan = self.plan_bent(share)
             if plan is not None:
@@ -159,7 +165,8 @@ class _Modification(NamedTuple):
         else:
             return None
         refused = 0.5 * share
-        for _ in range(BISECTIONS if abs(share) > sizes[0] else 0):
+        bisections = BISECTIONS if abs(share) > sizes[0] else 0  # half of the first size was not tried
+        for _ in range(bisections):
             middle = np.copysign(np.sqrt(refused * share), share)
             middle_plan = self.plan_bent(middle)
             if middle_plan is None:
@@ -171,9 +178,9 @@ class _Modification(NamedTuple):
         return (share, plan) if reserved is None else (with_reserve, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
-        """Measure the largest distance and turn between a plan's path and the requested one."""
+        """Measure how far the path of a plan is from the requested path."""
         s = np.linspace(0.0, 1.0, BEND_SAMPLES)
-        change = plan.path(s) - self.request.path(s)
+        change = plan.path(s) - self.request.path(s)  # (BEND_SAMPLES, n)
         is_translation = self.robot.translations
         distance = _largest_norm(change[:, is_translation])
         turn = _largest_norm(change[:, ~is_translation])
@@ -195,21 +202,24 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
     feasibility, twist = min(candidates, key=lambda pair: pair[0].tangent_share)
     c = feasibility.s
     size, length = coordinate_sizes(robot), path_length(robot, path)
-    direction = np.linalg.solve(robot.platform.rate_matrix(path(c)[None])[0], twist)  # d of the docstring
+    rate_matrix = robot.platform.rate_matrix(path(c)[None])[0]  # (n, n) twist per coordinate rate
+    direction = np.linalg.solve(rate_matrix, twist)  # d of this file's docstring
     bump = _evaluate_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
     height = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m] of b(s) d
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
-    unit = _evaluate_bump(s, c)[:, None] * direction * (length / height)
-    return _Modification(robot, request, s, unit, size, length)
+    unit_bend = _evaluate_bump(s, c)[:, None] * direction * (length / height)
+    return _Modification(robot, request, s, unit_bend, size, length)
 
 
 def _choose_intervals(path: Path, c: float) -> int:
-    """Choose the number of intervals of the bent spline: the crossing c near the middle of one.
+    """Choose the number of intervals of the bent spline.
 
-    A knot between intervals becomes an edge between panels in time, which no crossing may meet.
+    The crossing c must be near the middle of an interval: a knot between two intervals becomes an edge
+    between panels in time, which no crossing may meet.
     """
     least = MIN_INTERVALS + 2 * len(path.knots)
-    return min(range(least - 1, least + 3), key=lambda count: abs(c * count % 1.0 - 0.5))
+    candidates = range(least - 1, least + 3)
+    return min(candidates, key=lambda count: abs(c * count % 1.0 - 0.5))  # distance from an interval's middle
 
 
 def _largest_norm(rows: Array) -> float:
@@ -220,12 +230,18 @@ def _largest_norm(rows: Array) -> float:
 def _evaluate_bump(s: Array, c: float) -> Array:
     """Evaluate b(s) of this file's docstring for a crossing at c.
 
-    With N = 10, b and its first two derivatives vanish at both ends for c in [END_SHARE, 1 - END_SHARE]. The
-    point c is an inflexion before the peak m if (m - c)^2 (N - 1) = m (1 - m), a quadratic equation in m. For
-    c > 1/2 the bump of 1 - c is mirrored; in the middle both are right, and rounding must not choose.
+    With N = 10, b and its first two derivatives vanish at both ends for c in [END_SHARE, 1 - END_SHARE]. With
+    c as the inflexion point before the peak, m solves (m - c)^2 (N - 1) = m (1 - m), or
+
+        N m^2 - 2 p m + (N - 1) c^2 = 0,        p = (N - 1) c + 1/2.
+
+    For c > 1/2 the bump of 1 - c is mirrored. In the middle both would do, and rounding must not choose.
     """
-    N, near_end = 10.0, min(c, 1.0 - c)
-    half_sum = near_end * (N - 1) + 0.5  # N m^2 - 2 half_sum m + (N - 1) near_end^2 = 0
-    root = (half_sum + np.sqrt(half_sum**2 - N * (N - 1) * near_end**2)) / N
+    N = 10.0
+    inflexion = min(c, 1.0 - c)
+    p = inflexion * (N - 1) + 0.5
+    root = (p + np.sqrt(p**2 - N * (N - 1) * inflexion**2)) / N
     m = root if c <= 0.5 + SAME_PLACE else 1.0 - root
-    return (s / m) ** (N * m) * ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))
+    rising = (s / m) ** (N * m)
+    falling = ((1.0 - s) / (1.0 - m)) ** (N * (1.0 - m))
+    return rising * falling

@@ -1,7 +1,8 @@
 """Plan a crossing: locate the singular points, meet condition (8) at each, prove that torques are finite.
 
-There are two kinds of law, the polynomial and the optimal one; `_plan_best` chooses. A third kind would be a
-`PlannedLaw` with a function like `_plan_polynomial`, a name in `options.LAWS`, and a reader in `saved`.
+There are two kinds of law, the polynomial and the optimal one; `_plan_best` chooses between them. A third
+kind would need a `PlannedLaw`, a function like `_plan_polynomial`, a name in `options.LAWS`, and a reader in
+`saved`.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
     """Plan a rest-to-rest motion that crosses singular points with finite torques.
 
     Args:
-        robot: of `load_robot`; its `flexibility` says which springs exist.
-        path: of the platform, `Line`, `Arc`, `Spline` or `Polyline`, or your own: path(s, order) of shape
-            (T, n) for s in [0, 1] and derivatives up to order 4, with `n` and `knots`, the s inside (0, 1)
-            at which its pieces join (an empty array for one piece).
+        robot: as returned by `load_robot`; its `flexibility` says which springs exist.
+        path: the platform's path: a `Line`, `Arc`, `Spline` or `Polyline`, or a function path(s, order) that
+            returns (T, n) for s in [0, 1] and derivatives up to order 4, with attributes `n` and `knots`. The
+            knots are the s inside (0, 1) at which pieces of the path join (an empty array for one piece).
         {options}
 
     Returns:
@@ -62,14 +63,13 @@ def plan_crossing(robot: ParallelRobot, path: Path, **options: Any) -> CrossingP
         time, and the certificate that proves them (`CrossingPlan`).
 
     Raises:
-        InvalidInput: arguments that cannot be right, for instance times for a number of crossings that the
-            path does not have.
-        NoLaw: no law can pass (its message says what would help), or none that advances was found.
-        UncontrolledMotions: the same, where several motions escape the motors at once.
-        UnboundedTorque: the law meets a singularity without condition (8); no torque is returned.
-        LimitsExceeded: only with `keep_limits`.
+        InvalidInput: invalid arguments, for instance more times than the path has crossings.
+        NoLaw: no law can cross (the message says what would help), or none that advances was found.
+        UncontrolledMotions: no law can cross a point where several motions escape the motors at once.
+        UnboundedTorque: the law violates condition (8) at a singularity.
+        LimitsExceeded: the motion exceeds limits; only with `keep_limits`.
         NotConverged, OutOfReach, Type1Singularity, SingularPath: see `inverse_dynamics`.
-        All reasons to say no, in the order in which they are asked: `framework.planning.refusals`.
+        `framework.planning.refusals` lists all refusals in the order in which they are checked.
 
     Example:
         >>> from framework import Line, load_robot, plan_crossing
@@ -92,11 +92,11 @@ def plan_request(
     """Plan a request of this robot; see `plan_crossing`.
 
     Args:
-        searched: the path searched for singular points, if at hand.
-        explained: whether a refusal searches for limits and a duration that would admit a law.
+        searched: the path with its singular points, if they have been located already.
+        explained: whether a refusal also searches for limits and a duration within which a law exists.
 
     Raises:
-        As `plan_crossing`.
+        InvalidInput, NoAnswer: as `plan_crossing`.
     """
     started = time.perf_counter()
     if searched is None:
@@ -109,7 +109,7 @@ def plan_request(
             plan = _plan_best(to_cross, request)
     except SearchEnded as end:
         raise SearchEnded(f"{robot.name}: {end}") from None
-    except UncontrolledMotions:  # a NoLaw that a single condition (8) and its durations do not explain
+    except UncontrolledMotions:  # a NoLaw that a single condition (8) does not explain
         raise
     except NoLaw as refusal:
         raise with_explanation(refusal, searched, request) from None
@@ -126,9 +126,9 @@ def plan_request(
 def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """Plan with the kind of law that the request names, or choose the kind.
 
-    A goal, or limits without a duration, ask for the optimal law; if none is found, the polynomial replaces
-    it. Otherwise the polynomial is tried first. The optimal law replaces it if it is refused, exceeds the
-    limits, nearly stops, or has its largest torque beside a near miss of the locus.
+    A goal, or limits without a duration, ask for the optimal law; the polynomial replaces it if no optimal
+    law is found. Otherwise the polynomial is tried first. The optimal law replaces a polynomial that is
+    refused, exceeds the limits, nearly stops, or has its largest torque beside a near miss of the locus.
     """
     if request.law == "optimal":
         return _plan_optimal(to_cross, request, "it was asked for")
@@ -136,7 +136,7 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
         try:
             return _plan_optimal(to_cross, request, "only the optimal law has a goal")
         except (NoLaw, NotConverged, SearchEnded) as refusal:
-            with limit_time(None):
+            with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
     try:
         plan = _plan_polynomial(to_cross, request)
@@ -177,7 +177,12 @@ def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPl
 def _plan_after_refusal(
     to_cross: PathToCross, request: Request, refusal: NoLaw | NotConverged
 ) -> CrossingPlan:
-    """Plan with the optimal law after a refusal of the polynomial; a second refusal gives both reasons."""
+    """Plan with the optimal law after a refusal of the polynomial.
+
+    Raises:
+        NoLaw, NotConverged: the optimal law is refused as well; the message has both reasons.
+        UncontrolledMotions, SearchEnded: as for the optimal law.
+    """
     is_unresolved = isinstance(refusal, NotConverged)
     failure = "the polynomial is not resolved" if is_unresolved else "there is no polynomial"
     # the first clause of a refusal is the reason, the others are advice
@@ -206,7 +211,11 @@ def _plan_after_refusal(
 def _plan_polynomial_within_limits(
     to_cross: PathToCross, request: Request, refusal: NoAnswer
 ) -> CrossingPlan:
-    """Plan with the polynomial after a refusal of the optimal law; raise that refusal beyond limits."""
+    """Plan with the polynomial after a refusal of the optimal law.
+
+    Raises:
+        NoAnswer: `refusal`, if there is no polynomial within the limits.
+    """
     if request.duration is None:
         raise refusal
     try:
@@ -219,12 +228,16 @@ def _plan_polynomial_within_limits(
 
 
 def _limit_ratio(plan: CrossingPlan) -> float:
-    """Return the largest torque or speed of a plan over its limit."""
+    """Return the largest ratio of a torque or speed of a plan to its limit."""
     return limit_excess(plan.dynamics, specification_of(plan.robot, plan.request))
 
 
 def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
-    """Plan with the kind of law that has the lower peak torque, beside a near miss."""
+    """Plan with the optimal law; return the plan of lower peak torque.
+
+    Args:
+        polynomial: the plan whose largest torque stands beside the near miss.
+    """
     why = (
         f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
         f"the path misses a singularity by |g| = {abs(miss.g):.2g}"
@@ -243,12 +256,12 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
     """Find the near miss beside which a plan has its largest torque, if any.
 
-    Torques of different motors are compared over their limits, or in N m and N if a motor has no limit.
+    Torques of different motors are divided by their limits, or compared in N m and N if a motor has none.
 
-    Beside a near miss |g| is about g0 (1 + x^2) with x = (s - s0) / width, and the motors need torques
-    (c + d x) / |g|: the demand along t_s, to first order, over the measure. They are largest at some
-    |x| <= 1, for any c and d. Torques of other origin shift the peak outwards, so the search extends to
-    NEAR_MISS_WIDTHS.
+    Beside a near miss at s0, |g| is about g0 (1 + x^2) with x = (s - s0) / width. The motors need torques
+    (c + d x) / |g|, where c + d x is the required force along t_s, to first order. For any c and d these
+    torques are largest at some |x| <= 1. Other torques shift the peak outwards, so a peak counts as beside
+    the near miss up to |x| = NEAR_MISS_WIDTHS.
     """
     if not near_misses:
         return None
@@ -267,7 +280,8 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
 
 def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
     """Return the largest ratio of a plan's peak torques to the reference (n_a,) [N m, N]."""
-    return max(np.array(list(plan.peak_torque.values())) / reference)
+    peaks = np.array(list(plan.peak_torque.values()))
+    return max(peaks / reference)
 
 
 def _peak_text(plan: CrossingPlan) -> str:
@@ -298,7 +312,7 @@ def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> Cross
     specification = specification_of(to_cross.branch.robot, request)
     dynamics, law, best = optimal_motion(Task(to_cross, request, specification))
     optimality = Optimality(specification, best.reference, best.gap)
-    return certified_plan(to_cross, request, dynamics, law, (), reason=reason, optimality=optimality)
+    return certified_plan(to_cross, request, dynamics, law, timing=(), reason=reason, optimality=optimality)
 
 
 @takes_options
@@ -308,10 +322,11 @@ def uncertified_law(
     """Compute the law of `plan_crossing` for the undeformed robot, before its proof.
 
     Returns:
-        The law and its crossings: the instants at singular points, each with t_s . W_p, zero or not.
+        The law, and its crossings: the instants at singular points, each with t_s . W_p, which need not be
+        zero.
 
     Raises:
-        As `plan_crossing`, but no UnboundedTorque and no NotConverged.
+        InvalidInput, NoAnswer: as `plan_crossing`, except UnboundedTorque and NotConverged.
     """
     return law_before_proof(search_path(robot, path), Request.of(robot, path, **options))
 
@@ -320,7 +335,7 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
     """Compute the `uncertified_law` of a request on a searched path.
 
     Raises:
-        As `uncertified_law`.
+        InvalidInput, NoAnswer: as `uncertified_law`.
     """
     to_cross = path_to_cross(searched, request)
     law = undeformed_polynomial(to_cross, request)
@@ -332,7 +347,8 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
     """Append condition (8) at each singular point and a remedy to a refusal."""
-    conditions = [one.short_sentence for one in feasibility_on_path(searched) if one is not None]
+    at_points = feasibility_on_path(searched)
+    conditions = [feasibility.short_sentence for feasibility in at_points if feasibility is not None]
     message = "; ".join([str(refusal), *conditions])
     explained = NoLaw(message, proof=refusal.proof, evidence=refusal.evidence)
     return explained.advising(find_remedy(refusal, searched, request))
@@ -347,18 +363,18 @@ def check_limits(plan: CrossingPlan) -> None:
 
 
 def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> dict[str, Any] | None:
-    """Return the options of `plan_crossing` to give instead; None without a remedy.
+    """Return the options of `plan_crossing` with which to try again; None without a remedy.
 
     An option with the value None is to be left out. A kind of law that was refused is not advised again. The
-    optimal law is advised only if condition (8) admits a law. Limits and durations are those of a law that
-    the search found (`SearchEvidence`). The option `bend` stands for `path_modification`.
+    optimal law is advised only if condition (8) admits a law. Advised limits and durations are those of a law
+    that the search found (`SearchEvidence`). The option `bend` stands for `path_modification`.
     """
     robot = searched.branch.robot
     if request.at is not None:  # imposed points: the proofs are about the located ones
         return None
     if not request.may_be_optimal:
-        may_cross = request.smoothness <= HIGHEST_SMOOTHNESS and is_crossable(searched)
-        return OPTIMAL_LAW if may_cross and request.duration is not None else None
+        has_optimal_form = request.smoothness <= HIGHEST_SMOOTHNESS and request.duration is not None
+        return OPTIMAL_LAW if has_optimal_form and is_crossable(searched) else None
     if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
         return None if refusal.proof.stop else {"bend": True}
     evidence = getattr(refusal, "evidence", None)

@@ -1,6 +1,6 @@
 """The facts that describe a plan, each a label and a text with units.
 
-The printed plan has a line for each fact, the HTML report a row of a table.
+Each fact is a line of the printed plan and a row of the table in the HTML report.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ OVERSHOOT = (
     "the law overshoots its ends (s from {0:.6g} to {1:.6g}); other times or speeds, or a higher "
     "--smoothness, avoid it"
 )
-MOVING_END_SPEED = 1e-6  # of the motors' largest speed; above it a warning is due
+MOVING_END_SPEED = 1e-6  # speed at the ends relative to the motors' largest, above which there is a warning
 
 
 class Fact(NamedTuple):
-    """A label and a text with units; the label is empty if the fact continues the one above."""
+    """A label and a text with units; an empty label continues the fact above."""
 
     label: str
     text: str
@@ -60,7 +60,7 @@ class Fact(NamedTuple):
 
 
 def motion_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts about a plan's motion, its certificate and its faults.
+    """Return the facts about the motion of a plan, the certificate and the faults.
 
     The order is: wrenches, crossings, torques, certificate, effects left out, warnings.
     """
@@ -72,7 +72,7 @@ def motion_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the fact about an optimal law's cost and the turns of its speed; none for other laws."""
+    """Return the fact about cost and smoothness of an optimal law; none for other laws."""
     best, law = plan.optimality, plan.law
     if best is None or not isinstance(law, OptimalLaw):
         return []
@@ -94,13 +94,16 @@ def twist_text(robot: ParallelRobot, twist: Array) -> str:
 
 
 def wrench_text(wrench: FrameWrench) -> str:
-    """Return force and moment of an external wrench in words; of a table, the largest ones."""
+    """Return force and moment of an external wrench in words.
+
+    For a table of wrenches over s, these are the largest force and the largest moment.
+    """
     axes = f"axes of {'the frame' if wrench.turns else 'the base'}"
     if wrench.rows.ndim == 1:
         force, moment = point(wrench.rows[:3]), point(wrench.rows[3:])
         return f"on {wrench.frame}: force {force} N, moment {moment} N m, {axes}"
-    forces, moments = np.split(wrench.rows[:, 1:], 2, axis=1)
-    force_peak, moment_peak = (np.linalg.norm(part, axis=1).max() for part in (forces, moments))
+    force_peak = np.linalg.norm(wrench.rows[:, 1:4], axis=1).max()  # rows (s, force, moment)
+    moment_peak = np.linalg.norm(wrench.rows[:, 4:], axis=1).max()
     return (
         f"on {wrench.frame}: a table of {len(wrench.rows)} rows over s, force up to {force_peak:.6g} N, "
         f"moment up to {moment_peak:.6g} N m, {axes}"
@@ -141,7 +144,7 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def _certificate_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the certificate, with lines for idle turns and rounded loops, if any."""
+    """Return the facts of the certificate, with idle turns and rounded loops if any."""
     robot, certificate = plan.robot, plan.certificate
     is_deformed = plan.geometry == "deformed"
     settled = f", deflections settled to {certificate.change:.1e}" if is_deformed else ""

@@ -33,11 +33,11 @@ Quantities = Mapping[str, Callable[[CrossingPlan], float]]
 
 @dataclass(frozen=True, eq=False)
 class PlanStudy(ReadOnlyArrays):
-    """Quantities of the plans for D combinations of parameter values; NaN without a plan."""
+    """Quantities of the plans for D combinations of parameter values."""
 
-    parameters: Mapping[str, Array]  # (D,) values, by name
-    quantities: Mapping[str, Array]  # (D,) by name
-    why: tuple[str, ...]  # (D,) the reason why there is no plan; empty with a plan
+    parameters: Mapping[str, Array]  # (D,) values of each parameter, by name
+    quantities: Mapping[str, Array]  # (D,) values of each quantity, by name; NaN without a plan
+    why: tuple[str, ...]  # (D,) reason why there is no plan; empty with a plan
 
 
 def plan_study(
@@ -54,17 +54,19 @@ def plan_study(
     """Plan one motion for each combination of values of a robot file's parameters.
 
     Args:
-        file: of the robot, which declares the parameters, or its name in the catalogue.
+        file: robot file that declares the parameters, or the robot's name in the catalogue.
         motion: path to follow, or the name of a scene.
         parameters: values of each parameter, by name.
-        quantities: functions by name, each from a plan to a number; executors of processes need functions
-            that can be pickled.
-        executor: makes the plans, by default this process; `numerics.tasks.executor_of` creates one.
+        quantities: functions by name, each of which computes a number of a plan; executors of processes need
+            functions that can be pickled.
+        flexibility: which springs of the robot exist, as for `load_robot`.
+        executor: makes the plans, by default in this process; `numerics.tasks.executor_of` creates one.
         progress: called with the number of plans done.
-        options: of `plan_crossing`.
+        options: options of `plan_crossing`.
 
     Raises:
-        InvalidInput: the file declares no parameter of a name, or an option cannot be right.
+        InvalidInput: the file does not declare a parameter, a parameter has no values, or an option is
+            invalid.
 
     Example:
         >>> quantities = {"duration": lambda plan: plan.duration}
@@ -72,7 +74,7 @@ def plan_study(
         >>> study.quantities["duration"]  # doctest: +SKIP
     """
     path = str(robot_file(file))
-    declared = declared_parameters(read_text(path, f"{path}: cannot read it"))
+    declared = declared_parameters(read_text(path, f"{path}: cannot read it"))  # parameters of the file
     for unknown in parameters.keys() - declared.keys():
         raise InvalidInput(f"{path}: {choose_from('parameter', unknown, declared)}")
     if WHY in quantities:

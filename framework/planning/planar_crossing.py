@@ -2,10 +2,10 @@
 
 With ds/dt = v and d2s/dt2 = a the motor torques and t_s . W_p are
 
-    torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a.
+    torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a,
 
-The numerators are smooth through the singular point, where the measure g vanishes. From samples of the
-coefficients the page of a lesson can evaluate any law.
+with coefficients c and d that depend on s alone. The numerators are smooth through the singular point, where
+the measure g vanishes. From samples of the coefficients the page of a lesson can evaluate any law.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from framework.singularity.points_on_path import SearchedPath, SingularPoint, se
 from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, twist_norm
 
 PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the planned laws
-STEP_ASIDE = 1e-3  # [robot lengths] displacement of the platform, to show how the joints follow
+STEP_ASIDE = 1e-3  # [robot lengths] displacement of the platform that shows how the joints follow
 GRAVITY = {"off": 0.0, "on": 9.81}  # [m/s^2]
 
 
@@ -45,28 +45,33 @@ class PlanarCrossing(NamedTuple):
 
     @property
     def point(self) -> SingularPoint:
+        """The only singular point of the path."""
         return self.searched.points[0]
 
     def sample(self, s: Array) -> dict[str, Array]:
-        """Sample the crossing at ascending s (M,), all beside the singular point.
+        """Sample the crossing at ascending s (M,), none at the singular point.
 
         Twists and motions are divided by one number: the norm of the twist at the crossing, signed so that
         t_s points along the path. Motor speeds are G v for a twist v of the platform, so the torques
         (G')^-1 f balance a force f on the platform; they have a pole where g vanishes. Gravity changes
         neither poses nor twists.
 
-        Returns:
-            q (M, nq); q_aside (n, 2, M, nq), the platform one STEP_ASIDE forward and back along each of its
-            axes; g (M,), 0 at the crossing; t_s (M, n), of unit speed at the crossing; motor_speed
-            (M, n_a, n), G as in `PlatformWrench`; torque_of_force (M, n_a, n), g times the torques that hold
-            a force on the platform; and with gravity "off" and "on" torque_off, torque_on (M, 3, n_a), the
-            torques times g: constant [N m], per (ds/dt)^2 and per d2s/dt2 [N m s^2]; power_off, power_on
-            (M, 3), t_s . W_p likewise.
+        Returns, by key:
+            q: (M, nq) configurations.
+            q_aside: (n, 2, M, nq) configurations with the platform displaced by STEP_ASIDE along each of its
+                axes, forward and back.
+            g: (M,) measure, 0 at the crossing.
+            t_s: (M, n) twist, of unit speed at the crossing.
+            motor_speed: (M, n_a, n) G as in `PlatformWrench`.
+            torque_of_force: (M, n_a, n) g times the torques that hold a unit force on the platform.
+            torque_off, torque_on: (M, 3, n_a) g times the coefficients of the torques without and with
+                gravity: constant [N m], per (ds/dt)^2 and per d2s/dt2 [N m s^2].
+            power_off, power_on: (M, 3) the same coefficients of t_s . W_p.
         """
         robot, closed = self.robots["off"], self.searched.branch.close(s)
         measure, twist = _measure_with_twist(robot, closed)
         scale = self._twist_scale(twist[np.argmin(np.abs(measure.g))])
-        G = motor_speeds(robot, closed.linearised)[0]  # (M, n_a, n)
+        G, _joint_rates = motor_speeds(robot, closed.linearised)  # (M, n_a, n)
         g = measure.g[:, None, None]
         samples = {
             "q": closed.q,
@@ -82,7 +87,12 @@ class PlanarCrossing(NamedTuple):
         return samples
 
     def _twist_scale(self, nearest: Array) -> float:
-        """Compute the norm of the crossing's twist, negative if the twist `nearest` (n,) points backwards."""
+        """Compute the norm of t_s at the crossing, signed by its direction along the path.
+
+        Args:
+            nearest: t_s (n,) at the sample nearest to the crossing. The norm is negative if it points
+                backwards.
+        """
         robot, branch, s = self.robots["off"], self.searched.branch, self.point.s
         _, twist = _measure_with_twist(robot, branch.close(np.array([s])))
         return twist_norm(robot, twist[0]) * sign_along(nearest, branch.path(s, 1))
@@ -96,21 +106,23 @@ class PlanarCrossing(NamedTuple):
     def _power_terms(self, gravity: str, s: Array, closed: ClosedStack, motion: Array) -> Array:
         """Compute t_s . W_p (M, 3) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
 
-        It is the power of the open tree's forces in the uncontrolled motion (M, nv): of weight, of inertia at
-        ds/dt = 1 and of inertia at d2s/dt2 = 1.
+        They are the powers of these forces of the open tree in the uncontrolled motion (M, nv): weight,
+        inertia at ds/dt = 1, and inertia at d2s/dt2 = 1.
         """
         robot, path = self.robots[gravity], self.searched.branch.path
-        slope = path(s, 1)
-        forces = (
-            static_forces(robot, closed.q),
-            inertial_forces(robot, motion_at(robot, closed, slope, path(s, 2))),
-            inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope)),
-        )
-        return np.sum(np.stack(forces, axis=1) * motion[:, None], axis=2)
+        slope, curvature = path(s, 1), path(s, 2)
+        weight = static_forces(robot, closed.q)
+        at_unit_speed = inertial_forces(robot, motion_at(robot, closed, slope, curvature))
+        at_unit_acceleration = inertial_forces(robot, motion_at(robot, closed, 0.0 * slope, slope))
+        forces = np.stack([weight, at_unit_speed, at_unit_acceleration], axis=1)  # (M, 3, nv)
+        return np.sum(forces * motion[:, None], axis=2)
 
 
 def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
-    """Close the loops with the platform one STEP_ASIDE along and against each axis: q (n, 2, M, nq)."""
+    """Close the loops with the platform displaced along each axis: q (n, 2, M, nq).
+
+    The displacement is STEP_ASIDE robot lengths, forward and back.
+    """
     poses = []
     for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis
         poses.append([close_loops(robot, closed.x + side, closed.q).q for side in (step, -step)])
@@ -118,7 +130,7 @@ def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
 
 
 def _measure_with_twist(robot: ParallelRobot, closed: ClosedStack) -> tuple[SingularityMeasure, Array]:
-    """Compute the measure of singularity, and the twist (M, n) of its uncontrolled motion."""
+    """Compute the measure of singularity, and the twist (M, n) of the uncontrolled motion."""
     measure = singularity_measure(robot, closed.linearised)
     return measure, np.einsum("tnv,tv->tn", closed.linearised.platform, measure.motion)
 
@@ -127,26 +139,26 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
     """Plan the laws of least peak torque with gravity off and on.
 
     Args:
-        robot: rigid and without damping; the platform has two translations and as many motors.
-        path: crosses the singular locus once.
-        duration: of the motion [s].
+        robot: a rigid robot without damping, whose platform has two translations and as many motors.
+        path: a path that crosses the singular locus once.
+        duration: duration of the motion [s].
         upwards: unit vector (3,) against gravity.
 
     Raises:
         InvalidInput: the robot is of another kind.
-        NoAnswer: the path does not cross the singular locus once.
-        As `plan_crossing` with law "optimal".
+        NoAnswer: the path does not cross the singular locus exactly once; or as `plan_crossing` with law
+            "optimal".
     """
-    needed = {
+    requirements = {
         "a rigid robot": robot.n_e == 0,
         "no damping": not robot.is_damped,
         "a platform with two translations and no turn": robot.n == 2 and bool(robot.translations.all()),
         "as many motors as the platform has axes": robot.n_a == robot.n,
         "passive joints": len(robot.passive) > 0,
     }
-    missing = [reason for reason, holds in needed.items() if not holds]
-    if missing:
-        raise InvalidInput(f"{robot.name}, {robot.flexibility}: a lesson needs {', '.join(missing)}")
+    unmet = [requirement for requirement, is_met in requirements.items() if not is_met]
+    if unmet:
+        raise InvalidInput(f"{robot.name}, {robot.flexibility}: a lesson needs {', '.join(unmet)}")
     searched = search_path(robot, path)
     if [point.contact for point in searched.points] != ["transversal"]:
         met = [f"at s = {point.s:.6g} ({point.contact})" for point in searched.points]

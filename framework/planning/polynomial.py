@@ -35,14 +35,16 @@ OF_A_SCENE = (
 
 
 def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with the polynomial of least degree; choose an open timing.
+    """Plan with the polynomial of least degree; choose times and speeds left open.
 
-    Deflections shift the crossing points. Then each pass solves for a law, and the last law is checked, too.
+    Deflections shift the crossing points, so each pass of the deflections solves for a law of its own. The
+    first law and the last one must advance.
 
     Raises:
-        As `plan_crossing`.
+        InvalidInput, NoAnswer: as `plan_crossing`.
     """
-    name, timing = to_cross.branch.robot.name, timing_of(to_cross, request)
+    name = to_cross.branch.robot.name
+    timing = timing_of(to_cross, request)
     conditions_of: dict[MotionLaw, list[Condition8]] = {}  # by the law of each pass
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
@@ -72,10 +74,10 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
-    """Compute the law of the undeformed robot before anything is proved.
+    """Compute the law of the undeformed robot without its torques and their proof.
 
     Raises:
-        As `plan_crossing`, but no UnboundedTorque and no NotConverged.
+        InvalidInput, NoAnswer: as `plan_crossing`, except UnboundedTorque and NotConverged.
     """
     name = to_cross.branch.robot.name
     law = _solve_law(_undeformed_crossings(to_cross), timing_of(to_cross, request), request, name)
@@ -86,8 +88,12 @@ def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
 def _check_advance(
     law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
 ) -> None:
-    """Refuse a law as `check_advance` does, without sampling if the law always advances."""
-    if law.advance(request.smoothness) <= 0:
+    """Refuse a law that turns back, leaves the path or repeats a crossing.
+
+    Raises:
+        NoLaw: as `check_advance`.
+    """
+    if law.advance(request.smoothness) <= 0:  # otherwise the law advances at all times
         check_advance(law, [crossing.s for crossing in crossings], name)
 
 
@@ -95,7 +101,7 @@ def _undeformed_crossings(to_cross: PathToCross) -> list[tuple[CrossingPoint, Co
     """Return the crossing points of the undeformed robot with their conditions (8).
 
     Raises:
-        As `condition_at`.
+        NoLaw: no law can meet the condition at some point.
     """
     return [
         (point, require_effect(to_cross.branch, point, condition, deflection=None))
@@ -109,7 +115,12 @@ def _deformed_crossings(
     deflections: TimeFunction,
     law: MotionLaw | None,
 ) -> list[tuple[CrossingPoint, Condition8]]:
-    """Compute the crossing points of the deflected robot near the crossings of `law`, with conditions (8)."""
+    """Compute the crossing points of the deflected robot, with their conditions (8).
+
+    Args:
+        deflections: deflections (n_e) as a function of time.
+        law: the law of the last pass, near whose crossings the points are; None for the first pass.
+    """
     branch, crossings = to_cross.branch, []
     for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
         deflection = Deflection.evaluate(deflections, time)
@@ -125,11 +136,11 @@ def _solve_law(
     request: Request,
     name: str,
 ) -> Law:
-    """Solve for the polynomial through the crossings, with their speeds and accelerations.
+    """Solve for the polynomial with the s, s' and s" of each crossing.
 
     Raises:
-        InvalidInput: there is none with the user's times.
-        NoLaw: there is none with chosen times.
+        InvalidInput: there is no such polynomial with the user's times.
+        NoLaw: there is no such polynomial with chosen times.
     """
     duration = request.fixed_duration
     values = [
@@ -150,7 +161,12 @@ def _solve_law(
 
 
 def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ...]:
-    """Return the times and speeds of the undeformed robot's crossings; choose the open ones."""
+    """Return the times and speeds of the undeformed robot's crossings; choose the open ones.
+
+    Raises:
+        InvalidInput: a time is not inside the motion.
+        NoLaw: no law can cross, or none that advances was found.
+    """
     duration = request.fixed_duration
     if not to_cross.crossing_points:
         return ()
@@ -165,11 +181,11 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
     s = [point.s for point, _ in crossings]
 
     def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
-        """Measure the laws through times and speeds (m, k), with accelerations by condition (8)."""
-        accelerations = [
-            condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)
-        ]
-        values = np.stack(np.broadcast_arrays(s, speeds, np.transpose(accelerations)), axis=2)
+        """Compute advance (m,) and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
+        accelerations = np.transpose(
+            [condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)]
+        )
+        values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return advances_and_peaks(duration, request.smoothness, times, values)
 
     return choose_timing(s, request, measure, to_cross.branch.robot.name)

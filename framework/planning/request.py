@@ -1,4 +1,4 @@
-"""The request of a plan: a record that is checked when it is made, by a scene, a command line or a call."""
+"""The request of a plan: a record that checks its options when it is made."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.laws.path import Path, expect_path
 from framework.planning.options import OPTIONS, PlanOptions, takes_options
 
-MAX_PATHS_PER_DURATION = 1e6  # largest s' at a crossing times the duration; feasible laws have a few
-SMOOTHNESS = {True: 4, False: 2}  # derivatives of s that vanish at both ends, for elastic and rigid robots
+MAX_PATHS_PER_DURATION = 1e6  # largest s' at a crossing times the duration; feasible laws have a few units
+SMOOTHNESS = {True: 4, False: 2}  # order up to which derivatives of s vanish at both ends, by "has springs"
 MAX_SMOOTHNESS = 12
 
 
@@ -25,9 +25,9 @@ MAX_SMOOTHNESS = 12
 class Request(PlanOptions):
     """A path and the options of its plan, completed for one robot by `Request.of`.
 
-    Geometry and smoothness have defaults that depend on the robot alone; they are filled in. None stands for
-    what planning has to choose: the duration, times and speeds of crossings, `optimize`, and `at` if the
-    singular points are to be located. Limits are those stated, in their shortest form
+    `Request.of` fills in geometry and smoothness, whose defaults depend on the robot. Other options may be
+    None. Planning then chooses the duration, the times and speeds of crossings and the goal (`optimize`), and
+    locates the singular points (`at`). Stated limits are stored in their shortest form
     (`motor_limits.shortest_form`); None stands for the limits of the robot file.
 
     Raises:
@@ -35,8 +35,8 @@ class Request(PlanOptions):
     """
 
     path: Path
-    geometry: str = "rigid"  # filled in
-    smoothness: int = SMOOTHNESS[False]  # filled in
+    geometry: str = "rigid"
+    smoothness: int = SMOOTHNESS[False]
 
     @staticmethod
     @takes_options
@@ -88,12 +88,13 @@ class Request(PlanOptions):
     def kind(self) -> str:
         """The kind of law: polynomial, optimal or auto.
 
-        Auto is the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks for
-        the optimal law. So do limits without a duration, and limits together with times (a contradiction,
+        Auto means the polynomial if it advances and keeps the limits. A goal or a bound of the duration asks
+        for the optimal law. So do limits without a duration, and limits together with times (a contradiction,
         which is then refused).
         """
-        chosen = self.law == "optimal" or self.optimize is not None or self.longest is not None
-        if chosen or (self.bounded and (self.duration is None or self.times is not None)):
+        asks_for_optimal = self.law == "optimal" or self.optimize is not None or self.longest is not None
+        limits_need_optimal = self.bounded and (self.duration is None or self.times is not None)
+        if asks_for_optimal or limits_need_optimal:
             return "optimal"
         return "polynomial" if self.times is not None else self.law
 
@@ -114,7 +115,11 @@ class Request(PlanOptions):
 
     @property
     def fixed_duration(self) -> float:
-        """The duration [s] of a polynomial law; raises InvalidInput if open."""
+        """The duration [s] of a polynomial law.
+
+        Raises:
+            InvalidInput: the request leaves the duration open.
+        """
         if self.duration is None:
             raise InvalidInput("duration: a polynomial law needs one; only the optimal law can find its own")
         return self.duration
@@ -126,7 +131,7 @@ class Request(PlanOptions):
         return limits or self.optimize is not None or self.longest is not None
 
     def _check_crossings(self) -> None:
-        """Check speeds [1/s], times [s] and path coordinates of crossings."""
+        """Refuse invalid speeds [1/s], times [s] and path coordinates of crossings."""
         largest = np.inf if self.duration is None else MAX_PATHS_PER_DURATION / self.duration
         for speed in self.speeds or ():
             if speed <= 0:
@@ -168,13 +173,13 @@ class Request(PlanOptions):
 
 
 def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
-    """Return the number of derivatives of s that vanish at both ends, by default the least.
+    """Return the order up to which derivatives of s vanish at both ends.
 
-    The least number is the order of the highest derivative of s in the torques.
+    The default is the least valid one: the order of the highest derivative of s in the torques.
 
     Raises:
-        InvalidInput: it is no whole number, or so small that the torques would jump at the ends, or too
-            large.
+        InvalidInput: `smoothness` is no whole number, so small that the torques would jump at the ends, or
+            too large.
     """
     least = SMOOTHNESS[robot.n_e > 0]
     if smoothness is None:

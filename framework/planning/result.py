@@ -37,19 +37,18 @@ PEAK_SAMPLES = 2001  # equidistant instants at which positions are checked and p
 class Crossing(ReadOnlyArrays):
     """A crossing of a Type 2 singularity, measured on the finished motion.
 
-    The law has s(time) = `s`, s'(time) = `speed` and s"(time) = `acceleration`. `condition` are the
-    coefficients of condition (8) that the law was made to meet; None if condition (8) holds there although
-    the request did not ask for it. `residual` is |t_s . W_p| over the largest sum of the absolute values of
-    its terms along the motion.
+    residual: |t_s . W_p| divided by the largest sum, along the motion, of the absolute values of its terms.
+    condition: the coefficients of condition (8) that the law was made to meet; None if condition (8) holds
+        although the request did not ask for it.
     """
 
-    s: float
-    time: float
-    speed: float
-    acceleration: float
-    kind: str
+    s: float  # s(time) of the law
+    time: float  # [s]
+    speed: float  # s'(time) [1/s]
+    acceleration: float  # s"(time) [1/s^2]
+    kind: str  # of the singularity
     twist: Array  # (n,) t_s
-    platform: Array  # (n,)
+    platform: Array  # (n,) platform coordinates
     residual: float
     condition: Condition8 | None
 
@@ -58,9 +57,10 @@ class Crossing(ReadOnlyArrays):
 class Optimality(ReadOnlyArrays):
     """The specification of an optimal law, and the quality of the law.
 
-    reference: torques (n_a,) [N m] that peak and energy are relative to.
-    gap: cost of the law over the least cost found, less 1. The least cost is that of laws on the same cells,
-        in at most the same duration, that need not be smooth. It does not bound the cost of all laws.
+    reference: torques (n_a,) [N m] by which torques are divided in the costs of peak and energy.
+    gap: relative excess of the law's cost over the least cost found. The least cost is that of laws on the
+        same cells, in at most the same duration, that need not be smooth. It does not bound the cost of all
+        laws.
     """
 
     specification: Specification
@@ -87,6 +87,7 @@ class CrossingPlan:
 
     @property
     def path(self) -> Path:
+        """The platform's path."""
         return self.request.path
 
     @cached_property
@@ -99,10 +100,12 @@ class CrossingPlan:
 
     @property
     def duration(self) -> float:
+        """The duration of the motion [s]."""
         return self.law.duration
 
     @property
     def geometry(self) -> str:
+        """The geometry of the forces: "rigid" (undeformed robot) or "deformed"."""
         return self.dynamics.geometry
 
     def torque(self, t: ArrayLike, order: int = 0) -> Array:
@@ -148,9 +151,10 @@ class CrossingPlan:
 
     @property
     def exceeded(self) -> dict[str, str]:
-        """Exceeded limits in words, by joint, motors first; each with the s of the largest excess.
+        """Exceeded limits in words, by joint, motors first.
 
-        The robot file limits torques and speeds of motors, the URDF positions of joints.
+        Each text has the s of the largest excess. The robot file limits torques and speeds of motors, the
+        URDF limits positions of joints.
         """
         exceeded: dict[str, list[str]] = {joint: [] for joint in self.robot.actuator_names}
         for joint, excess in [*self._motor_excesses(), *self._position_excesses()]:
@@ -163,7 +167,7 @@ class CrossingPlan:
         return motor_peaks(self.dynamics)
 
     def _motor_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield each motor's joint beyond a limit of torque or speed, and the excess in words."""
+        """Yield the joint of each motor that exceeds a limit of torque or speed, with the excess in words."""
         robot, times = self.robot, np.linspace(0.0, self.duration, PEAK_SAMPLES)
         peak_torques, peak_speeds = self._peaks
         quantities = (
@@ -179,10 +183,11 @@ class CrossingPlan:
                 yield robot.actuator_names[k], excess
 
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
-        """Yield each joint with a position beyond the limits of the URDF, and the excess in words."""
+        """Yield each joint that exceeds a position limit of the URDF, with the excess in words."""
         times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
         q = self.dynamics.configuration(times)
-        s_worst = self.law(times[shares_beyond_limits(limits, q).argmax(axis=0)])
+        excess_shares = shares_beyond_limits(limits, q)  # (T, limits)
+        s_worst = self.law(times[excess_shares.argmax(axis=0)])
         s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))
         for joint, excess in positions_beyond_limits(limits, q).items():
             yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
@@ -203,7 +208,7 @@ class CrossingPlan:
 
         Args:
             count: number of instants, unless a period is given.
-            period: time [s] between rows; the last row is at the end of the motion in any case.
+            period: time [s] between rows; the last row is always at the end of the motion.
             columns: names of columns, or prefixes that several names share, such as torque; all by default.
         """
         return motion_table(self.dynamics, sample_times(self.duration, count, period), columns)
@@ -238,11 +243,11 @@ def certified_plan(
     """Return the plan of a motion whose torques are computed.
 
     Args:
-        timing: times and speeds of crossings for which the law was made. A measured crossing that differs
-            from one of them only by rounding takes over its numbers.
-        reason, optimality: of the plan.
-        conditions: the conditions (8) that the law was made to meet, one for each crossing point; measured if
-            empty.
+        timing: times and speeds of crossings for which the law was made. They replace the numbers of a
+            measured crossing that differs only by rounding.
+        reason, optimality: fields of the plan.
+        conditions: the conditions (8) that the law was made to meet, one for each crossing point. If empty,
+            they are computed on the motion.
     """
     crossings = []
     matches = _match_points(to_cross, dynamics.crossings)
@@ -281,7 +286,10 @@ def certified_plan(
 
 
 def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
-    """Return time and speed of a measured crossing; the intended ones if equal but for rounding."""
+    """Return time and speed of a measured crossing, without rounding errors.
+
+    Intended numbers that differ by rounding alone replace the measured ones.
+    """
     for intended in timing:
         if abs(intended.time - measured) < SAME_PLACE * law.duration:
             speed = float(law(intended.time, 1))
@@ -294,8 +302,9 @@ def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTi
 def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
     """Return for each crossing the index of its crossing point; None if the request had none.
 
-    Singular points and crossings are both in the order of the path. They are matched by that order if they
-    are as many, since springs may have shifted the crossings. Imposed points are matched by s.
+    Singular points and crossings are both in the order of the path. If their numbers agree they are matched
+    by that order, since springs may have shifted the crossings. Otherwise, and for imposed points, they are
+    matched by s.
     """
     points = to_cross.crossing_points
     are_located = all(isinstance(point, SingularPoint) for point in points)
@@ -303,8 +312,8 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
         return list(range(len(points)))
     matches = []
     for crossing in crossings:
-        near = (k for k, point in enumerate(points) if abs(point.s - crossing.s) < SAME_PLACE)
-        matches.append(next(near, None))
+        matching = (k for k, point in enumerate(points) if abs(point.s - crossing.s) < SAME_PLACE)
+        matches.append(next(matching, None))
     return matches
 
 

@@ -1,4 +1,4 @@
-"""Scenes of a robot file: path, request and plan."""
+"""The scenes of a robot file: the path, the request and the plan of each."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from framework.planning.result import CrossingPlan
 
 
 def scene(robot: ParallelRobot, name: str) -> Scene:
-    """Return the scene of a name.
+    """Return the scene with a name.
 
     Raises:
-        InvalidInput: the robot has no such scene; the message lists those that it has.
+        InvalidInput: the robot has no such scene; the message lists the names of its scenes.
         RobotFileError: the path of the scene is invalid.
     """
     expect_robot(robot)
@@ -41,22 +41,25 @@ def scene_path(scene: Scene) -> Path:
 
 
 def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = None) -> Path:
-    """Return the path of a kind through points (m, n).
+    """Return the line, arc, spline or polyline through points (m, n).
 
-    A line needs (start, end), an arc (start, via, end).
+    Args:
+        kind: `kind` of the path's class.
+        points: (start, end) of a line, (start, via, end) of an arc.
+        blend: distance from a polyline's corners at which their rounding begins.
 
     Raises:
-        InvalidInput: an unknown kind, or points that do not make such a path.
+        InvalidInput: an unknown kind, or points that do not define such a path.
     """
     check_choice("path", kind, [Line.kind, Arc.kind, Spline.kind, Polyline.kind])
     if kind == Spline.kind:
         return Spline(points)
     if kind == Polyline.kind:
         return Polyline(points, blend)
-    path, count = (Line, 2) if kind == Line.kind else (Arc, 3)
+    path_type, count = (Line, 2) if kind == Line.kind else (Arc, 3)
     if len(points) != count:
         raise InvalidInput(f"{kind}: needs {count} points, got {len(points)}")
-    return path(*points)
+    return path_type(*points)
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
@@ -67,22 +70,28 @@ def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
 def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
     """Return the request of a scene; options of `plan_crossing` override the scene's.
 
-    Times and speeds of crossings in a scene are for the polynomial. They are left out if the options ask for
-    an optimal law, and the scene's duration if they ask for a law that finds its own.
+    Options of a scene that contradict the given ones are left out. The scene's goal gives way to a
+    polynomial, to times of crossings, and, if the goal is the least time, to a duration. The scene's times
+    and speeds of crossings are for the polynomial and give way to an optimal law. The scene's duration gives
+    way to a law that finds its own duration.
 
     Raises:
         InvalidInput: the robot has no such scene, or as `Request.of`.
     """
     chosen = scene(robot, name)
     stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
-    given = {key for key, value in options.items() if value is not None}
-    fixes_duration = "duration" in given and chosen.optimize == "time"
-    if fixes_duration or options.get("law") == "polynomial" or "times" in given:
+    set_options = {key for key, value in options.items() if value is not None}
+
+    fixes_duration = "duration" in set_options and chosen.optimize == "time"
+    if fixes_duration or options.get("law") == "polynomial" or "times" in set_options:
         stated["optimize"] = None
-    wants_limits = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
-    has_goal = any({**stated, **options}.get(key) is not None for key in ("optimize", "longest", "margin"))
-    if options.get("law") == "optimal" or has_goal or wants_limits:
+
+    has_limits = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
+    combined = {**stated, **options}
+    has_goal = any(combined.get(key) is not None for key in ("optimize", "longest", "margin"))
+    if options.get("law") == "optimal" or has_goal or has_limits:
         stated.update(times=None, speeds=None)
-    if options.get("optimize") == "time" or "longest" in given:
+
+    if options.get("optimize") == "time" or "longest" in set_options:
         stated["duration"] = None
     return Request.of(robot, scene_path(chosen), **{**stated, **options})

@@ -1,4 +1,4 @@
-"""The goal of an optimal law, and the limits stated in the request or the robot file."""
+"""The goal and the limits of an optimal law, as stated in the request or the robot file."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ from framework.planning.request import Request
 class Specification(ReadOnlyArrays):
     """The goal of an optimal law, and its limits.
 
-    goal: "time"; "peak_torque", the largest torque over its limit; or "energy", the integral of the sum of
-        (torque over limit)^2. There a motor without a limit is weighted by the largest limit of the others,
-        which does not bound it; if no motor has a limit, all have the same weight.
-    duration: exact duration [s]; `longest`: largest duration [s].
+    goal: "time"; "peak_torque", the largest torque divided by its limit; or "energy", the integral of the sum
+        of (torque over limit)^2. In these ratios the largest limit of the other motors replaces a missing
+        limit, without bounding the torque; if no motor has a limit, all have the same weight.
+    duration: exact duration [s]; None if open.
+    longest: largest duration [s]; None if unbounded.
     torque_limit, speed_limit: (n_a,) [N m], [rad/s], motor side; infinite for motors without a limit.
-    friction: (n_a,) dry friction that counts among the motors' torques [N m], motor side.
+    smoothness: order up to which derivatives of s vanish at both ends.
+    friction: (n_a,) dry friction, which is part of the motors' torques [N m], motor side.
     """
 
     goal: str
@@ -61,12 +63,15 @@ class Specification(ReadOnlyArrays):
 
 
 def specification_of(robot: ParallelRobot, request: Request) -> Specification:
-    """Return the goal and the limits of a request, limits of the file included, less the margin."""
+    """Return the goal and the limits of a request, less its margin.
+
+    The robot file has the limits that the request does not state.
+    """
     share = 1.0 - request.margin
     return Specification(
-        request.goal,
-        request.duration,
-        request.longest,
+        goal=request.goal,
+        duration=request.duration,
+        longest=request.longest,
         torque_limit=share * motor_limits(robot, "torque_limit", request.torque_limit),
         speed_limit=share * motor_limits(robot, "speed_limit", request.speed_limit),
         smoothness=request.smoothness,
@@ -77,12 +82,14 @@ def specification_of(robot: ParallelRobot, request: Request) -> Specification:
 def motor_peaks(dynamics: InverseDynamics) -> tuple[Array, Array]:
     """Compute the largest torques [N m, N] and speeds [rad/s, m/s] (n_a,) of a motion.
 
-    They are peaks of Chebyshev series, so peaks between nodes count. The series have the panels and the
+    They are peaks of Chebyshev series, so that peaks between nodes count. The series have the panels and the
     number of coefficients of the torques.
     """
-    edges, size = dynamics.torques.edges, dynamics.torques.coefficients.shape[1]
-    speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, size)
-    return peak_sizes(dynamics.torque, edges, size), speed
+    edges = dynamics.torques.edges
+    coefficient_count = dynamics.torques.coefficients.shape[1]
+    torque = peak_sizes(dynamics.torque, edges, coefficient_count)
+    speed = peak_sizes(lambda t: dynamics.motor_angle(t, 1), edges, coefficient_count)
+    return torque, speed
 
 
 def limit_excess(dynamics: InverseDynamics, specification: Specification) -> float:
@@ -90,4 +97,6 @@ def limit_excess(dynamics: InverseDynamics, specification: Specification) -> flo
     if not (specification.limited or specification.limited_speeds):
         return 0.0
     torque, speed = motor_peaks(dynamics)
-    return float(max((torque / specification.torque_limit).max(), (speed / specification.speed_limit).max()))
+    torque_ratio = (torque / specification.torque_limit).max()
+    speed_ratio = (speed / specification.speed_limit).max()
+    return float(max(torque_ratio, speed_ratio))

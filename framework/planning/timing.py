@@ -1,4 +1,4 @@
-"""Choose times and speeds of the crossings that the user leaves open, so that the law always advances."""
+"""Choose the times and speeds of crossings that the user leaves open, so that the law always advances."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from framework.laws.law import Law
 from framework.numerics.arrays import Array
 from framework.planning.request import Request
 
-# Least slope of s over its mean, the zeros at the ends divided out, that a chosen law should have.
+# `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
 COMFORTABLE_ADVANCE = 0.2
 MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
-MAX_CROSSINGS = 8  # a polynomial through more has so many turns that the search finds none that advances
-# A round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed. One in LAWS_PER_SURVIVOR
-# survives. The search ends if the scores of the survivors differ by less than MIN_SPREAD.
+MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
+# Each round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed, and keeps the best one in
+# LAWS_PER_SURVIVOR. The search ends when the scores of these survivors differ by less than MIN_SPREAD.
 LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
 LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
-DRAW_SPREAD = 0.1  # first standard deviation, of times over the duration and of logarithms of speeds
+DRAW_SPREAD = 0.1  # standard deviation in the first round, of times over the duration and of log speeds
 
-Measure = Callable[[Array, Array], tuple[Array, Array]]
+Measure = Callable[[Array, Array], tuple[Array, Array]]  # see `choose_timing`
 
 
 class CrossingTime(NamedTuple):
@@ -39,13 +39,14 @@ def choose_timing(
 ) -> tuple[CrossingTime, ...]:
     """Choose times and speeds of the crossings at ascending path coordinates s (k,).
 
-    Times or speeds of the request are kept. Candidates for the open ones are tried in turn: those of the law
-    without crossing conditions, then faster ones. The first whose law advances comfortably is chosen. If
-    there is none, times and speeds are searched.
+    Times or speeds of the request are kept. Candidates for the open ones are tried in turn: first those of
+    the law without crossing conditions, then faster ones. The first candidate whose law advances comfortably
+    is chosen. If there is none, times and speeds are searched.
 
     Args:
-        measure: computes `Law.advance` (m,) of laws that cross at times (m, k) with speeds (m, k), and the
-            peaks (m,) of their |s"| [1/s^2], as `advances_and_peaks` does.
+        measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns
+            `Law.advance` (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `advances_and_peaks` does.
+        name: name of the robot, for messages.
 
     Raises:
         NoLaw: the search finds no law that always advances.
@@ -65,7 +66,7 @@ def choose_timing(
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
         return _crossing_times(starts[comfortable[0]])
-    best_first = np.argsort(-scores, kind="stable")
+    best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
     best, score = _search_timings(starts[best_first], request, score_laws)
     timing = _crossing_times(best)
     if score <= 0:
@@ -82,15 +83,17 @@ def choose_timing(
 def _first_timings(s: Sequence[float], request: Request) -> Array:
     """Return times and speeds (m, 2, k) of the laws to try first.
 
-    The first law has no crossing conditions. The others have one speed at all crossings, 1.2 to 2.4 paths in
-    the duration, and times as if they passed s = 1/2 at half of the duration with that speed.
+    The first entry are times and speeds of the law without crossing conditions. Each other entry has one
+    speed for all crossings, between 1.2 and 2.4 paths per duration, and the times of a motion at this
+    constant speed that passes s = 1/2 at half of the duration.
     """
     duration = request.fixed_duration
     plain = Law.rest_to_rest(duration, request.smoothness)
     ends = np.array([0.0, duration])
     plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
     constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)
-    times = np.vstack([plain_times, 0.5 * duration + (np.array(s) - 0.5) / constant_speeds])
+    constant_speed_times = 0.5 * duration + (np.array(s) - 0.5) / constant_speeds  # (7, k)
+    times = np.vstack([plain_times, constant_speed_times])
     if request.times is not None:
         times[:] = plain_times = np.array(request.times)
     speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, len(s), axis=1)])
@@ -105,10 +108,10 @@ def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
 
 
 def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
-    """Score the laws (m,) through times and speeds (m, 2, k): the higher, the better.
+    """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
 
-    The score is the advance. For laws that advance comfortably it is higher than that, and the higher the
-    lower the peak of |s"|. Where there is no law it is negative infinity.
+    The score is the advance of the law. Laws that advance comfortably score above COMFORTABLE_ADVANCE, by the
+    reciprocal of their peak |s"|. Impossible times or speeds score negative infinity.
     """
     times, speeds = timings.swapaxes(0, 1)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
@@ -125,10 +128,10 @@ def _search_timings(
 ) -> tuple[Array, float]:
     """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
 
-    The method is an evolution strategy. A law is a point: its times over the duration and the logarithms of
-    its speeds. In the first round laws are drawn around all starts. In each further round they are drawn
-    around the mean of the survivors, with the covariance of the survivors about the mean of the round before.
-    This covariance stretches along an ascent of the score and shrinks at its top.
+    The method is an evolution strategy. The unknowns of a law are its times over the duration and the
+    logarithms of its speeds. In the first round laws are drawn around all starts. In each further round they
+    are drawn around the mean of the survivors, with the covariance of the survivors about the mean of the
+    round before. This covariance stretches along an ascent of the score and shrinks at its maximum.
 
     Args:
         starts: times and speeds (m, 2, k), best first.
@@ -137,16 +140,18 @@ def _search_timings(
     is_open = np.array([[request.times is None], [request.speeds is None]])
 
     def to_timings(laws: Array) -> Array:
-        """Convert laws to times [s] and speeds [1/s] (m, 2, k), with the fixed ones of the request."""
+        """Convert laws to times [s] and speeds [1/s] (m, 2, k), with the request's own."""
         physical = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
         return np.where(is_open, physical, starts[0])
 
     random = np.random.default_rng(0)
-    started = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
-    count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]
-    centres = started[random.integers(len(starts), size=count)]
+    first_laws = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
+    count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]  # laws drawn in each round
+    centres = first_laws[random.integers(len(starts), size=count)]
     drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
-    laws, scores, mean = started[:1], score_laws(starts[:1]), started[0]
+
+    # the survivors, best first, their scores and the mean of the survivors of the round before
+    laws, scores, mean = first_laws[:1], score_laws(starts[:1]), first_laws[0]
     for _ in range(MAX_ROUNDS):
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, score_laws(to_timings(drawn))])
@@ -154,8 +159,9 @@ def _search_timings(
         laws, scores = laws[survivors], scores[survivors]
         if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
             break
+        # normal steps with the covariance of the survivors about the last mean
         weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
-        steps = np.tensordot(weights, laws - mean, axes=1)  # normal, with the covariance about the last mean
+        steps = np.tensordot(weights, laws - mean, axes=1)
         mean = laws.mean(axis=0)
         drawn = mean + steps
     return to_timings(laws[:1])[0], scores[0]

@@ -1,9 +1,9 @@
 """All reasons to refuse a plan, in the order in which they are checked.
 
-Each entry has the error, the reason, and below them the functions that decide, here or in lower packages; the
-prefix `framework.` is left out. Invalid options are refused before (`planning.options`, `planning.request`:
-InvalidInput). Open `refusal_proofs` for the numbers on which a refusal rests; `turning_back` refuses laws
-that run backwards or leave the path; `planning.plan` adds the remedy.
+Each entry has the error, the reason, and below them the functions that decide, in this package or a lower
+one, without the prefix `framework.`. Invalid options are refused earlier, by an InvalidInput of
+`planning.options` or `planning.request`. `refusal_proofs` has the numbers on which a refusal rests;
+`turning_back` refuses laws that run backwards or leave the path; `planning.plan` adds the remedy.
 
 On the path, springs at rest:
 
@@ -41,25 +41,25 @@ The polynomial law:
         planning.condition.require_effect
     NoLaw: too many crossings, or no times and speeds at which a law advances
         planning.timing.choose_timing
-    NoLaw: its conditions repeat or contradict each other
+    NoLaw: the conditions on the polynomial repeat or contradict each other
         planning.polynomial.plan_polynomial
     NoLaw: the law runs back or leaves the path
         planning.refusals.turning_back.check_advance
 
 The optimal law:
 
-    NoLaw: springs make two crossings of a touch, or none
+    NoLaw: deflections turn a tangential touch into two crossings, or into none
         planning.optimal.optimal_task.check_unfolded
     NoLaw: springs and damping with redundant motors or rigid geometry
         planning.optimal.optimal_motion.optimal_motion
-    NoLaw: no speed meets what is left of condition (8)
+    NoLaw: s" has no effect, and no speed meets condition (8)
         planning.optimal.optimal_task.check_speeds
     UncontrolledMotions: no law meets the conditions of several motions
         planning.optimal.optimal_task.check_speeds
         kinematics.continuation.tracking.escape_error
     NoLaw: a motor cannot hold an end of the path, or limits are too low
         planning.optimal.limit_refusals.refuse_law
-    NotConverged: no law is found, for no reason of its limits
+    NotConverged: no law is found, although the limits are not the reason
         planning.optimal.limit_refusals.refuse_law
     NotConverged: law and damping do not settle
         planning.optimal.undeformed_law.find_law
@@ -80,24 +80,24 @@ The motion, under either law or one of the user's own:
         planning.condition.crossing_point
     NotConverged: deflected, the path is orthogonal to t_s: s" has no effect
         planning.condition.condition_at
-    NotAssembled: loops do not close on the way, or rates do not exist
+    NotAssembled: loops do not close along the motion, or rates do not exist
         kinematics.inverse_kinematics.close_loops
         kinematics.motion_rates.motion_at
-    NotConverged: no deflections cause the forces that hold them
+    NotConverged: no deflections found in equilibrium with their forces
         dynamics.elasticity.solve_deflections
         dynamics.refusals.unsettled_error
     NotConverged: no law near this one has deflections in balance
         dynamics.restoration.solve_balance
         planning.optimal.elastic_balance.find_law_in_balance
-    SpringsTooSoft: even springs much stiffer would give beyond all sense
+    SpringsTooSoft: even much stiffer springs would deflect beyond the range of the model
         dynamics.restoration.solve_balance
     NotConverged: springs tear the loops open
         dynamics.inverse_dynamics.resolve
     NotConverged: torques, deflections or a near miss are not resolved
         dynamics.refusals.unresolved_error
-    NoLaw: the deflected robot meets a singularity of its own
+    NoLaw: the deflected robot meets a singularity that the undeformed robot does not
         dynamics.singularity_crossings.check_crossings
-    NotAssembled: a loop equation tears that was redundant at the reference
+    NotAssembled: the motion opens a loop equation that was redundant at the reference
         dynamics.residuals.measure_residuals
     LoadedJoint: a joint is loaded that nothing holds
         dynamics.residuals.check_idle_joints
@@ -106,11 +106,11 @@ The plan:
 
     NoLaw: the polynomial that was asked for exceeds the limits of the file
         planning.plan.plan_request
-    NoLaw: neither law is found; says what either lacks
+    NoLaw: neither law is found; the message has both reasons
         planning.plan.plan_request
         planning.plan.with_explanation
-    NotConverged: neither law is resolved; says what either lacks
+    NotConverged: neither law is resolved; the message has both reasons
         planning.plan.plan_request
-    LimitsExceeded: limits are left that were to be kept
+    LimitsExceeded: the plan exceeds limits although `keep_limits` is set
         planning.plan.check_limits
 """

@@ -11,15 +11,15 @@ from framework.numerics.arrays import Array
 from framework.planning.specification import Specification
 from framework.tolerances import LIMIT_MARGIN
 
-# Ratio of advised limits to the least peak. Limits nearer to the peak leave little room for a smooth law.
+# Ratio of advised limits to the least peak found. Limits nearer to that peak hardly admit a smooth law.
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
 
 
 class UnmetCondition(NamedTuple):
     """A condition (8) alpha s" + beta s'^2 + gamma = 0 at s that no motion can meet.
 
-    stop: the path starts or ends at s, where s' = s" = 0, and gamma is not zero. Otherwise alpha is zero, and
-        beta s'^2 + gamma vanishes for no s'^2 > 0.
+    stop: whether the path starts or ends at s, where s' = s" = 0 and gamma is not zero. Otherwise alpha is
+        zero, and beta s'^2 + gamma vanishes for no s'^2 > 0.
     """
 
     s: float
@@ -30,9 +30,9 @@ class UnmetCondition(NamedTuple):
 
 
 class StaticFold(NamedTuple):
-    """A fold of the deflections at rest at an end s of the path, as springs get softer.
+    """A fold of the static equilibria at an end s of the path, met as the springs get softer.
 
-    compliance: of the softest springs with an equilibrium, over that of the robot's springs.
+    compliance: compliance of the softest springs with an equilibrium, divided by that of the robot's springs.
     """
 
     s: float
@@ -44,9 +44,10 @@ class LeastLimits(NamedTuple):
 
     torque_peak: the least peak of torque found in the requested duration and within the speed limits, over
         the torque limits; None if no law was found, or without a torque limit.
-    speed_peak: the least peak of speed found within the torque limits, over the speed limits, likewise.
-    together: raising one kind of limit is not enough. Both peaks are then of one law, for which the larger of
-        the torque ratio and the squared speed ratio is least.
+    speed_peak: the least peak of speed found in the requested duration and within the torque limits, over the
+        speed limits; None as above.
+    together: whether limits of torque and of speed must both be raised. Both peaks are then of one law, for
+        which the larger of the torque ratio and the squared speed ratio is least.
     options: limits (n_a,) a little above these peaks, motor side, as options of a plan without margin;
         several entries are alternatives.
     """
@@ -60,7 +61,7 @@ class LeastLimits(NamedTuple):
     def of(
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
-        """Return the least limits for peaks of torque and speed over the limits of a specification."""
+        """Return the least limits for the ratios of peak torque and speed to a specification's limits."""
         limits = {}
         if torque is not None:
             limits["torque_limit"] = RAISED_RATIO * torque * specification.torque_limit
@@ -89,8 +90,8 @@ def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) ->
 class HoldingTorque(NamedTuple):
     """A motor torque that holds the robot at an end s of the path, above the limit.
 
-    joint: of the motor.
-    torque, limit: motor side [N m], or [N] for a motor that slides.
+    joint: name of the motor's joint.
+    torque, limit: motor side [N m], or [N] for a sliding motor.
     """
 
     joint: str
@@ -108,9 +109,9 @@ class SearchEvidence(NamedTuple):
     """The numbers of a search that found no law; no proof that none exists.
 
     cells: number of intervals of the piecewise polynomial that represents the squared speed.
-    least: the least limits within which a law was found, in the requested duration.
-    quickest: the least duration [s] found within the limits; None if none was found.
-    limits: options with raised limits, for which there is a plan; None if none was found.
+    least: the least limits within which a law of the requested duration was found.
+    quickest: the least duration [s] found within the limits; None without a law.
+    limits: options with raised limits for which a plan was found; None without a plan.
     """
 
     cells: int

@@ -1,6 +1,6 @@
 """The refusal of laws that do not always advance.
 
-They could meet a singular point once more, at an instant where condition (8) does not hold.
+Such a law could meet a singular point a second time, at an instant where condition (8) does not hold.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
     the paper's case C does.
 
     Args:
-        s: of the singular points (k,).
-        name: of the robot.
+        s: path coordinates (k,) of the singular points.
+        name: name of the robot.
 
     Raises:
-        NoLaw: with the place and the time of the fault.
+        NoLaw: the law has such a fault; the message has its s and time.
     """
     fault = _find_fault(law, s)
     if fault:
@@ -36,9 +36,9 @@ def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
     """Find the first fault of a law with singular points at s (k,), in words; empty without one."""
     times = np.linspace(0.0, law.duration, 2001)
     s, ds = law_derivatives(law, times, 2)
-    for end, beyond in ((0.0, -s), (1.0, s - 1.0)):
-        worst = np.argmax(beyond)
-        if beyond[worst] > OVERSHOOT:
+    for end, overshoot in ((0.0, -s), (1.0, s - 1.0)):
+        worst = np.argmax(overshoot)
+        if overshoot[worst] > OVERSHOOT:
             return f"leaves the path at s = {end:g}, up to s = {s[worst]:.4g} at t = {times[worst]:.4g} s"
     is_inside = (s > 0) & (s < 1)
     is_backwards = is_inside & (ds < -AT_REST * np.abs(ds).max())
