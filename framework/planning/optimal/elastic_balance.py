@@ -108,7 +108,7 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
 def _no_law_near(task: Task) -> NotConverged:
     """Return the refusal of a robot for which no law near the best crosses in balance."""
     return NotConverged(
-        f"{task.branch.robot.name}: no law near the best crosses where the deflected robot is singular; use "
+        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular; use "
         f"{other_law(task)}stiffer springs, or geometry rigid",
         residual=np.inf,
     )

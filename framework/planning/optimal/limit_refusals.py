@@ -24,7 +24,7 @@ from framework.planning.refusals.refusal_proofs import HoldingTorque, LeastLimit
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
     """Return why a problem has no law, by proof or search."""
-    name = problem.task.branch.robot.name
+    name = problem.task.robot.name
     cells = len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
     not_found = NotConverged(
@@ -63,7 +63,7 @@ def _search_remedies(problem: LawProblem, cells: int, least: LeastLimits, *, is_
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
     """Refuse a path at whose end a motor cannot hold the robot."""
-    robot = problem.task.branch.robot
+    robot = problem.task.robot
     end = "start" if holding.s == 0 else "end"
     unit = robot.torque_units[list(robot.actuator_names).index(holding.joint)]
     needed, allowed = format_distinct(holding.torque, holding.limit)
@@ -80,7 +80,7 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
 def _limits_advice(problem: LawProblem, evidence: SearchEvidence) -> str:
     """Return the clause on limits within which a law was planned; empty without."""
     limits = evidence.limits
-    return "" if limits is None else f"; {advice_of(problem.task.branch.robot, limits)}"
+    return "" if limits is None else f"; {advice_of(problem.task.robot, limits)}"
 
 
 def find_least_limits(problem: LawProblem) -> LeastLimits:
@@ -149,5 +149,5 @@ def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
     if not len(overloaded):
         return None
     end, motor = map(int, overloaded[0])
-    joint = task.branch.robot.actuator_names[motor]
+    joint = task.robot.actuator_names[motor]
     return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))

@@ -104,7 +104,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
     """
     check_unfolded(task)
     points = find_crossing_points(task)
-    robot = task.branch.robot
+    robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
             f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
@@ -144,7 +144,7 @@ def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> Opt
             return OptimalMotion(dynamics, best.law, best)
         best = adapt_found_law(task, points, best, excess=excess)
     raise NotConverged(
-        f"{task.branch.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
+        f"{task.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
         residual=abs(excess - 1.0),
     )
 
@@ -226,7 +226,7 @@ class _ElasticSearch:
         if self.best_motion is not None:
             return self.best_motion
         raise self.first_failure or NotConverged(
-            f"{self.task.branch.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
+            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
             f"passes; use {other_law(self.task)}stiffer springs, or geometry rigid",
             residual=abs(excess - 1.0),
         )

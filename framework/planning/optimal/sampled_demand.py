@@ -75,7 +75,7 @@ def sample_demand(task: Task) -> SampledDemand | None:
         pole_product = _pole_product(grid.times, poles)
         torques = [part * pole_product for part in (*required.torque, required.damping)]
         series = grid.fit(np.concatenate([*torques, required.speed], axis=1))
-        is_unresolved = _find_unresolved(series, task.branch.robot.n_a)
+        is_unresolved = _find_unresolved(series, task.robot.n_a)
         if not is_unresolved.any():
             return SampledDemand(poles, series, required.direction is not None)
         edges = cut_cells(task, edges, np.where(is_unresolved, 2, 1))

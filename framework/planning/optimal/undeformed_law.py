@@ -55,7 +55,7 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
     """
     problem = problem_of(task, points)._replace(sampled=sample_demand(task))
     best = solve_problem(problem)
-    if not task.branch.robot.is_damped:
+    if not task.robot.is_damped:
         return best
     for _ in range(MAX_TANGENTS):
         problem = _linearise_damping(problem, points, best.law.squared_speed)
@@ -67,7 +67,7 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
         if error <= DAMPING_TORQUE_ERROR:
             return best._replace(law=_meet_conditions(problem, points, best.law))
     raise NotConverged(
-        f"{task.branch.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
+        f"{task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
         f"use {other_law(task)}another duration",
         residual=error,
     )
@@ -93,10 +93,10 @@ def adapt_found_law(
     adapted = adapt_law(best, excess=excess, share=share)
     if isinstance(adapted, NoneFound):
         raise NotConverged(
-            f"{task.branch.robot.name}: no law near the best keeps all limits between its points",
+            f"{task.robot.name}: no law near the best keeps all limits between its points",
             residual=excess - 1.0,
         )
-    if not task.branch.robot.is_damped:
+    if not task.robot.is_damped:
         return adapted
     # the linearisation of damping has moved with the law, and condition (8) with it
     return adapted._replace(law=_meet_conditions(adapted.program.problem, points, adapted.law))
@@ -167,7 +167,7 @@ def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: 
             law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
         except InvalidInput as reason:
             raise NotConverged(
-                f"{problem.task.branch.robot.name}: no law near the best has condition (8) with damping "
+                f"{problem.task.robot.name}: no law near the best has condition (8) with damping "
                 f"({reason})",
                 residual=np.inf,
             ) from None
