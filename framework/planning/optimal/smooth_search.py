@@ -26,7 +26,10 @@ BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fal
 MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
 MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
 MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
-WAITING_WIDTHS = (0.15, 0.05)  # in sigma, of the intervals where a law may wait; the second if the first fails
+WAITING_WIDTHS = (
+    0.15,
+    0.05,
+)  # in sigma, of the intervals where a law may wait; the second if the first fails
 LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
 BETWEEN = np.arange(1, 6) / 6  # shares of the interval between two points, where limits are checked
 NEARLY_REACHED = 0.98  # share of the allowed value

@@ -167,8 +167,7 @@ def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: 
             law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
         except InvalidInput as reason:
             raise NotConverged(
-                f"{problem.task.robot.name}: no law near the best has condition (8) with damping "
-                f"({reason})",
+                f"{problem.task.robot.name}: no law near the best has condition (8) with damping ({reason})",
                 residual=np.inf,
             ) from None
     return law
