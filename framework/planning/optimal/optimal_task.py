@@ -93,9 +93,9 @@ def conditions_at(
     sigmas = list[float]()
     rows = list[Array]()
     for point in points:
-        conditions = crossing_rows(task.branch, task.phi, point, z0)
-        rows += list(conditions.rows)
-        sigmas += [conditions.sigma] * len(conditions.rows)
+        crossing = crossing_rows(task.branch, task.phi, point, z0)
+        rows += list(crossing)
+        sigmas += [float(task.phi.inverse(point.s))] * len(crossing)
     if speed_places is None:
         speed_places = [point.s for point in points]
     speeds = task.request.speeds or ()
@@ -115,7 +115,7 @@ def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
     if task.robot.is_damped:
         return
     for point in points:
-        rows = crossing_rows(task.branch, task.phi, point).rows
+        rows = crossing_rows(task.branch, task.phi, point)
         if point.corank > 1:
             _check_common_speed(task, point, rows)
             continue

@@ -85,8 +85,15 @@ class SmoothSearch(NamedTuple):
         pace = min(specification.longest or np.inf, 2.0 * quick.duration)
         return self._replace(pace=pace, units=self.units._replace(time=pace))
 
-    def find_smoothest(self, similar: Speed | None = None) -> Speed | NoneFound:
-        """Find the smoothest law within the bounds, its floor at most ten times that of a similar law."""
+    def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
+        """Find a smooth law within the bounds, of the required duration if there is one.
+
+        Args:
+            similar: the speed of a similar law.
+        """
+        duration = self.program.problem.specification.duration
+        if duration is not None:
+            return self.find_lasting(duration, similar)
         return self._solve_above_floor(self.bounds, similar=similar)[0]
 
     def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:

@@ -144,7 +144,7 @@ class SpeedProgram:
 
     @cached_property
     def positive_xi(self) -> Array:
-        """The xi (m,) of the `positive_rows`: centres of splines; for a series, the points and the middles."""
+        """The xi (m,) of `positive_rows`: centres of splines; points and middles for a series."""
         return self.basis.centres if self.basis.is_spline else _subdivide(self.xi, POSITIVE_PARTS)
 
     @cached_property
@@ -406,7 +406,7 @@ def _subdivide(edges: Array, parts: int) -> Array:
 
 
 def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tuple[Array, Array]:
-    """Return points xi (M,) and weights (M,) of integrals over sigma: Gauss points of the cells, and the ends.
+    """Return points xi (M,), Gauss points and both ends, and weights (M,) of integrals over sigma.
 
     The weights are those in xi over xi' = d xi / d sigma, zero at the ends -1 and 1.
     """
