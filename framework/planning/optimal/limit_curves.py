@@ -75,7 +75,10 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
 
 
 def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
-    """Return limits (n_a,) of torque [N m] and speed [rad/s]; the peak torque replaces absent torque limits."""
+    """Return limits (n_a,) of torque [N m] and speed [rad/s].
+
+    Without any torque limit, the plan's peak torque is the limit of all motors.
+    """
     unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
     if plan.optimality is None:
         return unlimited, np.full(plan.robot.n_a, np.inf)
