@@ -325,16 +325,16 @@ class BalanceEquations:
 
 
 def _time_bases(panels: int, N: int, rate: Array, acceleration: Array) -> tuple[Array, Array, Array]:
-    """Compute T_j(p(t)), j < N, and two time derivatives at 2 N nodes of each panel: (panels 2 N, N) each.
+    """Compute T_j(p(t)) and two time derivatives, j < N, at 2 N nodes a panel: (panels 2 N, N).
 
     They are T_j, T_j' dp/dt and T_j" (dp/dt)^2 + T_j' d2p/dt2, with the rate dp/dt and the acceleration
     d2p/dt2 at the nodes, (panels 2 N,) each.
     """
-    values = chebyshev.chebvander(nodes(2 * N), N - 1)
+    values = np.asarray(chebyshev.chebvander(nodes(2 * N), N - 1), dtype=float)
     bases = (values, values @ derivative_matrix(N), values @ derivative_matrix(N, 2))
     value, slope, bend = (np.tile(basis, (panels, 1)) for basis in bases)
-    rate = rate[:, None]
-    return value, rate * slope, rate**2 * bend + acceleration[:, None] * slope
+    rate, acceleration = rate[:, None], acceleration[:, None]
+    return np.asarray(value), np.asarray(rate * slope), np.asarray(rate**2 * bend + acceleration * slope)
 
 
 def resize_series(series: Array, count: int) -> Array:

@@ -17,7 +17,7 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid
 
 
 class Pass(NamedTuple):
-    """A motion with deflections on the time nodes, its forces, and the deflections that these cause."""
+    """A motion with deflections on the time nodes, its forces, and the deflections caused."""
 
     law: MotionLaw
     function: TimeFunction  # (n_e) deflections of the motion
@@ -28,7 +28,7 @@ class Pass(NamedTuple):
 
     @property
     def residual(self) -> Array:
-        """The caused deflections minus those of the motion (T, n_e); zero in balance."""
+        """The caused deflections minus the deflections of the motion (T, n_e); zero in balance."""
         return self.caused - self.q_e
 
 

@@ -142,7 +142,7 @@ def assess_deflections(
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
-    """Return the deflections caused by the forces of the undeformed robot, and the motion with them."""
+    """Return the deflections caused by forces of the undeformed robot, and the deflected motion."""
     deflections = grid.fit(current.caused)
     motion = current.motion
     if branch.robot.n_e:

@@ -186,7 +186,7 @@ def motion_and_load(
 
 
 class _SplitLoad(NamedTuple):
-    """A load in the columns that move while the motors are locked, and how the loops balance it."""
+    """A load in the columns that move while the motors are locked, and its loop multipliers."""
 
     load: Array  # (T, f)
     multipliers: Array  # (T, m) lambda, J' lambda = load in the least squares

@@ -62,7 +62,7 @@ class GaussNewtonResult(NamedTuple):
 
 
 class BalanceSolution(NamedTuple):
-    """Deflections in balance, the scalars of their law, and the equations that they solve."""
+    """Deflections in balance, the scalars of their law, and the equations with their last state."""
 
     deflections: KnownDeflections
     scalars: Array  # (k,)
@@ -212,7 +212,7 @@ def _gauss_newton(
 
 
 def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most: int) -> BalanceState:
-    """Add coefficients until the misfit is small enough, or until `most` of them would not suffice."""
+    """Add coefficients until the misfit is small enough, or `most` would not suffice."""
     state = result.state
     largest = min(most, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
     count = state.series.shape[1]

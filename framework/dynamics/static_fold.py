@@ -49,7 +49,7 @@ class _RestCurve(NamedTuple):
     size: float = 1.0
 
     def _balance(self, coordinates: Array) -> LoadedBalance:
-        """Compute the balance at a point of these coordinates (n_e + 1,)."""
+        """Compute the balance at coordinates (n_e + 1,)."""
         branch = self.branch
         s = np.array([self.s])
         compliance = np.exp(coordinates[-1])

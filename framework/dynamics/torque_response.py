@@ -142,7 +142,7 @@ def _motion_with_spring_rates(
 
 
 def _split_terms(values: list[Array]) -> Array:
-    """Split values a + b z + c u + d z^(1/2) into coefficients a, b, c, d (T, k, 4).
+    """Compute coefficients (T, k, 4) of values a + b z + c u + d z^(1/2).
 
     Args:
         values: (T, k) at (z, u) = (0, 0), (1, 0), (4, 0) and (0, 1).

@@ -24,7 +24,7 @@ LIMIT_TIGHTENING = 1e-5  # share by which a limit that was exceeded is lowered f
 
 
 class Best(NamedTuple):
-    """A law, the squared speed of which it was made, and the search that found this speed."""
+    """A law, its squared speed, and the search that found the speed."""
 
     law: OptimalLaw
     search: SmoothSearch
@@ -175,7 +175,7 @@ def _search_smooth(
 
 
 def _make_best(search: SmoothSearch, speed: Speed) -> Best:
-    """Make the law of a speed; adjust it to the required duration, if any.
+    """Make the law of a speed, adjusted to the required duration, if any.
 
     Raises:
         InvalidInput: the speed comes too near to zero.

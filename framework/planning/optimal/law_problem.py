@@ -118,7 +118,7 @@ class MotorRows(NamedTuple):
         return np.asarray(np.max(shares, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
-        """Return these rows with those of another below."""
+        """Stack rows upon the rows of another."""
         torques = zip(self.torque, other.torque, strict=True)
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
         return MotorRows(
@@ -218,6 +218,5 @@ def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
     if problem.response is None:
         return Affine(rows, constant)
     loaded = problem.response.scalars  # (k, n)
-    count = len(loaded)
-    matrix = vstack([csr_array(loaded), rows[count:]], format="csr")
-    return Affine(matrix, np.append(-loaded @ problem.response.y, constant[count:]))
+    matrix = vstack([csr_array(loaded), rows[len(loaded) :]], format="csr")
+    return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))

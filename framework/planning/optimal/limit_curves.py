@@ -37,10 +37,10 @@ class MotorDemand(NamedTuple):
 
 
 class LimitCurves(NamedTuple):
-    """A plan's law at T instants, none of them on a crossing, with limits of s' and s".
+    """A plan's law at T instants beside the crossings, with limits of s' and s".
 
-    The limits are those of the undeformed robot. `highest_speed` is infinite where nothing limits s', and NaN
-    where the motors cannot even hold the robot.
+    No instant is on a crossing. The limits are those of the undeformed robot. `highest_speed` is infinite
+    where nothing limits s', and NaN where the motors cannot even hold the robot.
     """
 
     s: Array  # (T,)
@@ -53,7 +53,7 @@ class LimitCurves(NamedTuple):
 
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
-    """Compute the limit curves of a plan; without torque limits, those of its own peak torque."""
+    """Compute the limit curves of a plan; its peak torque replaces absent limits."""
     torque_limit, speed_limit = _choose_limits(plan)
     times = _choose_instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
@@ -152,15 +152,13 @@ def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
     per_u = edges[:, :, 2]
     coefficients = np.dstack([edges[:, :, :2], bound])  # (T, 2, 3) of s', s'^2 and the bound
     b, a, c = (coefficients[:, 0] * per_u[:, 1, None] - coefficients[:, 1] * per_u[:, 0, None]).T
-    is_first_steeper = np.abs(per_u[:, 0]) > np.abs(per_u[:, 1])
-    steeper = np.where(is_first_steeper[:, None], edges[:, 0], edges[:, 1])
-    steeper_bound = np.where(is_first_steeper, bound[:, 0], bound[:, 1])
-    per_speed, per_z, steeper_per_u = steeper.T
+    steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
+    per_speed, per_z, _ = edges[steeper].T
     corners = []
     with np.errstate(divide="ignore", invalid="ignore"):
         q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))  # the roots are q / a and -c / q
         for root in (q / a, -c / q):
             speed = np.where(np.isfinite(root), root, np.nan)
-            remaining = steeper_bound - (per_speed + per_z * speed) * speed
-            corners.append(np.stack([speed, speed**2, remaining / steeper_per_u], axis=1))
+            remaining = bound[steeper] - (per_speed + per_z * speed) * speed
+            corners.append(np.stack([speed, speed**2, remaining / per_u[steeper]], axis=1))
     return corners

@@ -55,8 +55,8 @@ ENERGY_SAMPLES = 2001
 # shares of the least cost that smoothness may take, tried in turn until the motion is resolved
 RIGID_SHARES = (2e-2, 8e-2, 0.3)
 SERIES_DEGREE = 40  # of z as one series
-WORTHWHILE_GAP = 1.5e-2  # of the cost to the least, relative: above, a smaller share for smoothness is tried
-GAP_REDUCTION = 8.0  # gap over that smaller share
+# relative gap to the least cost above which a smaller share for smoothness is tried; gap over that share
+WORTHWHILE_GAP, GAP_REDUCTION = 1.5e-2, 8.0
 
 
 class ElasticStage(NamedTuple):
@@ -130,7 +130,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
 
 
 def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
-    """Certify the motion of a rigid robot's law; lower the limits if the motion exceeds them.
+    """Certify the motion of a rigid robot's law; lower limits that the motion exceeds.
 
     Raises:
         NotConverged: limits are still exceeded, or a torque is not resolved; as `resolve`.
@@ -219,7 +219,7 @@ class _ElasticSearch:
         )
 
     def _can_retry(self, gap: float) -> bool:
-        """Choose a smoother law after a failure; return whether there is one to try, which is the last.
+        """Choose a smoother law for one more attempt; return False if none is left.
 
         Args:
             gap: of the best motion.
@@ -235,7 +235,7 @@ class _ElasticSearch:
         return is_below_gap
 
     def _can_lower_share(self, gap: float) -> bool:
-        """Lower the share for smoothness if the gap to the least cost is worth it; return whether it is."""
+        """Lower the share for smoothness if the gap is large; return False if not."""
         share = gap / GAP_REDUCTION
         is_tried = self.share is not None and self.share <= share
         if self.balance is None or gap < WORTHWHILE_GAP or is_tried or self._uses_splines:
@@ -383,7 +383,7 @@ def _cost_of_motion(task: Task, motion: OptimalMotion) -> float:
 
 
 def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
-    """Compute and certify the torques of a law, with deflections in balance if these are known."""
+    """Compute and certify the torques of a law, with known deflections in balance, if any."""
     return resolve(
         task.to_cross.searched,
         lambda *_: law,

@@ -91,7 +91,7 @@ def _crossings(task: Task) -> Array:
 
 
 def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | None:
-    """Fit the functions on cells that are halved until all functions resolve; None if they do not.
+    """Fit functions on cells, halved until all functions resolve; None without success.
 
     Args:
         reference: (n_a,) of the torques; motors with an infinite reference are left out.
@@ -150,11 +150,10 @@ def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
     friction, friction_error = _mean_friction(required, specification.friction)
     torque = required.torque
     torques = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
-    return _Samples(
-        *(_finite_ratio(_split_by_cell(part), reference) for part in torques),
-        _finite_ratio(_split_by_cell(required.speed), specification.speed_limit),
-        _finite_ratio(friction_error, reference),
-    )
+    constant, per_z, damping, per_u = (_finite_ratio(_split_by_cell(part), reference) for part in torques)
+    speed_ratio = _finite_ratio(_split_by_cell(required.speed), specification.speed_limit)
+    error = _finite_ratio(friction_error, reference)
+    return _Samples(constant, per_z, damping, per_u, speed_ratio, error)
 
 
 def _finite_ratio(values: Array, limit: Array) -> Array:

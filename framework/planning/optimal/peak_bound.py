@@ -95,7 +95,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
 
 
 class _Proof(NamedTuple):
-    """Multipliers on the cells of a series, and the bound that they prove."""
+    """A bound, with the multipliers on the cells of a series that prove the bound."""
 
     series: PathSeries
     multipliers: Multipliers

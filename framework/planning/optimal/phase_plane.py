@@ -222,7 +222,7 @@ def _conditions_at_points(
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
-    """Return independent combinations of rows (corank, 4); drop those that are rounding of a size.
+    """Return independent combinations of rows (corank, 4), without rounding of a size.
 
     Two motions of a symmetric robot may require the same condition.
     """

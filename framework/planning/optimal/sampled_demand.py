@@ -57,7 +57,7 @@ def _pole_product(s: Array, poles: Array) -> Array:
 
 
 def sample_demand(task: Task) -> SampledDemand | None:
-    """Fit Chebyshev series to the undeformed robot's demand along a path; None if they do not resolve."""
+    """Fit Chebyshev series to the undeformed robot's demand along a path; None without success."""
     points = task.to_cross.points
     # the pole is of second order if the path touches the locus, or if several motions escape at once
     pole_orders = [1 + (point.corank > 1 or point.contact == "tangential") for point in points]

@@ -86,7 +86,7 @@ class SmoothSearch(NamedTuple):
         return self._replace(pace=pace, units=self.units._replace(time=pace))
 
     def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
-        """Find a smooth law within the bounds, of the required duration if there is one.
+        """Find a smooth law within the bounds, of the required duration, if any.
 
         Args:
             similar: the speed of a similar law.
@@ -204,7 +204,7 @@ class SmoothSearch(NamedTuple):
         floor: float,
         duration: float | None = None,
     ) -> Speed:
-        """Lower the cost of a law at a duration [s], its own by default, by the tangent of T(z) about it.
+        """Lower the cost of a law at a duration [s], by default its own, by its tangent of T(z).
 
         The law itself is returned if the program has no solution, or one that is too quick all the same.
         """
