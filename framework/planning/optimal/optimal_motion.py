@@ -196,7 +196,7 @@ class _ElasticSearch:
             except (NoLaw, NotAssembled, NotConverged, UnboundedTorque, SearchEnded) as failure:
                 if self.best_motion is None:
                     self._choose_smoother(failure)
-                elif isinstance(failure, SearchEnded) or not self._can_retry(self.best_motion.best.gap):
+                elif isinstance(failure, SearchEnded) or not self._try_smoother(self.best_motion.best.gap):
                     return self.best_motion
                 continue
             excess = limit_excess(motion.dynamics, self.task.specification)
@@ -207,7 +207,7 @@ class _ElasticSearch:
                 self.best_motion = motion
                 report_result()
                 is_settled = self.balance is None or _has_predicted_peak(motion)
-            if is_settled and not self._can_lower_share(motion.best.gap):
+            if is_settled and not self._try_smaller_share(motion.best.gap):
                 return motion
             self._prepare_next(motion, excess)
         if self.best_motion is not None:
@@ -218,7 +218,7 @@ class _ElasticSearch:
             residual=abs(excess - 1.0),
         )
 
-    def _can_retry(self, gap: float) -> bool:
+    def _try_smoother(self, gap: float) -> bool:
         """Choose a smoother law for one more attempt; return False if none is left.
 
         Args:
@@ -234,7 +234,7 @@ class _ElasticSearch:
         self.share = float(np.sqrt(self.share * gap))
         return is_below_gap
 
-    def _can_lower_share(self, gap: float) -> bool:
+    def _try_smaller_share(self, gap: float) -> bool:
         """Lower the share for smoothness if the gap is large; return False if not."""
         share = gap / GAP_REDUCTION
         is_tried = self.share is not None and self.share <= share
