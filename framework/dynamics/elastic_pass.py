@@ -1,4 +1,4 @@
-"""One pass of the fixed-point iteration: from deflections to forces to the deflections caused."""
+"""One pass of the fixed-point iteration: from deflections to forces to the deflections caused by these."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from framework.numerics.chebyshev import TimeFunction, TimeGrid
 
 
 class Pass(NamedTuple):
-    """The motion on the nodes with deflections `function`, its forces, and the deflections caused."""
+    """A motion with deflections on the time nodes, its forces, and the deflections caused."""
 
     law: MotionLaw
     function: TimeFunction  # (n_e) deflections of the motion
@@ -28,16 +28,16 @@ class Pass(NamedTuple):
 
     @property
     def residual(self) -> Array:
-        """Caused deflections less the motion's deflections (T, n_e); zero in balance."""
+        """The caused deflections minus the deflections of the motion (T, n_e); zero in balance."""
         return self.caused - self.q_e
 
 
 def evaluate_pass(
     branch: Branch, grid: TimeGrid, law: MotionLaw, function: TimeFunction, neighbour: Pass | None
 ) -> Pass:
-    """Compute motion and forces with deflections `function`, and the deflections -force/K caused.
+    """Compute motion and forces with deflections `function`, and the caused deflections -force/K.
 
-    Loops are closed from the configurations of `neighbour`, a pass with similar deflections, if there is one.
+    Loops are closed from the configurations of `neighbour`, a pass with similar deflections, if available.
 
     Raises:
         NotAssembled: the deflections tear the loops.
@@ -65,14 +65,17 @@ def motion_with_deflections(
 ) -> Motion:
     """Compute the motion of all joints at instants (T,) with given deflections.
 
-    `deflections` are values, first and second time derivatives, each (T, n_e).
+    Args:
+        deflections: values, first and second time derivatives, each (T, n_e).
+        neighbour: a pass on the same nodes with similar deflections, whose configurations are the guess.
     """
-    robot, (q_e, *deflection_rates) = branch.robot, deflections
+    robot = branch.robot
+    q_e, *deflection_rates = deflections
     s = law_derivatives(law, times)
     x, dx, ddx = time_derivatives(branch.path, s)
     if neighbour is None:
         guess = integrate_columns(robot, branch.guess(s[0]), robot.elastic, q_e)
-    else:  # a tangent step from the neighbour, whose factored equations are at hand
+    else:  # a tangent step from the neighbour, whose loop equations are already factored
         linearised = neighbour.motion.linearised
         platform_step = -robot.platform.residual(linearised.frames, x)
         step = joint_rates(robot, linearised, platform_step, q_e - neighbour.q_e)
@@ -82,5 +85,5 @@ def motion_with_deflections(
 
 
 def spring_scale(robot: ParallelRobot) -> Array:
-    """Return the robot's length for springs that stretch, 1 for springs that turn (n_e,)."""
+    """Return scales (n_e,): the robot's length for springs that stretch, 1 for springs that turn."""
     return robot.column_scale[robot.elastic]

@@ -1,23 +1,23 @@
-"""Iterate forces and deflections of a motion to balance, for every flexibility.
+"""Fixed-point and Newton iteration of forces and deflections to balance, for every flexibility.
 
-A pass on the time nodes closes the loops at x(t) and q_e(t), computes the forces of the tree with all
-coordinates and their time derivatives, and sets q_e = -K^-1 (force on the elastic coordinates). The first
+A pass closes the loops at x(t) and q_e(t) on the time nodes, computes the forces of the tree with all
+coordinates and their time derivatives, and returns q_e = -K^-1 (force on the elastic coordinates). The first
 pass, at q_e = 0, is the small-displacement hypothesis of Briot and Arakelian 2010 (A and B of the rigid
-robot). A rigid robot has no springs and needs this pass only.
+robot). A rigid robot has no springs and needs only this pass.
 
-With G(q_e) the deflections that the forces at q_e cause, the unknown is a polynomial in time with q_e =
-G(q_e). Springs that carry inertia make this a differential equation, K q_e + M q_e" = f, whose solutions
-differ by free vibrations. Passes from q_e = 0 converge to the one without, q_e = K^-1 f - K^-1 M (K^-1 f)" +
-... If the motion is slow against the vibrations a few passes are enough. Else the change grows again after
-its minimum, first at the end nodes: a second derivative amplifies rounding by the fourth power of the degree,
-so that dG is far from normal, though nearly nilpotent. Then Newton's method follows,
+Let G(q_e) be the deflections caused by the forces at q_e. The unknown is a polynomial in time with
+q_e = G(q_e). If springs carry inertia, this is a differential equation, K q_e + M q_e" = f, whose solutions
+differ by free vibrations. Passes from q_e = 0 converge to the solution without vibrations,
+q_e = K^-1 f - K^-1 M (K^-1 f)" + ... A few passes suffice if the motion is slow compared with the vibrations.
+Otherwise the change grows again after a minimum, first at the end nodes: a second derivative amplifies
+rounding by the fourth power of the degree, so that dG is far from normal, though nearly nilpotent. Newton's
+method then follows,
 
-    (I - dG) step = G(q_e) - q_e,
+    (I - dG) step = G(q_e) - q_e.
 
-solved by GMRES, which needs dG along a few directions only, one pass each: its k-th step is the best of all
-combinations of k passes, of which plain repetition is one. The number of coefficients of q_e is raised until
-the truncation error is small enough. The change by one more pass belongs to the result
-(`DeflectionSolution.change`).
+GMRES solves for the step. It needs dG along a few directions only, with one pass each; its k-th iterate is
+the best combination of k passes. The number of coefficients of q_e is raised until the truncation error is
+small enough. The result includes the change by one more pass (`DeflectionSolution.change`).
 
 Source: Knoll and Keyes, Jacobian-free Newton-Krylov methods, J. Comput. Phys. 193 (2004).
 """
@@ -50,26 +50,26 @@ from framework.numerics.krylov import gmres
 from framework.numerics.time_limit import check_time
 from framework.tolerances import MAX_DEFLECTION, SETTLED_SHARE
 
-GOOD_CONTRACTION = 0.3  # change by a pass over the last one; above, Newton's method follows
-DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change of no meaning, however small the deflections
-DIFFERENCE_STEP = 1e-6  # of the deflections, along a direction: half of the digits, some for curvature
-GMRES_TOLERANCE = 1e-3  # of the change: the accuracy of differences and curvature
-MIN_SINGULAR_RATIO = 1e-5  # of the size of I - dG: below it a direction is a free vibration, left out
+GOOD_CONTRACTION = 0.3  # change by a pass over that by the last pass; above, Newton's method follows
+DEFLECTION_ROUNDING = 1e-18  # [rad, robot lengths] a change that is rounding, however small the deflections
+DIFFERENCE_STEP = 1e-6  # relative, of deflections: balances rounding and curvature of differences
+GMRES_TOLERANCE = 1e-3  # of the residual: the accuracy of differences and curvature
+MIN_SINGULAR_RATIO = 1e-5  # of the size of I - dG: directions below are free vibrations, and left out
 MAX_GMRES_DIRECTIONS = 50  # dG is nearly nilpotent on few coefficients; more directions do not help
-MIN_STEP_SHARE = 1 / 64  # of a step of Newton's method
-ROUNDING_CHANGE = 1e-6  # so small a change is rounding if a step does not reduce it to the next share
+MIN_STEP_SHARE = 1 / 64  # of a Newton step in the line search
+ROUNDING_CHANGE = 1e-6  # a smaller change counts as rounding unless a step reduces it below STALLED_SHARE
 STALLED_SHARE = 0.5  # of the change: a shortened step that reduces it to less is accepted at once
 MAX_PASSES, MAX_PASSES_OF_MANY_NODES = 200, 12  # on one grid: of few nodes, of very many
 MAX_PASS_NODES = 200 * 128  # passes times nodes on one grid: costlier motions rarely converge
 FEWEST_COEFFICIENTS = 8  # of deflections
 MIN_GROWTH, MAX_GROWTH = 1.2, 1.5  # factors of the number of coefficients, when some are added
-# The law for these deflections, after this law; None before the first pass.
+# chooses the law for given deflections and the law of the last pass; both are None before the first pass
 LawChoice = Callable[[TimeFunction | None, MotionLaw | None], MotionLaw]
 
 
 @dataclass(frozen=True, eq=False)
 class DeflectionSolution:
-    """The motion on the nodes of `grid`, its forces, and its deflections before and after a pass."""
+    """The motion on the nodes of a grid, its forces, and its deflections before and after a pass."""
 
     grid: TimeGrid
     law: MotionLaw
@@ -79,8 +79,8 @@ class DeflectionSolution:
     caused: Array  # (T, n_e) deflections that `forces` cause
     passes: int = 1
     change: float = 0.0  # by one more pass, over the largest deflection or spring force
-    plain: bool = True  # without Newton's method
-    obstacle: str = ""  # the reason why the iteration ended; empty at convergence or the limit of the grid
+    plain: bool = True  # whether passes sufficed, without Newton's method
+    obstacle: str = ""  # why the iteration ended; empty at convergence or at the resolution of the grid
 
 
 def solve_deflections(
@@ -94,13 +94,13 @@ def solve_deflections(
     tolerance: float = 1e-10,
     is_fine: Callable[[Pass], bool] = lambda _: True,
 ) -> DeflectionSolution:
-    """Solve for deflections and forces at the nodes of the grid, until one more pass changes least.
+    """Solve for deflections and forces at the nodes of the grid.
 
     Args:
-        geometry: "rigid" computes the forces at q_e = 0 and moves the motors by the deflections;
-            "deformed" iterates until the deflections settle.
-        start, first_law: the deflections and the law to begin with.
-        tolerance: change over the largest deflection that counts as settled.
+        geometry: "rigid" computes forces at q_e = 0, and corrects the motors for the deflections; "deformed"
+            iterates until the deflections settle.
+        start, first_law: deflections and law from which the iteration begins.
+        tolerance: relative change of deflections that counts as settled.
         is_fine: whether the grid resolves the forces of the undeformed robot; if not, the iteration is left
             to a finer grid.
 
@@ -129,7 +129,7 @@ def solve_deflections(
 def assess_deflections(
     branch: Branch, grid: TimeGrid, law: MotionLaw, known: KnownDeflections
 ) -> DeflectionSolution:
-    """Evaluate known deflections and their distance from balance.
+    """Evaluate the motion with known deflections, and their distance from balance.
 
     Raises:
         NotAssembled: the deflections tear the loops.
@@ -142,19 +142,20 @@ def assess_deflections(
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
-    """Return the deflections that forces of the undeformed robot cause, and their motion."""
-    deflections, motion = grid.fit(current.caused), current.motion
+    """Return the deflections caused by forces of the undeformed robot, and the deflected motion."""
+    deflections = grid.fit(current.caused)
+    motion = current.motion
     if branch.robot.n_e:
         motion = evaluate_deflected_motion(branch, grid, current.law, deflections, current)[1]
     return DeflectionSolution(grid, current.law, motion, current.forces, deflections, current.caused)
 
 
 def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> None:
-    """Refuse springs that the forces of the undeformed robot deflect beyond `MAX_DEFLECTION`."""
+    """Raise NotConverged if forces of the undeformed robot deflect springs beyond `MAX_DEFLECTION`."""
     size = np.abs(current.caused / spring_scale(robot))
     if np.all(size <= MAX_DEFLECTION):
         return
-    instant, k = np.unravel_index(int(np.argmax(np.nan_to_num(size, nan=np.inf))), size.shape)
+    instant, k = np.unravel_index(np.argmax(np.nan_to_num(size, nan=np.inf)), size.shape)
     unit = "m" if robot.sliding[robot.elastic][k] else "rad"
     raise NotConverged(
         f"{robot.name}: the springs are too soft for so quick a motion: the forces of the undeformed robot "
@@ -166,7 +167,7 @@ def _check_stiffness(robot: ParallelRobot, grid: TimeGrid, current: Pass) -> Non
 
 @dataclass
 class _Iteration:
-    """The iteration for deflections: passes, then steps of Newton's method if passes do not contract."""
+    """The iteration for deflections: passes, then Newton's method if passes do not contract."""
 
     branch: Branch
     grid: TimeGrid
@@ -176,11 +177,14 @@ class _Iteration:
     obstacle: str = ""
 
     def run(self, current: Pass) -> DeflectionSolution:
-        """Repeat passes while the change contracts; then take steps of Newton's method.
+        """Repeat passes while the change contracts; then apply Newton's method.
 
-        The change ends settled, or below the truncation error of the grid, where passes reduce it no more.
+        Passes end if the change is settled, or below the truncation error of the grid, which they cannot
+        reduce.
         """
-        contraction, previous, last_change = GOOD_CONTRACTION, current, np.inf
+        contraction = GOOD_CONTRACTION
+        previous = current
+        last_change = np.inf
         while True:
             following = self.grid.fit_truncated(current.caused)
             resolved = following.coefficients - current.function.coefficients
@@ -193,7 +197,8 @@ class _Iteration:
                 return self._solution_of_pass(current, current.function)
             if contraction > GOOD_CONTRACTION:
                 break
-            previous, last_change = current, change
+            previous = current
+            last_change = change
             try:
                 current = self._evaluate_near(current, following)
             except NoAnswer:
@@ -202,7 +207,7 @@ class _Iteration:
         return replace(self._solution_of_pass(current, current.function), plain=False)
 
     def _newton(self, current: Pass) -> Pass:
-        """Take steps of Newton's method on a growing number of coefficients."""
+        """Apply Newton's method to a growing number of coefficients."""
         count = self._resolved_count(current)
         truncated = current.function.coefficients.copy()
         truncated[:, count:] = 0.0
@@ -218,39 +223,42 @@ class _Iteration:
             is_settled = change <= max(truncation, SETTLED_SHARE * self.tolerance)
             new = None if is_settled else self._line_search(current, count, change)
             if new is not None:
-                current, stalled = new, False
+                current = new
+                stalled = False
                 continue
             is_resolved = is_settled and truncation <= SETTLED_SHARE * self.tolerance
             if is_resolved or count == self.grid.resolvable or (stalled and not is_settled):
                 break
-            count, stalled = self._needed_count(count, max(change, truncation)), not is_settled
+            count = self._needed_count(count, max(change, truncation))
+            stalled = not is_settled
         return current
 
     @property
     def _max_passes(self) -> int:
-        """Largest number of passes, fewer on many nodes."""
+        """The largest number of passes, which falls with the number of nodes."""
         return min(MAX_PASSES, max(MAX_PASSES_OF_MANY_NODES, MAX_PASS_NODES // len(self.grid.times)))
 
     def _resolved_count(self, current: Pass) -> int:
-        """Count the coefficients of the deflections up to the last above the change of the pass.
+        """Count the coefficients of the deflections up to the last one above the change of the pass.
 
-        Smaller ones are noise of the iteration. The count is at least FEWEST_COEFFICIENTS.
+        Smaller coefficients are noise of the iteration. The count is at least FEWEST_COEFFICIENTS.
         """
         series = np.abs(self.grid.fit(current.caused * self._unit_weights(current)).coefficients)
-        above = (series > self._relative_size(current.residual, current) * series.max()).any(axis=(0, 2))
-        return min(self.grid.resolvable, int(np.flatnonzero(above).max(initial=FEWEST_COEFFICIENTS - 1)) + 1)
+        noise = self._relative_size(current.residual, current) * series.max()
+        above_noise = np.flatnonzero((series > noise).any(axis=(0, 2)))  # on any panel, of any spring
+        return min(self.grid.resolvable, int(above_noise.max(initial=FEWEST_COEFFICIENTS - 1)) + 1)
 
     def _needed_count(self, count: int, truncation: float) -> int:
-        """Estimate the necessary coefficients from the truncation error after `count`.
+        """Estimate the necessary number of coefficients from the truncation error of `count` coefficients.
 
-        An error e^(-r count) that falls geometrically is settled at count log(settled) / log(error).
+        An error that falls as e^(-r count) is settled at count log(settled) / log(error).
         """
         decay = np.log(SETTLED_SHARE * self.tolerance) / np.log(min(truncation, 0.5))
         needed = np.ceil(count * min(max(decay, MIN_GROWTH), MAX_GROWTH))
         return min(self.grid.resolvable, int(needed))
 
     def _line_search(self, current: Pass, count: int, change: float) -> Pass | None:
-        """Halve a step until the change falls; return the pass after the step, or None."""
+        """Halve a Newton step until the change falls; return the pass after the step, or None."""
         try:
             target = SETTLED_SHARE * SETTLED_SHARE * self.tolerance / change
             step = self._newton_step(current, count, max(GMRES_TOLERANCE, target))
@@ -278,8 +286,8 @@ class _Iteration:
     def _newton_step(self, current: Pass, count: int, accuracy: float) -> Array:
         """Solve (I - dG) step = G(q_e) - q_e for coefficients (panels, size, n_e) of the step by GMRES.
 
-        The unknowns are the first `count` coefficients times weights; `accuracy` is the linear residual over
-        the right side.
+        The unknowns are the first `count` coefficients, times weights. `accuracy` is the residual of the
+        linear equations over their right side.
         """
         weights = self._unit_weights(current)
 
@@ -288,13 +296,13 @@ class _Iteration:
             return self.grid.fit(values * weights).coefficients[:, :count].ravel()
 
         def to_series(unknowns: Array) -> Array:
-            """Return series coefficients of unknowns; coefficients from `count` on are zero."""
+            """Return the series of unknowns, with zeros from coefficient `count` on."""
             series = np.zeros_like(current.function.coefficients)
             series[:, :count] = unknowns.reshape(len(series), count, -1) / weights
             return series
 
         def apply_linear(direction: Array) -> Array:
-            """Compute (I - dG) direction by a difference of two passes."""
+            """Compute (I - dG) direction by the difference of two passes."""
             series = current.function.coefficients + width * to_series(direction)
             perturbed = self._evaluate_near(current, TimeFunction(self.grid.edges, series))
             return direction - to_unknowns(perturbed.caused - current.caused) / width
@@ -312,15 +320,15 @@ class _Iteration:
             NoAnswer: the robot cannot have these deflections.
         """
         self.passes += 1
-        largest = float(np.abs(self.grid.values(function)[0] / spring_scale(self.branch.robot)).max())
-        if not largest <= MAX_DEFLECTION:
+        q_e = self.grid.values(function)[0]
+        largest = float(np.abs(q_e / spring_scale(self.branch.robot)).max())
+        if not largest <= MAX_DEFLECTION:  # NaN is refused too
             raise NotConverged(f"deflections of {largest:.3g} rad or robot lengths", residual=largest)
-        return evaluate_pass(
-            self.branch, self.grid, self.choose_law(function, current.law), function, current
-        )
+        law = self.choose_law(function, current.law)
+        return evaluate_pass(self.branch, self.grid, law, function, current)
 
     def _split_at(self, current: Pass, count: int) -> tuple[float, float]:
-        """Return the relative residual of a pass in its first coefficients, and in all others."""
+        """Return the relative residual of a pass in its first `count` coefficients, and in all others."""
         series = self.grid.fit(current.residual).coefficients.copy()
         series[:, count:] = 0.0
         return self._split_residual(current, series)
@@ -331,14 +339,18 @@ class _Iteration:
         return self._relative_size(values, current), self._relative_size(current.residual - values, current)
 
     def _relative_size(self, residual: Array, current: Pass) -> float:
-        """Return a residual (T, n_e) over the largest deflection, or its force over the largest if larger."""
+        """Return the largest residual (T, n_e) relative to the largest deflection or spring force."""
         if np.abs(residual / spring_scale(self.branch.robot)).max(initial=0.0) <= DEFLECTION_ROUNDING:
             return 0.0
         return float((np.abs(residual) * self._unit_weights(current)).max())
 
     def _unit_weights(self, current: Pass) -> Array:
-        """Return weights (n_e,) at which the largest deflection, and the largest spring force, count as 1."""
-        scale, stiffness = spring_scale(self.branch.robot), self.branch.robot.stiffness
+        """Return weights (n_e,) of deflections, 1 / largest deflection or stiffness / largest force.
+
+        The larger of the two counts.
+        """
+        scale = spring_scale(self.branch.robot)
+        stiffness = self.branch.robot.stiffness
         caused = np.abs(current.caused)
         largest_deflection = float((caused / scale).max())  # [rad, robot lengths]
         largest_force = float((caused * stiffness * scale).max())  # as a moment

@@ -1,4 +1,4 @@
-"""Deflections as one Chebyshev series from knot to knot of the path."""
+"""Deflections as one Chebyshev series between two knots of the path."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from framework.numerics.chebyshev import TimeFunction
 
 
 class KnownDeflections(NamedTuple):
-    """Deflections as functions of time, given by series in the parameter of a law."""
+    """Deflections as functions of time, represented by series in the parameter of a law."""
 
     clock: Clock
     series: Array  # (panels, N, n_e) [rad, m]
@@ -24,5 +24,5 @@ class KnownDeflections(NamedTuple):
         in_parameter = TimeFunction(edges, self.series)
         value, slope, bend = (in_parameter(p, order) for order in range(3))  # derivatives by p
         _, rate, acceleration = self.clock.motion(p)
-        dp, ddp = rate[:, None], acceleration[:, None]
-        return value, slope * dp, bend * dp**2 + slope * ddp
+        dp = rate[:, None]
+        return value, slope * dp, bend * dp**2 + slope * acceleration[:, None]

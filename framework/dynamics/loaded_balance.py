@@ -1,22 +1,23 @@
-"""The residual F of the balance of given deflections along a motion, and its derivatives.
+"""The residual F of the balance along a motion with given deflections, and its derivatives.
 
-At a prescribed platform x(t) with deflections l the robot is in balance if
+With a prescribed platform motion x(t) and deflections l, the robot is in balance if
 
     r + K l = S' tau + J' lambda        r = forces of the open tree, J = d closures/dq, S the motors' columns
 
-has a solution (tau, lambda). r + K l is called the load. With Y the motions that keep the loops closed while
-the motors are locked and x is free,
+has a solution (tau, lambda). r + K l is called the load. The columns of Y span the motions that keep the
+loops closed while the motors are locked and x is free. Then
 
     F = Y' (r + K l) = 0
 
-are as many equations as springs. F is smooth at the singularity, as nothing in F divides by its measure. The
-deflections that solve F = 0 are smooth there only under a law that respects condition (8).
+has as many equations as there are springs. F is smooth at the singularity, because nothing in F is divided by
+the singularity measure. The deflections that solve F = 0 are smooth there only under a law that respects
+condition (8).
 
-Derivatives are those of r + K l - J' lambda at fixed lambda, the multipliers of least squares. So Newton's
-method on l is that on (l, tau, lambda), from which Y' eliminates tau and lambda.
+Derivatives are those of r + K l - J' lambda at fixed lambda, the multipliers of least squares. Newton's
+method on l is therefore Newton's method on (l, tau, lambda), with tau and lambda eliminated by Y'.
 
-Loads, Y and F are taken along the f columns that move while the motors are locked, elastic ones first, in
-their units: those of `spring_units` for springs, else radians and lengths of the robot.
+Loads, Y and F are expressed in the f columns that move while the motors are locked, elastic columns first.
+Units are those of `spring_units` for springs; otherwise radians and lengths of the robot.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from framework.tolerances import EIGENVALUE_ROUNDING
 
 
 class DeflectedMotion(NamedTuple):
-    """Path coordinates (T,), a platform's motion (T, n) and deflections (T, n_e), with time derivatives."""
+    """Path parameters (T,), platform motion (T, n) and deflections (T, n_e), with time derivatives."""
 
     s: Array
     x: Array
@@ -63,18 +64,26 @@ class LoadedBalance(NamedTuple):
     Y: Array  # (T, f, n_e) orthonormal
     multipliers: Array  # (T, m) of the loop equations, of unit size
     wrenches: ExternalWrenches
-    stiffer: float  # stiffness of the springs over those of the robot
+    stiffer: float  # factor of the robot's spring stiffness
+
+    @property
+    def closed(self) -> ClosedStack:
+        """The closed configurations, without rates."""
+        return ClosedStack(self.motion.q, self.prescribed.x, self.motion.linearised)
 
 
 def spring_units(robot: ParallelRobot) -> Array:
-    """Compute deflections (n_e,) [rad, m] of equal energy, that of the softest spring 1 or a robot length."""
+    """Compute deflections (n_e,) [rad, m] of equal energy.
+
+    The unit of the softest spring is 1 rad or a robot length.
+    """
     scale = robot.column_scale[robot.elastic]
     compliance = 1.0 / (robot.stiffness * scale**2)
     return scale * np.sqrt(compliance / compliance.max(initial=0.0))
 
 
 def springs_carry_inertia(branch: Branch) -> bool:
-    """Return whether forces depend on accelerations of the deflections, at the start of a path."""
+    """Return whether forces at the start of a path depend on accelerations of the deflections."""
     robot = branch.robot
     if not robot.elastic_inertia:
         return False
@@ -95,15 +104,18 @@ def evaluate_balance(
     wrenches: ExternalWrenches,
     stiffer: float = 1.0,
 ) -> LoadedBalance:
-    """Compute the residual F of the balance, the loops closed from configurations `near` (T, nq).
+    """Compute the residual F of the balance under wrenches of the world.
 
-    Under wrenches of the world, with springs `stiffer` times as stiff.
+    Args:
+        near: configurations (T, nq) from which the loops are closed.
+        stiffer: factor of the robot's spring stiffness.
 
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    missing = prescribed.l - difference(robot, robot.neutral, near)[:, robot.elastic]
-    closed = close_loops(robot, prescribed.x, integrate_columns(robot, near, robot.elastic, missing))
+    l_near = difference(robot, robot.neutral, near)[:, robot.elastic]
+    guess = integrate_columns(robot, near, robot.elastic, prescribed.l - l_near)
+    closed = close_loops(robot, prescribed.x, guess)
     motion, forces = motion_and_load(robot, prescribed, closed, wrenches, stiffer)
     load, multipliers, Y = _split_load(robot, motion, forces)
     F = matvec(Y.swapaxes(1, 2), load)
@@ -114,8 +126,8 @@ def evaluate_balance(
 def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) -> tuple[Forces, float]:
     """Compute the forces of a motion with deflections (T, n_e), and the relative residual of the balance.
 
-    Motors and loops give the forces that leave the least of the load, in the least squares: nothing, if the
-    deflections are right. Springs hold part of the load that no motor can, so this is regular at Type 2. The
+    Motor and loop forces balance the load in the least squares; the residual is zero if the deflections are
+    in balance. This is regular at Type 2, because springs carry the part of the load that no motor can. The
     residual is relative to the largest spring force.
     """
     r = tree_forces(robot, motion)
@@ -123,7 +135,7 @@ def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) 
     forces[:, robot.elastic] += robot.stiffness * deflections
     spring_scale = spring_units(robot)
     load, multipliers, Y = _split_load(robot, motion, forces)
-    residual = matvec(Y, matvec(Y.swapaxes(1, 2), load))  # Y Y' load: what motors and loops cannot balance
+    residual = matvec(Y, matvec(Y.swapaxes(1, 2), load))  # Y Y' load, which motors and loops cannot balance
     loop_forces = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * loop_weights(robot))
     spring_force = residual[:, : robot.n_e] / spring_scale - robot.stiffness * deflections
     largest = float(np.abs(spring_force * spring_scale).max())
@@ -132,9 +144,10 @@ def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) 
 
 
 def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int) -> Array:
-    """Compute derivatives of r + K l - J' lambda along deflections in spring units (T, f, orders n_e).
+    """Compute derivatives (T, f, orders n_e) of r + K l - J' lambda by deflections, in spring units.
 
-    `orders` is 1, or 3 with rates and accelerations of the deflections.
+    Args:
+        orders: 1 for deflections alone; 3 for deflections, their rates and their accelerations.
     """
     columns, units = locked_columns(robot)
     motion, n_e = balance.motion, robot.n_e
@@ -148,11 +161,8 @@ def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int)
 
 
 def load_at_rates(robot: ParallelRobot, balance: LoadedBalance, prescribed: DeflectedMotion) -> Array:
-    """Compute the load (T, f) of a prescribed motion at the same configurations, with other rates."""
-    columns, units = locked_columns(robot)
-    closed = ClosedStack(balance.motion.q, prescribed.x, balance.motion.linearised)
-    load = motion_and_load(robot, prescribed, closed, balance.wrenches, balance.stiffer)[1]
-    return load[:, columns] * units
+    """Compute the load (T, nv) at the configurations of a balance, with the rates of another motion."""
+    return motion_and_load(robot, prescribed, balance.closed, balance.wrenches, balance.stiffer)[1]
 
 
 def motion_and_load(
@@ -162,10 +172,10 @@ def motion_and_load(
     wrenches: ExternalWrenches,
     stiffer: float,
 ) -> tuple[Motion, Array]:
-    """Compute the motion of all joints, whose loops are closed, and the load r + K l (T, nv).
+    """Compute the motion of all joints in closed loops, and the load r + K l (T, nv).
 
     Args:
-        stiffer: factor of the springs' stiffness K.
+        stiffer: factor of the robot's spring stiffness.
     """
     rates = (prescribed.dl, prescribed.ddl) if robot.elastic_inertia else ()
     motion = motion_at(robot, closed, prescribed.dx, prescribed.ddx, *rates)
@@ -176,17 +186,17 @@ def motion_and_load(
 
 
 class _SplitLoad(NamedTuple):
-    """A load along the columns that move with locked motors, and the part that the loops balance."""
+    """A load in the columns that move while the motors are locked, and its loop multipliers."""
 
     load: Array  # (T, f)
-    multipliers: Array  # (T, m) of least squares, J' lambda = load
-    Y: Array  # (T, f, n_e) null space of J
+    multipliers: Array  # (T, m) lambda, J' lambda = load in the least squares
+    Y: Array  # (T, f, n_e) orthonormal null space of J
 
 
 def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> _SplitLoad:
-    """Split forces (T, nv) into the part that loops balance and the rest.
+    """Select the load from forces (T, nv), and fit the multipliers of the loops.
 
-    With J' = Q R of the loops lambda = R^-1 Q' load; Y is the null space of J.
+    J' = Q R gives lambda = R^-1 Q' load.
     """
     columns, units = locked_columns(robot)
     J = motion.linearised.closures[:, :, columns] * loop_weights(robot)[:, None] * units  # (T, m, f)
@@ -196,7 +206,7 @@ def _split_load(robot: ParallelRobot, motion: Motion, forces: Array) -> _SplitLo
 
 
 def locked_columns(robot: ParallelRobot) -> tuple[IntArray, Array]:
-    """Return the columns (f,) that move while the motors are locked, elastic ones first, and their units."""
+    """Return the columns (f,) that move while the motors are locked, elastic ones first, and units (f,)."""
     columns = moving_columns(robot)
     units = robot.column_scale[columns].copy()
     units[: robot.n_e] = spring_units(robot)

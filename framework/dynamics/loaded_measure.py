@@ -1,10 +1,10 @@
-"""The singular point of an elastic robot under its loads: where the balance of its deflections loses rank.
+"""The singular point of an elastic robot under its loads, where the balance of deflections loses rank.
 
-Along a motion the deflections l solve F(t, l) = 0 (`loaded_balance`). A small change of them at a prescribed
-platform changes F by F_l = Y' H Z: Y the motions with the motors locked and the platform free, Z those with
-the platform held and the motors free, H the stiffness of springs and loads. Deflections are lost hold of
-where F_l loses rank, a distance of the order of load over stiffness from where the geometry does (the root of
-g, which knows no load). The platform's stiffness with locked motors, Y' H Y, vanishes elsewhere.
+Along a motion the deflections l solve F(t, l) = 0 (`loaded_balance`). With a prescribed platform, F has the
+derivative F_l = Y' H Z. Y spans the motions with locked motors and free platform, Z those with fixed platform
+and free motors, and H is the stiffness of springs and loads. The motors lose control of deflections where F_l
+loses rank. The distance from the geometric singular point, the root of g without loads, is of the order of
+load over stiffness. The platform's stiffness with locked motors, Y' H Y, vanishes at yet another point.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import root_of_g
 from framework.tolerances import SAME_PLACE
 
-MAX_STEP_SHARE = 0.5  # of the time to the next crossing, that a step of Newton's method may take
+MAX_STEP_SHARE = 0.5  # of the time to the nearest other crossing, the largest Newton step
 
 
 class LoadedPoint(NamedTuple):
@@ -35,40 +35,41 @@ class LoadedPoint(NamedTuple):
 
     time: float
     s: float
-    distance: float  # [m], or [rad] of a platform that only turns: from the geometric singular point
+    distance: float  # from the geometric singular point [m], or [rad] for a platform that only turns
 
 
 def loaded_tangent(result: InverseDynamics, t: Array) -> Array:
-    """Compute F_l (T, n_e, n_e) at instants t (T,) of a motion of a deformed robot, over its stiffness.
+    """Compute F_l (T, n_e, n_e) at instants t (T,) of a deformed robot's motion, over its stiffness.
 
-    In units of the springs. F_l is multiplied from the left by a regular matrix that makes it smooth in t.
+    F_l is in units of the springs. It is multiplied from the left by a regular matrix that makes it smooth
+    in t.
 
     Raises:
         NotAssembled: the deflections tear the loops.
     """
-    robot, law = result.robot, result.law
-    s = law_derivatives(law, t)
+    robot = result.robot
+    s = law_derivatives(result.law, t)
     deflections = [result.deflection(t, order) for order in range(3)]
     prescribed = DeflectedMotion(s[0], *time_derivatives(result.path, s), *deflections)
     balance = evaluate_balance(robot, prescribed, result.configuration(t), wrenches=result.wrenches)
     Y = balance.Y
     F_l = Y.swapaxes(1, 2) @ deflection_slopes(robot, balance, 1)
     stiffness = float((robot.stiffness * spring_units(robot) ** 2).max())
-    # Y is orthonormal at each instant by itself: Y_0' Y refers all to the basis Y_0 of the middle instant
+    # the basis Y may jump between instants: Y_0' Y refers all to the basis Y_0 of the middle one
     return Y[len(t) // 2].T @ Y @ F_l / stiffness
 
 
 def loaded_point(result: InverseDynamics, time: float) -> LoadedPoint | None:
-    """Find the singular point of the loaded robot near a geometric one that a motion meets at `time` [s].
+    """Find the singular point of the loaded robot near a geometric one that is crossed at `time` [s].
 
-    None for rigid robots and rigid geometry, which have no deflections to lose; None too unless Newton's
-    method converges to a root that is nearer to this crossing than to any other.
+    None for rigid robots and rigid geometry, which have no deflections to solve for. Also None unless
+    Newton's method converges to a root that is nearer to this crossing than to any other.
     """
     if result.geometry == "rigid" or not result.robot.n_e:
         return None
     times = np.array([crossing.time for crossing in result.crossings])
     others = times[np.abs(times - time) > SAME_PLACE * result.duration]
-    longest = MAX_STEP_SHARE * np.abs(others - time).min(initial=np.inf)
+    longest = MAX_STEP_SHARE * np.abs(others - time).min(initial=np.inf)  # step [s]
     try:
         root = root_of_g(lambda t: loaded_tangent(result, t), time, high=result.duration, longest=longest)
     except NoAnswer:

@@ -1,8 +1,8 @@
-"""The best law of a problem: the smoothest of those that cost hardly more than the least.
+"""The best law of a problem: the smoothest law whose cost is hardly more than the least.
 
-The optimum is seldom unique, and the corner that a solver ends in is restless. So the least cost is found
-first (`least_cost`), with squared speeds that may come as near to zero as they like; then the smoothest law
-whose cost is within a share of that, within all limits (`smooth_search`).
+The optimum is rarely unique, and a solver returns one with abrupt changes of speed. So the least cost is
+found first (`least_cost`), with squared speeds that may come arbitrarily near to zero. The smoothest law
+within a share of that cost follows, within all limits (`smooth_search`).
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from framework.planning.optimal.smooth_search import SmoothSearch, find_exceeded
 from framework.planning.optimal.speed_program import Speed, SpeedProgram, Units
 from framework.tolerances import SMOOTHNESS_COST
 
-MAX_ROW_ROUNDS = 3  # of solving with rows where a limit was exceeded between the points
-LIMIT_TIGHTENING = 1e-5  # share of a limit that is left free when it was exceeded
+MAX_ROW_ROUNDS = 3  # of adding rows where a limit is exceeded between the points
+LIMIT_TIGHTENING = 1e-5  # share by which a limit that was exceeded is lowered further
 
 
 class Best(NamedTuple):
-    """The law of a squared speed, and the search that found that speed."""
+    """A law, its squared speed, and the search that found the speed."""
 
     law: OptimalLaw
     search: SmoothSearch
@@ -54,10 +54,7 @@ class Best(NamedTuple):
 
     @property
     def gap(self) -> float:
-        """The cost over the least cost found, less 1.
-
-        The least is of laws however restless.
-        """
+        """The cost over the least cost without regard to smoothness, less 1."""
         goal = self.search.goal
         least = self.search.least
         least_cost = least.value if goal == "time" else cost_of(goal, least)
@@ -73,11 +70,11 @@ def find_best_law(
 ) -> Best | NoneFound:
     """Find the smoothest law whose cost is within a share of the least.
 
-    Where the search for the least cost fails for another goal than the peak, the law of least peak is tried.
+    If the search for the least duration or energy fails, the law of least peak is tried.
 
     Args:
-        cells: (k + 1,) of xi, which are refined; uniform ones unless given.
-        units: those of a similar program.
+        cells: (k + 1,) edges in xi, which are refined; see `first_cells` for the default.
+        units: of a similar program.
     """
     goal = problem.specification.goal
     least_cost = find_least_cost(problem, cells, units=units)
@@ -91,10 +88,10 @@ def find_best_law(
 
 
 def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -> Best | NoneFound:
-    """Find the law of a problem near that of `best`, on its cells and with its places of rows.
+    """Find the law of a problem similar to that of `best`, on the same cells and with the same rows.
 
     Args:
-        share: of the least cost, which smoothness may take; as before by default.
+        share: of the least cost for smoothness; by default that of `best`.
     """
     program = SpeedProgram.on_cells(problem, best.program.cells)
     if len(best.program.further_xi):
@@ -112,10 +109,7 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
 
 
 def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) -> Best | NoneFound:
-    """Find a smooth law within limits divided by an excess.
-
-    Or find one that costs more over the least cost.
-    """
+    """Find a smooth law with limits divided by an excess, or with another share for smoothness."""
     search = best.search._replace(share=share or best.search.share)
     if excess > 1.0:
         search = search._replace(limit_share=search.limit_share * (1.0 - LIMIT_TIGHTENING) / excess)
@@ -128,7 +122,7 @@ def adapt_law(best: Best, *, excess: float = 1.0, share: float | None = None) ->
 def _find_least_peak(problem: LawProblem, failure: NoneFound, share: float) -> Best | NoneFound:
     """Find the law of least peak torque after another goal failed.
 
-    The failure is returned if there is no such law, or none within the limits.
+    The failure is returned if this law is not found, or is not within the limits.
     """
     if not problem.specification.limited:
         return failure
@@ -140,25 +134,21 @@ def _find_least_peak(problem: LawProblem, failure: NoneFound, share: float) -> B
 def _search_smooth(
     search: SmoothSearch, similar: Speed | None = None, *, is_least_new: bool = False
 ) -> Best | NoneFound:
-    """Find the smooth law, with rows where limits were exceeded between the points.
+    """Find the smooth law, adding rows where limits are exceeded between the points.
 
-    Such rows, or tighter limits, may raise the least cost by more than the share that smoothness may take.
-    Then no smooth law is found, and the least cost is solved for again, once for each set of rows.
+    Such rows, or tighter limits, may raise the least cost by more than the share for smoothness, so that no
+    smooth law is found. The least cost is then solved for again, once for each set of rows.
 
     Args:
         similar: the speed of a similar law, from which the search begins.
-        is_least_new: whether the least cost is that of the program and its limits.
+        is_least_new: whether the least cost of the search already counts its rows and limits.
     """
-    duration = search.program.problem.specification.duration
     program_solved_again = search.program if is_least_new else None
     best: Best | None = None
     try:
         search = search.limit_duration()
         for _ in range(MAX_ROW_ROUNDS + 1):
-            if duration is None:
-                smooth = search.find_smoothest(similar)
-            else:
-                smooth = search.find_lasting(duration, similar)
+            smooth = search.find_smooth(similar)
             if isinstance(smooth, Speed):
                 best = _make_best(search, smooth)
                 similar = smooth
@@ -185,21 +175,17 @@ def _search_smooth(
 
 
 def _make_best(search: SmoothSearch, speed: Speed) -> Best:
-    """Return the law of a speed, adjusted to an exact duration.
+    """Make the law of a speed, adjusted to the required duration, if any.
 
     Raises:
         InvalidInput: the speed comes too near to zero.
     """
     program = search.program
-    specification = search.program.problem.specification
+    specification = program.problem.specification
+    duration = specification.duration
     y = speed.y
-    if specification.duration is not None:
-        y = program.space.adjust(y, program.conditions, specification.duration)
-    law = OptimalLaw(
-        y,
-        specification.smoothness,
-        specification.duration or 0.0,
-        program.problem.task.stretch.at,
-        tuple(program.basis.cells),
-    )
+    if duration is not None:
+        y = program.space.adjust(y, program.conditions, duration)
+    stretch = program.problem.task.stretch
+    law = OptimalLaw(y, specification.smoothness, duration or 0.0, stretch.at, tuple(program.basis.cells))
     return Best(law, search, program.speed(y)._replace(floor=speed.floor))

@@ -1,21 +1,21 @@
-"""Bounds of every law by Lagrange duality, and the cone program whose solution makes them sharp.
+"""Bounds of every law by Lagrange duality, and the cone program that makes these bounds sharp.
 
-A law that advances from rest to rest has z = s'^2 > 0 within (0, 1), zero at the ends, and torques
-c + cz z + cu u + d sqrt(z) over their reference, u = z'/2 (`path_series`). For any multipliers nu(s) of which
-p = nu . cu / 2 is continuous, integration of p z' by parts leaves
+A law that advances from rest to rest has z = s'^2 > 0 within (0, 1) and z = 0 at the ends. Its torques over
+their reference are c + cz z + cu u + d sqrt(z) with u = z'/2 (`path_series`). For any multipliers nu(s) with
+a continuous p = nu . cu / 2, integration of p z' by parts leaves
 
     integral of nu . torque = integral of nu . c + (nu . cz - p') z + (nu . d) sqrt(z).
 
-Let mu, lambda >= 0, and k z <= 1 for the squared speeds over their limits. With
+Let mu, lambda >= 0, and let k z <= 1 be the squared speeds over their limits. With
 
     factor = nu . cz - p' + mu . k >= 0,     C(F, w) = least of F z + w z^(1/2) + lambda z^(-1/2) over z > 0
 
 the peak P of the torques and the duration T = integral of z^(-1/2) of every law are bounded by
 
-    P integral of |nu|_1 + lambda T >= integral of nu . c - mu + C(factor, nu . d):
+    P integral of |nu|_1 + lambda T >= integral of nu . c - mu + C(factor, nu . d).
 
-P where T may be at most D, and T where P may be at most 1. The value is computed from the multipliers, with
-all errors of the series against it: nothing rests on the solver that found them.
+With T <= D this bounds P from below; with P <= 1 it bounds T. The bound is computed from the multipliers, and
+all errors of the series lower it: no proof relies on the solver that found the multipliers.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
+from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron
 
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.bernstein import (
@@ -47,23 +47,23 @@ from framework.numerics.cone_program import (
 )
 from framework.planning.optimal.path_series import PathSeries
 
-MULTIPLIER_DEGREE = 2  # of x: with 1 the factor is off by the size of the cells, with 2 by its square
-SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # coefficients of a product
+MULTIPLIER_DEGREE = 2  # of x: degree 1 errs by the width of the cells in the factor, degree 2 by its square
+SIZE = DEGREE + MULTIPLIER_DEGREE + 1  # number of coefficients of a product of a function and a multiplier
 HALVINGS = 2  # of cells on which |nu| is integrated
-SUM_ROUNDING = 1e-12  # of a sum, over the sizes of its terms
+SUM_ROUNDING = 1e-12  # rounding error of a sum, over the sum of sizes of its terms
 MAX_NEWTON_STEPS = 20
 SOLVER_ERROR = 1e-7  # of rows of the program
-# from coefficients of a function to its SIZE coefficients: of a series, of a line, of the slope of x
+# degree elevation to SIZE Bernstein coefficients: of a series, of a line, of the slope of x
 _ELEVATED_SERIES, _ELEVATED_LINE = elevation_matrix(DEGREE, SIZE - 1), elevation_matrix(1, SIZE - 1)
 _ELEVATED_SLOPE = elevation_matrix(MULTIPLIER_DEGREE - 1, SIZE - 1)
 
 
 class Multipliers(NamedTuple):
-    """Multipliers on k cells: lambda, and functions in Bernstein form.
+    """Multipliers on k cells: functions in Bernstein form, and lambda.
 
-    x: (k, MULTIPLIER_DEGREE + 1, m) of nu = sum of x_i v_i.
+    x: (k, MULTIPLIER_DEGREE + 1, m) coefficients of x_i in nu = sum of x_i v_i.
     mu: (k, n), constant on each cell.
-    minorant: (k, 2), linear on each cell; added to a constant, each lies below the factor.
+    minorant: (k, 2) values at both ends of each cell; this line, shifted by a constant, is below the factor.
     """
 
     x: Array
@@ -75,8 +75,8 @@ class Multipliers(NamedTuple):
 class Evidence(NamedTuple):
     """The bound that multipliers prove.
 
-    lacking: (k,), by how much the factor may be negative on each cell; the bound is proved where all are 0.
-    shares: (k,), the part of each cell in the integral of |nu|_1.
+    lacking: (k,) how far below zero the factor may be on each cell; the bound is proved if all are 0.
+    shares: (k,) of each cell in the integral of |nu|_1.
     """
 
     value: float
@@ -86,12 +86,10 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DualProgram:
-    """The search for multipliers of the best bound, a cone program.
+    """The search for multipliers of the best bound: a cone program on the cells of a series.
 
-    Its cells are those of a series.
-
-    longest: the duration [s] that a bound of the peak may count on.
-    timed: whether the bound is of the duration, with peaks of at most 1, instead.
+    longest: the largest duration [s] of the laws whose peak is bounded; None without a limit.
+    timed: whether the duration of laws with peaks of at most 1 is bounded instead of the peak.
     """
 
     series: PathSeries
@@ -105,33 +103,31 @@ class DualProgram:
         T >= (total - integral of |nu|_1) / lambda.
         """
         width = self.series.width
-        # (k, 2) at both ends of each cell
+        # a line below the factor, by its values (k, 2) at both ends of each cell
         least_factor = multipliers.minorant + self._bound_distance(multipliers)[:, None]
         terms = self._bound_terms(multipliers, least_factor)
         norm = self._bound_norm(multipliers.x)
-        total_norm = float(width @ norm)  # the integral of |nu|_1
-        rounding = SUM_ROUNDING * float((np.abs(terms) @ width).sum() + total_norm)
-        total = float((terms @ width).sum()) - rounding
+        total_norm = width @ norm  # the integral of |nu|_1
+        rounding = SUM_ROUNDING * ((np.abs(terms) @ width).sum() + total_norm)
+        total = (terms @ width).sum() - rounding
         if self.timed:
             value = (total - total_norm) / multipliers.lam
         else:
             value = (total - multipliers.lam * (self.longest or 0.0)) / total_norm
-        return Evidence(value, np.maximum(-least_factor.min(axis=1), 0.0), width * norm / total_norm)
+        return Evidence(float(value), np.maximum(-least_factor.min(axis=1), 0.0), width * norm / total_norm)
 
     def _bound_terms(self, multipliers: Multipliers, least_factor: Array) -> Array:
-        """Bound the means (3, k) of the terms of the bound from below.
+        """Bound the means (3, k) of nu . c, -mu and C(factor, nu . d) on each cell from below.
 
-        The terms on each cell are nu . c, -mu and C(factor, nu . d). C is concave in the factor: on a line
-        below the factor, its mean is at least that of both ends.
+        C is concave in the factor. Along a line below the factor, the mean of C is therefore at least the
+        mean of its values at both ends.
 
         Args:
-            least_factor: of the line at both ends (k, 2).
+            least_factor: (k, 2) values of the line at both ends of each cell.
         """
-        x = multipliers.x
-        series = self.series
-        least_damping, _ = _bound_sum(series.damping, x)
-        end_costs = _least_cost(np.maximum(least_factor, 0.0), least_damping[:, None], multipliers.lam)
-        _, mean_constant = _bound_sum(series.constant, x)
+        least_damping = _bound_sum(self.series.damping, multipliers.x).least
+        end_costs = _bound_cost(np.maximum(least_factor, 0.0), least_damping[:, None], multipliers.lam)
+        mean_constant = _bound_sum(self.series.constant, multipliers.x).mean
         return np.stack([mean_constant, -multipliers.mu.sum(axis=1), end_costs.mean(axis=1)])
 
     def _bound_norm(self, x: Array) -> Array:
@@ -144,16 +140,15 @@ class DualProgram:
     def _bound_distance(self, multipliers: Multipliers) -> Array:
         """Bound factor - minorant from below on each cell (k,).
 
-        factor = nu . cz - p' + mu . k, each as SIZE coefficients on a cell.
+        All terms of factor = nu . cz - p' + mu . k get SIZE coefficients, the least of which is a bound.
         """
         series = self.series
-        x = multipliers.x
-        mu = multipliers.mu
+        x, mu, minorant, _ = multipliers
         p_slope = MULTIPLIER_DEGREE * np.diff(x[..., 0], axis=1) / series.width[:, None]
-        distance = multiply(series.per_z.coefficients, x).sum(axis=2) - p_slope @ _ELEVATED_SLOPE.T
         speed_terms = (mu[:, None] * series.squared_speed.coefficients).sum(axis=2)
+        distance = multiply(series.per_z.coefficients, x).sum(axis=2) - p_slope @ _ELEVATED_SLOPE.T
         distance += speed_terms @ _ELEVATED_SERIES.T
-        distance -= multipliers.minorant @ _ELEVATED_LINE.T
+        distance -= minorant @ _ELEVATED_LINE.T
         error = (np.abs(x).max(axis=1) * series.per_z.error).sum(axis=1)
         return distance.min(axis=1) - error - (mu * series.squared_speed.error).sum(axis=1)
 
@@ -161,14 +156,11 @@ class DualProgram:
 
     @property
     def factor_error(self) -> Array:
-        """The error (k,) of the factor that the solver may leave on each cell."""
+        """The error (k,) that the solver may leave in the factor on each cell."""
         return SOLVER_ERROR * self.p_unit / self.series.width
 
     def solve(self, margin: Array) -> Multipliers | None:
-        """Find multipliers with factor - minorant >= margin (k,) and the best bound.
-
-        None if unsolved.
-        """
+        """Find multipliers with factor - minorant >= margin (k,) and the best bound; None if unsolved."""
         draft = _Draft()
         self._add_torques(draft)
         if self.series.squared_speed.error.size:
@@ -177,12 +169,11 @@ class DualProgram:
             self._add_damping(draft)
         if self.timed or self.longest is not None:
             self._add_duration(draft)
-        # rows of unit size: factor - minorant - margin >= 0, times the width of the cell
+        # factor - minorant - margin >= 0, times the width of the cell, in rows scaled to unit size
         scaling = 1.0 / abs(draft.factor["x"]).max(axis=1).toarray().ravel()
-        rows = {
-            name: sparse.csr_array(sparse.diags_array(scaling) @ part) for name, part in draft.factor.items()
-        }
-        draft.nonnegative.append(AffineRows(rows, -scaling * np.repeat(self.series.width * margin, SIZE)))
+        rows = {name: diags_array(scaling) @ part for name, part in draft.factor.items()}
+        margins = np.repeat(self.series.width * margin, SIZE)
+        draft.nonnegative.append(AffineRows(rows, -scaling * margins))
         program = ConeProgram(
             draft.sizes, draft.cost, equal=draft.equal, nonnegative=draft.nonnegative, cones=draft.cones
         )
@@ -190,7 +181,7 @@ class DualProgram:
         return None if isinstance(optimum, Unsolved) else self._from_unknowns(optimum)
 
     def _from_unknowns(self, unknowns: Mapping[str, Array]) -> Multipliers:
-        """Return the multipliers of a solution, multiplied by their units; zero where not sought."""
+        """Return the multipliers of a solution, times their units; zero if not among the unknowns."""
         count = len(self.series.width)
         x = np.stack([unknowns["x"][columns] for columns in self._x_columns], axis=2)
         x[..., 0] *= self.p_unit
@@ -198,43 +189,47 @@ class DualProgram:
         mu = unknowns.get("mu", np.zeros(0)).reshape(-1, count).T * self._mu_unit
         minorant = unknowns.get("minorant", np.zeros(2 * count)).reshape(count, 2)
         minorant = self.p_unit * self._slowness**3 * minorant
-        lam = self._lambda_unit * float(unknowns.get("lam", np.zeros(1))[0])
+        (lam,) = self._lambda_unit * unknowns.get("lam", np.zeros(1))
         return Multipliers(x, np.maximum(mu, 0.0), minorant, max(lam, 0.0))
 
     def _add_torques(self, draft: _Draft) -> None:
         """Add x to the cost and the factor, and t >= |nu|.
 
-        The cost has nu . c, the factor nu . cz - p'. A bound of the peak is per integral of |nu|_1, so that
-        this is at most 1. For a bound of the duration it is part of the cost. On a cell p' has the
-        coefficients MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
+        The cost contains nu . c, the factor nu . cz - p'. On a cell p' has the coefficients
+        MULTIPLIER_DEGREE (p_(i+1) - p_i) / width.
+
+        The bound of a peak is divided by the integral of |nu|_1, which is therefore limited to 1. In a bound
+        of the duration this integral is part of the cost.
         """
         series = self.series
-        m = self.series.v.error.shape[2]
-        count = len(series.width) * SIZE  # coefficients of a function on all cells
+        width = series.width
+        m = series.v.error.shape[2]
+        count = len(width) * SIZE  # number of coefficients of a function on all cells
         # the cost -nu . c: the mean of a function on a cell is the mean of its coefficients
         nu_c = self._x_rows(series.constant.coefficients)
         draft.sizes |= {"x": nu_c.shape[1], "t": count * m}
-        draft.cost["x"] = -np.repeat(series.width / SIZE, SIZE) @ nu_c
+        draft.cost["x"] = -np.repeat(width / SIZE, SIZE) @ nu_c
         # the factor nu . cz - p'
-        nu_cz = self._x_rows(series.width[:, None, None] * series.per_z.coefficients)
+        nu_cz = self._x_rows(width[:, None, None] * series.per_z.coefficients)
         slope = MULTIPLIER_DEGREE * _ELEVATED_SLOPE @ np.diff(np.eye(MULTIPLIER_DEGREE + 1), axis=0)
-        slopes = np.broadcast_to(self.p_unit * slope, (len(series.width), *slope.shape))
+        slopes = np.broadcast_to(self.p_unit * slope, (len(width), *slope.shape))
         draft.factor["x"] = nu_cz - _block_rows(slopes, self._x_columns[0], nu_c.shape[1])
         # t >= |nu|, coefficient by coefficient
         for j in range(m):
             nu = self._x_rows(series.v.coefficients[..., j] / self._nu_unit[:, None, None])
-            t = sparse.csr_array(sparse.kron(np.eye(1, m, j), sparse.identity(count)))  # of motor j
+            t = kron(np.eye(1, m, j), eye_array(count), format="csr")  # selects the coefficients of motor j
             draft.nonnegative += [linear_rows(x=sign * nu, t=t) for sign in (-1.0, 1.0)]
-        norm = np.full(count * m, 1.0 / count)  # of t: the integral of |nu|_1
+        norm = np.full(count * m, 1.0 / count)  # norm @ t bounds the integral of |nu|_1
         if self.timed:
             draft.cost["t"] = norm
         else:
-            draft.nonnegative.append(AffineRows({"t": -sparse.csr_array(norm[None])}, np.ones(1)))
+            draft.nonnegative.append(AffineRows({"t": -csr_array(norm[None])}, np.ones(1)))
 
     def _add_speed_limits(self, draft: _Draft) -> None:
         """Add mu >= 0 (k, n) of motors with speed limits, and mu . k to the factor.
 
-        mu is constant on cells. Terms are integrals over cells, so that mu . k counts times the width.
+        mu is constant on cells. Rows of the factor are multiplied by the width of their cell, and so is
+        mu . k.
         """
         width = self.series.width
         squared_speed = self.series.squared_speed.coefficients
@@ -242,26 +237,25 @@ class DualProgram:
         terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]  # (k, SIZE, n)
         columns = np.arange(count)[:, None]
         parts = [_block_rows(terms[..., motor, None], columns, count) for motor in range(n)]
-        draft.factor["mu"] = sparse.hstack(parts, format="csr")
+        draft.factor["mu"] = hstack(parts, format="csr")
         draft.sizes["mu"] = n * count
         draft.cost["mu"] = np.outer(self._mu_unit, width).ravel()
-        identity = sparse.identity(n * count, format="csr")
-        draft.nonnegative.append(linear_rows(mu=identity))
+        draft.nonnegative.append(linear_rows(mu=eye_array(n * count, format="csr")))
 
     def _add_damping(self, draft: _Draft) -> None:
         """Add bounds of the damping term (nu . d) sqrt(z).
 
-        The unknowns drag, omega, phi, loss >= 0 are constant on cells. nu . d >= drag - omega. The factor
-        gives phi away, so that phi z - omega sqrt(z) >= -omega^2 / (4 phi) is at least -loss. `_add_duration`
-        makes use of drag.
+        The unknowns drag, omega, phi and loss are not negative and constant on cells, with nu . d >= drag -
+        omega. The part phi of the factor is spent on omega: phi z - omega sqrt(z) >= -omega^2 / (4 phi) is at
+        least -loss. `_add_duration` uses drag.
         """
         width = self.series.width
         count = len(width)
-        identity = sparse.identity(count, format="csr")
-        on_cells = sparse.kron(identity, np.ones((SIZE, 1)), format="csr")
+        identity = eye_array(count, format="csr")
+        on_cells = kron(identity, np.ones((SIZE, 1)), format="csr")  # a constant as SIZE coefficients
         draft.sizes |= {"omega": count, "drag": count, "phi": count, "loss": count}
         draft.cost["loss"] = width
-        draft.factor["phi"] = -self.p_unit * on_cells @ sparse.diags_array(width)
+        draft.factor["phi"] = -self.p_unit * on_cells @ diags_array(width)
         in_unit = np.sqrt(self.p_unit) * on_cells
         damping = self._x_rows(self.series.damping.coefficients)
         omega = linear_rows(omega=identity)
@@ -273,55 +267,56 @@ class DualProgram:
         draft.cones.append(product_cone({"loss": identity}, {"phi": identity}, [omega]))
 
     def _add_duration(self, draft: _Draft) -> None:
-        """Add lambda, the minorant, and the bound `slow` of its costs.
+        """Add lambda, the minorant, and the unknown `slow`, which bounds the cost C of the minorant.
 
-        At both ends of each cell `slow` <= (2 minorant lambda^2)^(1/3), so that 1.5 slow is the least of
-        minorant z + lambda z^(-1/2). Two cones bound it: slow^2 <= root lambda and root^2 <= 2 minorant slow.
+        At both ends of each cell slow <= (2 minorant lambda^2)^(1/3), so that 1.5 slow is at most the least
+        of minorant z + lambda z^(-1/2). Two cones say so: slow^2 <= root lambda and root^2 <= 2 minorant
+        slow.
         """
-        width = self.series.width
+        width = self.series.width[:, None]
         count = 2 * len(width)
         ends = np.arange(count).reshape(-1, 2)
-        identity = sparse.identity(count, format="csr")
-        lines = -self.p_unit * _ELEVATED_LINE * (width[:, None] * self._slowness**3)[:, None]
+        identity = eye_array(count, format="csr")
+        lines = -self.p_unit * _ELEVATED_LINE * (width * self._slowness**3)[:, None]
         draft.factor["minorant"] = _block_rows(lines, ends, count)
         draft.sizes |= {"lam": 1, "minorant": count, "slow": count, "root": count}
-        end_width = (width[:, None] * self._slowness).ravel()
+        end_width = (width * self._slowness).ravel()
         draft.cost["slow"] = -0.75 * self._lambda_unit * self.time_unit * end_width
-        half_lambda = {"lam": sparse.csr_array(np.full((count, 1), 0.5))}  # less the share of the drag
+        half_lambda = {"lam": csr_array(np.full((count, 1), 0.5))}  # less the share of lambda spent on drag
         if "drag" in draft.sizes:
             half_lambda["share"] = self._add_drag(draft)
         root = linear_rows(root=identity)
         slow = linear_rows(slow=identity)
         draft.cones.append(product_cone({"minorant": identity}, {"slow": 0.5 * identity}, [root]))
         draft.cones.append(product_cone({"root": 0.5 * identity}, half_lambda, [slow]))
-        if self.timed:  # multipliers have no size of their own: lambda is 1
-            draft.equal.append(AffineRows({"lam": sparse.csr_array(np.ones((1, 1)))}, -np.ones(1)))
+        if self.timed:  # the bound does not depend on the size of the multipliers: lambda is set to 1
+            draft.equal.append(AffineRows({"lam": csr_array(np.ones((1, 1)))}, -np.ones(1)))
         else:
             draft.cost["lam"] = np.array([self._lambda_unit * (self.longest or 0.0)])
 
     def _add_drag(self, draft: _Draft) -> Any:
         """Add `share` and `dragged`, constant on cells; return -share / 2 as rows (2 k, k) at ends of cells.
 
-        Each cell gives a share of lambda for `dragged`, at most the least 2 (drag share)^(1/2) of
+        Each cell spends a share of lambda on drag: `dragged` is at most 2 (drag share)^(1/2), the least of
         drag z^(1/2) + share z^(-1/2).
         """
         width = self.series.width
-        cell = sparse.identity(len(width), format="csr")
+        cell = eye_array(len(width), format="csr")
         draft.sizes |= {"share": len(width), "dragged": len(width)}
         draft.cost["dragged"] = -np.sqrt(np.sqrt(self.p_unit) * self._lambda_unit) * width
         draft.cones.append(product_cone({"drag": cell}, {"share": cell}, [linear_rows(dragged=cell)]))
-        return -0.5 * sparse.kron(cell, np.ones((2, 1)), format="csr")
+        return -0.5 * kron(cell, np.ones((2, 1)), format="csr")
 
     # ------------------------------------------------------------------ units and columns of the unknowns
 
     @cached_property
     def p_unit(self) -> float:
-        """The size of p where nu is 1."""
+        """The size of p if nu is 1, in the middle of the range over all cells."""
         return float(1.0 / np.median(np.linalg.norm(self.series.v.coefficients[:, 0, 0], axis=1)))
 
     @property
     def time_unit(self) -> float:
-        """The duration [s], or one of the size that torques of the reference allow."""
+        """The longest duration [s], or an estimate of the duration at torques of the reference."""
         return self.longest or 3.0 * float(np.sqrt(self.p_unit))
 
     @property
@@ -330,7 +325,7 @@ class DualProgram:
 
     @cached_property
     def _nu_unit(self) -> Array:
-        """The size (k,) of nu with equal parts of |nu|_1 on all cells."""
+        """The size (k,) of nu if all cells have equal shares of the integral of |nu|_1."""
         return 1.0 / (len(self.series.width) * self.series.width)
 
     @cached_property
@@ -343,38 +338,34 @@ class DualProgram:
     def _slowness(self) -> Array:
         """The unit (k, 2) of 1 / (s' T) near the ends of cells.
 
-        That of a law with s' proportional to (s (1 - s))^(1/2).
+        The value of a law with s' proportional to (s (1 - s))^(1/2).
         """
-        low = self.series.edges[:-1, None]
-        high = self.series.edges[1:, None]
-        s = low + (high - low) * np.array([0.25, 0.75])
+        s = self.series.edges[:-1, None] + self.series.width[:, None] * np.array([0.25, 0.75])
         return 1.0 / (np.pi * np.sqrt(s * (1.0 - s)))
 
     @cached_property
     def _x_columns(self) -> list[IntArray]:
         """The columns (k, MULTIPLIER_DEGREE + 1) of each x_i among the unknowns "x".
 
-        x_0 is continuous: neighbouring cells share the coefficient of their common edge.
+        x_0 is continuous: neighbouring cells share the coefficient at their common edge. The other x_i have
+        coefficients of their own on each cell.
         """
         count = len(self.series.width)
-        each = MULTIPLIER_DEGREE + 1
-        continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(each)  # edges are shared
-        columns = [continuous]
-        first = continuous[-1, -1] + 1
-        for _ in range(self.series.v.error.shape[2] - 1):
-            columns.append(first + np.arange(count * each).reshape(count, each))
-            first += count * each
-        return columns
+        size = MULTIPLIER_DEGREE + 1
+        continuous = MULTIPLIER_DEGREE * np.arange(count)[:, None] + np.arange(size)
+        shape = self.series.v.error.shape[2] - 1, count, size
+        others = continuous[-1, -1] + 1 + np.arange(np.prod(shape)).reshape(shape)
+        return [continuous, *others]
 
     def _x_rows(self, functions: Array) -> Any:
-        """Return rows (k SIZE, ...) of the coefficients of sum f_i x_i.
+        """Return rows (k SIZE, number of unknowns "x") of the coefficients of sum f_i x_i.
 
         Args:
             functions: (k, DEGREE + 1, m) coefficients of f_i.
         """
         weights = product_weights(DEGREE, MULTIPLIER_DEGREE)  # c_j = sum of weights_jab f_a x_b
         count = int(self._x_columns[-1][-1, -1]) + 1
-        rows = sparse.csr_array((len(functions) * SIZE, count))
+        rows = csr_array((len(functions) * SIZE, count))
         for i, columns in enumerate(self._x_columns):
             unit = self.p_unit if i == 0 else self._nu_unit[:, None, None]
             blocks = unit * np.einsum("jab,ka->kjb", weights, functions[..., i])
@@ -382,45 +373,60 @@ class DualProgram:
         return rows
 
 
-def _least_cost(factor: Array, damping: Array, lam: float) -> Array:
-    """Bound from below the least of F z + w z^(1/2) + lambda z^(-1/2).
+def _bound_cost(factor: Array, damping: Array, lam: float) -> Array:
+    """Bound C(F, w), the least of F z + w z^(1/2) + lambda z^(-1/2), from below.
 
-    The least is at z = y^2 with 2 F y^3 + w y^2 = lambda. Any y gives a bound, and the root the sharpest:
-    Newton's method comes to the root from above.
+    The least is at z = y^2 with 2 F y^3 + w y^2 = lambda. Any y gives a bound; the root gives the sharpest.
+    The terms are bounded as follows:
     With w < 0, w z^(1/2) is at least its tangent w y / 2 + w z / (2 y).
     With w > 0, a share of lambda gives w z^(1/2) + share z^(-1/2) >= 2 (w share)^(1/2).
-    For what remains, F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
+    The remaining F and lambda give F z + lambda z^(-1/2) >= 1.5 (2 F lambda^2)^(1/3).
     """
+    y = _cost_minimiser(factor, damping, lam)
     positive = np.maximum(damping, 0.0)
     negative = np.minimum(damping, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        y = np.cbrt(0.5 * lam / factor) - negative / (2.0 * factor)
-        for _ in range(MAX_NEWTON_STEPS):
-            y = y - (2.0 * factor * y**3 + damping * y**2 - lam) / (6.0 * factor * y**2 + 2.0 * damping * y)
-        y = np.nan_to_num((1.0 + SUM_ROUNDING) * y, nan=0.0, posinf=0.0)
-        tangent_slope = np.where(y > 0.0, damping / (2.0 * y), np.where(damping < 0.0, -np.inf, 0.0))
+        without_root = np.where(negative < 0.0, -np.inf, 0.0)  # no bound with w < 0
+        tangent_slope = np.where(y > 0.0, negative / (2.0 * y), without_root)
     share = np.minimum(positive * y**2, lam)
-    remaining = factor + np.minimum(tangent_slope, 0.0)
+    remaining = factor + tangent_slope
     cost = 1.5 * np.cbrt(2.0 * np.maximum(remaining, 0.0) * (lam - share) ** 2)
     cost = cost + 2.0 * np.sqrt(positive * share)
     return np.where(remaining >= 0.0, cost + 0.5 * negative * y, -np.inf)
 
 
-def _bound_sum(functions: Bernstein, x: Array) -> tuple[Array, Array]:
-    """Bound the least value and mean (k,) of sum f_i x_i from below.
+def _cost_minimiser(factor: Array, damping: Array, lam: float) -> Array:
+    """Solve 2 F y^3 + w y^2 = lambda for y by Newton's method from above; 0 without a root.
 
-    There is one of each on each cell.
+    F is the factor, w the damping. The root is enlarged by rounding.
     """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        y = np.cbrt(0.5 * lam / factor) - np.minimum(damping, 0.0) / (2.0 * factor)
+        for _ in range(MAX_NEWTON_STEPS):
+            residual = 2.0 * factor * y**3 + damping * y**2 - lam
+            y = y - residual / (6.0 * factor * y**2 + 2.0 * damping * y)
+    return np.nan_to_num((1.0 + SUM_ROUNDING) * y, nan=0.0, posinf=0.0)
+
+
+class _SumBounds(NamedTuple):
+    """Lower bounds (k,) of a function on each cell."""
+
+    least: Array
+    mean: Array
+
+
+def _bound_sum(functions: Bernstein, x: Array) -> _SumBounds:
+    """Bound the least value and the mean (k,) of sum f_i x_i on each cell from below."""
     total = multiply(functions.coefficients, x).sum(axis=2)
     error = (np.abs(x).max(axis=1) * functions.error).sum(axis=1)
-    return total.min(axis=1) - error, total.mean(axis=1) - error
+    return _SumBounds(total.min(axis=1) - error, total.mean(axis=1) - error)
 
 
 @dataclass
 class _Draft:
     """The collected parts of a cone program.
 
-    factor: by unknowns, rows (k SIZE, ...) of the coefficients of (factor - minorant) times the width.
+    factor: rows (k SIZE, size) of the coefficients of (factor - minorant) times the width, by unknowns.
     """
 
     sizes: dict[str, int] = field(default_factory=dict)
@@ -432,11 +438,8 @@ class _Draft:
 
 
 def _block_rows(blocks: Array, columns: IntArray, count: int) -> Any:
-    """Return sparse rows (k r, count) of blocks (k, r, c).
-
-    Each block stands at its columns (k, c).
-    """
-    k, r, _ = blocks.shape
-    row = np.broadcast_to(np.arange(k * r).reshape(k, r, 1), blocks.shape)
-    column = np.broadcast_to(columns[:, None], blocks.shape)
-    return sparse.csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(k * r, count))
+    """Return a sparse matrix (k r, count) of blocks (k, r, c), one below the other, at `columns` (k, c)."""
+    k, r, c = blocks.shape
+    row = np.repeat(np.arange(k * r), c)
+    column = np.repeat(columns, r, axis=0)  # (k r, c)
+    return csr_array((blocks.ravel(), (row, column.ravel())), shape=(k * r, count))

@@ -1,7 +1,7 @@
 """The law nearest to a given one that an elastic robot can follow with deflections as smooth as the law.
 
-Its scalars are the values of t_s . W_p where the undeformed robot is singular: what condition (8) lacks there
-so that the loaded robot passes where it is singular.
+The scalars of the law are the values of t_s . W_p where the undeformed robot is singular. They differ from
+zero so that the loaded robot meets condition (8) at its own singular points.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from framework.planning.optimal.law_problem import LawProblem, condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points, other_law
 from framework.planning.optimal.undeformed_law import problem_of
 
-SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12  # of z as one series, under which deflections are smooth
-SCALAR_STEP = 1e-4  # of the terms of a condition, for differences
+SERIES_DEGREE, SAMPLES_PER_DEGREE = 60, 12  # of z as one series, which makes deflections smooth
+SCALAR_STEP = 1e-4  # of differences in a scalar, over the size of the terms of its condition
 
 
 def find_law_in_balance(
@@ -45,11 +45,11 @@ def find_law_in_balance(
 
     Args:
         previous: deflections of a similar law, from which the search begins.
-        speed_places: s of the required speeds, which the law found has.
-        most: number of coefficients of a deflection.
+        speed_places: s at which the law has the required speeds; by default the crossing points.
+        most: largest number of coefficients of a deflection.
 
     Raises:
-        NotConverged: no such law is near.
+        NotConverged: there is no such law near the given one.
     """
     points = find_crossing_points(task)
     problem = problem_of(task, points, speed_places)
@@ -62,7 +62,7 @@ def find_law_in_balance(
     values[speeds] = -conditions.offset[speeds]
 
     def shift_conditions(shifts: Array) -> OnParameter:
-        """Return the law nearest to `law` whose first k conditions have values shifted by `shifts` (k,)."""
+        """Return the law nearest to `law` with the values of its first k conditions shifted by (k,)."""
         targets = values + np.pad(shifts, (0, len(values) - len(shifts)))
         try:
             equalities = Affine(conditions.matrix, -targets)
@@ -72,7 +72,7 @@ def find_law_in_balance(
             raise _no_law_near(task) from None
         return OnParameter(shifted, task.branch.knots)
 
-    # the size of the terms of each condition (8), of which the steps for differences are a share
+    # sizes of the terms of each condition (8), to which the steps of differences are proportional
     terms = np.linalg.norm(conditions.matrix.toarray() * law.coefficients, axis=1)[: len(points)]
     balance = solve_balance(
         task.branch,
@@ -86,9 +86,9 @@ def find_law_in_balance(
 
 
 def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
-    """Return the law of one series nearest to a law of splines, with its duration and condition (8).
+    """Fit a law with z as one series to a law of splines, with the same duration and condition (8).
 
-    Nearest by least squares of (z - z_splines) / z_splines.
+    The fit minimises the squares of (z - z_splines) / z_splines.
 
     Raises:
         NotConverged: the series is not positive.
@@ -106,9 +106,9 @@ def _fit_series(problem: LawProblem, law: OptimalLaw) -> OptimalLaw:
 
 
 def _no_law_near(task: Task) -> NotConverged:
-    """Return the refusal of a robot for which no law near the best crosses in balance."""
+    """Return the refusal of a task if no law near the best crosses in balance."""
     return NotConverged(
-        f"{task.branch.robot.name}: no law near the best crosses where the deflected robot is singular; use "
+        f"{task.robot.name}: no law near the best crosses where the deflected robot is singular; use "
         f"{other_law(task)}stiffer springs, or geometry rigid",
         residual=np.inf,
     )

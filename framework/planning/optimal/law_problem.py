@@ -1,7 +1,7 @@
-"""The conditions of a law along a path, and the demand on the motors, as sparse rows on its coefficients.
+"""Conditions on a law and motor torques along a path, as sparse rows on the coefficients of the law.
 
-Condition (8) is a sparse equality. Torques have a pole where it is not met. So beside a crossing a multiple
-of the condition is subtracted from each torque row, which stays bounded and sparse.
+Condition (8) is a sparse equality. Where it is not met, torques have a pole. A multiple of the condition is
+therefore subtracted from each torque row beside a crossing: the row stays bounded and sparse.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
+from scipy.sparse import csr_array, diags_array, vstack
 
 from framework.dynamics.motor_friction import speed_signs
 from framework.dynamics.torque_response import TorqueResponse
@@ -22,19 +22,19 @@ from framework.planning.optimal.phase_plane import Demand, SquaredSpeed, demand
 from framework.planning.optimal.sampled_demand import SampledDemand
 from framework.planning.specification import Specification
 
-POLE_WIDTH = 0.05  # in xi, beside a crossing, where rows are freed of their pole
+POLE_WIDTH = 0.05  # distance in xi from a crossing within which the pole is removed from torque rows
 
 
 class LawProblem(NamedTuple):
-    """The task of a law, with conditions at `crossings` sigma (k,).
+    """The search for a law: a task with conditions at `crossings`, sigma (k,).
 
     conditions: (k, 4), constant + per_z z + per_u u + per_du u' = 0.
-    z0: the squared speed about which damping is linearised, if any.
-    sampled: the demand along the path, if it was resolved.
-    chosen_reference: the `reference`, where that is not made of the limits.
-    degree: of z as one Chebyshev series, which deflections need; None for splines.
-    max_squared_speed: of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
-    response: of the torques of an elastic robot to the law.
+    z0: the squared speed about which damping is linearised; None leaves damping out.
+    sampled: the demand along the path as series, if these resolve it.
+    chosen_reference: overrides the `reference` that follows from the limits.
+    degree: of z as one Chebyshev series, as smooth as deflections need it; None for splines.
+    max_squared_speed: limit of z [1/s^2]; a law that is quick at its ends shakes springs that carry inertia.
+    response: of the torques of an elastic robot to the law, in place of the rigid robot's torques.
     """
 
     task: Task
@@ -49,10 +49,10 @@ class LawProblem(NamedTuple):
 
     def demand(self, sigma: Array) -> Demand:
         """Compute torques and speeds of the motors at sigma (M,)."""
-        task = self.task
+        phi = self.task.phi
         if self.sampled is not None:
-            return self.sampled.evaluate(task.phi, sigma)
-        return demand(task.branch, task.phi, sigma)
+            return self.sampled.evaluate(phi, sigma)
+        return demand(self.task.branch, phi, sigma)
 
     def basis_on(self, cells: Array) -> SpeedBasis:
         """Return the basis of z: splines on cells (k + 1,), or a series."""
@@ -65,41 +65,41 @@ class LawProblem(NamedTuple):
         return self.task.specification
 
     def with_goal(self, goal: str, **changes: Any) -> LawProblem:
-        """Return the problem with another goal and other changes of its specification but limits."""
+        """Return the problem with another goal, and other `changes` of its specification except limits.
+
+        The reference of peaks stays the same.
+        """
         task = self.task._replace(specification=replace(self.specification, goal=goal, **changes))
         return self._replace(task=task, chosen_reference=self.reference)
 
     @property
     def crossing_xi(self) -> Array:
-        """The parameter xi (k,) at which each condition holds."""
+        """The parameter xi (k,) of each condition."""
         return self.task.stretch(self.crossings)
 
     def sigma(self, xi: Array) -> Array:
-        """Return sigma (M,) at xi, the ends exact."""
+        """Return sigma (M,) at xi; exactly 0 and 1 at the ends, free of rounding."""
         sigma = self.task.stretch.inverse(xi)
         return np.where(xi <= -1.0, 0.0, np.where(xi >= 1.0, 1.0, sigma))
 
     @property
     def reference(self) -> Array:
-        """Torques (n_a,) [N m] that peaks are relative to.
+        """Torques (n_a,) [N m] that peaks are relative to: the limits.
 
-        The limits; of a motor without one the largest limit; 1 where no motor has a limit.
+        A motor without a limit gets the largest limit of the others; 1 if no motor has one.
         """
         if self.chosen_reference is not None:
             return self.chosen_reference
         limit = self.specification.torque_limit
-        limited = np.isfinite(limit)
-        return np.where(limited, limit, limit[limited].max(initial=0.0) or 1.0)
+        is_limited = self.specification.limited_motors
+        return np.where(is_limited, limit, limit[is_limited].max(initial=0.0) or 1.0)
 
 
 class MotorRows(NamedTuple):
-    """Torques and squared speeds of the motors at M points of the path.
-
-    They are affine in the n coefficients of z.
-    """
+    """Torques and squared speeds of the motors at M points of a path, affine in the n coefficients of z."""
 
     torque: tuple[Affine, ...]  # of each motor, (M, n) [N m]
-    squared_speed: tuple[Any, ...]  # of each motor with a speed limit, over the squared limit: (M, n)
+    squared_speed: tuple[Any, ...]  # (M, n) of each motor with a speed limit, over the squared limit
 
     def combine(self, weights: Any) -> MotorRows:
         """Return the rows weights (R, M) @ rows."""
@@ -107,9 +107,7 @@ class MotorRows(NamedTuple):
         return MotorRows(torque, tuple(weights @ matrix for matrix in self.squared_speed))
 
     def used_share(self, y: Array, allowed: Array) -> Array:
-        """Compute the largest use (M,) of a motor's limits.
-
-        It is that of torque, or of squared speed, over the limit.
+        """Compute the largest ratio (M,) of a torque or squared speed to its limit, over all motors.
 
         Args:
             y: (n,) coefficients of z.
@@ -120,67 +118,77 @@ class MotorRows(NamedTuple):
         return np.asarray(np.max(shares, axis=0))
 
     def stack(self, other: MotorRows) -> MotorRows:
-        """Return the rows of both, one below the other."""
-        torque = tuple(
-            Affine(sparse.vstack([a.matrix, b.matrix], format="csr"), np.append(a.offset, b.offset))
-            for a, b in zip(self.torque, other.torque, strict=True)
-        )
+        """Stack rows upon the rows of another."""
+        torques = zip(self.torque, other.torque, strict=True)
         speeds = zip(self.squared_speed, other.squared_speed, strict=True)
-        return MotorRows(torque, tuple(sparse.vstack(pair, format="csr") for pair in speeds))
+        return MotorRows(
+            tuple(_stack_affine(upper, lower) for upper, lower in torques),
+            tuple(vstack(pair, format="csr") for pair in speeds),
+        )
+
+
+def _stack_affine(upper: Affine, lower: Affine) -> Affine:
+    """Return the sparse affine functions `upper` and `lower`, one below the other."""
+    matrix = vstack([upper.matrix, lower.matrix], format="csr")
+    return Affine(matrix, np.append(upper.offset, lower.offset))
 
 
 def motor_rows(problem: LawProblem, basis: SpeedBasis, conditions: Affine, xi: Array) -> MotorRows:
     """Compute rows of torques and squared speeds at xi (M,), without poles.
 
-    No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is
-    in c, damping is linearised.
+    No xi is on a crossing. A torque is c + cz z + cu u with u = z'/2 = xi' (dz/dxi) / 2. Dry friction is part
+    of c; damping is linearised.
     """
     if problem.response is not None:
-        return _responding_rows(problem.response, problem.specification, basis, xi)
+        return _rows_of_response(problem.response, problem.specification, basis, xi)
     sigma = problem.sigma(xi)
     required = problem.demand(sigma)
     c, cz, cu = required.linearise_damping(None if problem.z0 is None else problem.z0(sigma))
     c = c + required.friction(problem.specification.friction)
     z = basis.matrix(xi)
-    u = sparse.diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
+    u = diags_array(0.5 * problem.task.stretch(sigma, 1)) @ basis.matrix(xi, 1)
     torques = []
-    for motor in range(c.shape[1]):
-        matrix = sparse.diags_array(cz[:, motor]) @ z + sparse.diags_array(cu[:, motor]) @ u
-        torque = Affine(sparse.csr_array(matrix), c[:, motor].copy())
-        torques.append(_remove_poles(torque, problem, conditions, xi))
-    squared_speeds = _squared_speed_rows(required.speed, problem.specification.speed_limit, z)
-    return MotorRows(tuple(torques), squared_speeds)
+    for motor_c, motor_cz, motor_cu in zip(c.T, cz.T, cu.T, strict=True):
+        matrix = diags_array(motor_cz) @ z + diags_array(motor_cu) @ u
+        torques.append(_remove_poles(Affine(matrix, motor_c), problem, conditions, xi))
+    return MotorRows(tuple(torques), _squared_speed_rows(required.speed, problem.specification, z))
 
 
-def _responding_rows(
+def _rows_of_response(
     response: TorqueResponse, specification: Specification, basis: SpeedBasis, xi: Array
 ) -> MotorRows:
-    """Compute rows of torques and squared speeds at xi (M,) from the response to the law's coefficients."""
-    torque, speed = response.torque(xi), response.speed(xi)
+    """Compute rows of torques and squared speeds at xi (M,) from a torque response.
+
+    With the torques T_0 of the motion at y_0 and their slopes S by y, a torque is S y + (T_0 - S y_0).
+    """
+    speed = response.speed(xi)
+    torque = response.torque(xi)
     slopes = response.slopes(xi).reshape(*torque.shape, -1)  # (M, n_a, n)
     offset = torque - slopes @ response.y + specification.friction * speed_signs(speed)
-    torques = [Affine(sparse.csr_array(slopes[:, j]), offset[:, j].copy()) for j in range(torque.shape[1])]
-    return MotorRows(tuple(torques), _squared_speed_rows(speed, specification.speed_limit, basis.matrix(xi)))
+    motors = range(torque.shape[1])
+    torques = tuple(Affine(csr_array(slopes[:, j]), offset[:, j]) for j in motors)
+    return MotorRows(torques, _squared_speed_rows(speed, specification, basis.matrix(xi)))
 
 
-def _squared_speed_rows(speed: Array, limit: Array, z: Any) -> tuple[Any, ...]:
-    """Compute rows (M, n) of squared speeds over their limits.
+def _squared_speed_rows(speed: Array, specification: Specification, z: Any) -> tuple[Any, ...]:
+    """Compute rows (M, n) of squared speeds over their squared limits.
 
-    Motors without a limit have none.
+    A motor without a limit has no rows.
 
     Args:
         speed: (M, n_a) of the motors over d sigma/dt.
         z: rows (M, n) of the squared speed (d sigma/dt)^2.
     """
-    ratios = (speed[:, j] / limit[j] for j in np.flatnonzero(np.isfinite(limit)))
-    return tuple(sparse.csr_array(sparse.diags_array(ratio**2) @ z) for ratio in ratios)
+    limit = specification.speed_limit
+    ratios = (speed / limit)[:, np.isfinite(limit)]
+    return tuple(diags_array(ratio**2) @ z for ratio in ratios.T)
 
 
 def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: Array) -> Affine:
-    """Subtract the poles from torque rows T (M, n) beside each crossing.
+    """Remove the poles of torque rows T (M, n) beside each crossing.
 
-    They are multiples of the conditions C. On laws that meet the conditions the torques stay the same. T -
-    share C is orthogonal to C with share = T C' (C C')^-1, which cancels the pole.
+    A multiple of the conditions C is subtracted, which vanishes for laws that meet them. T - share C with
+    share = T C' (C C')^-1 is orthogonal to C, the direction of the pole.
     """
     for crossing in np.unique(problem.crossing_xi):
         chosen = np.flatnonzero(problem.crossing_xi == crossing)
@@ -189,28 +197,26 @@ def _remove_poles(torque: Affine, problem: LawProblem, conditions: Affine, xi: A
         share = np.linalg.lstsq((C @ C.T).toarray(), products.T, rcond=None)[0].T
         is_beside = np.abs(xi - crossing) < POLE_WIDTH
         share = is_beside[:, None] * share
-        matrix = torque.matrix - sparse.csr_array(share) @ C
-        torque = Affine(sparse.csr_array(matrix), torque.offset - share @ conditions.offset[chosen])
+        matrix = torque.matrix - csr_array(share) @ C
+        torque = Affine(matrix, torque.offset - share @ conditions.offset[chosen])
     return torque
 
 
 def condition_rows(problem: LawProblem, basis: SpeedBasis) -> Affine:
-    """Return the conditions of a problem as rows (k, n) on coefficients.
+    """Return the conditions of a problem as rows (k, n) on the coefficients of z.
 
-    They say constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. z is a function of xi:
-    dz/dsigma = xi' dz/dxi, d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A response has its own condition (8).
+    They say constant + per_z z + per_u u + per_du u' = 0 with u = z'/2 and u' = z"/2. The basis is in xi:
+    dz/dsigma = xi' dz/dxi and d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi. A torque response replaces the first
+    rows, condition (8) of the undeformed robot, by those of the loaded robot.
     """
     constant, per_z, per_u, per_du = problem.conditions.T
-    z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))  # in xi
+    z, z_xi, z_xi_xi = (basis.matrix(problem.crossing_xi, order) for order in range(3))
     dxi, ddxi = (problem.task.stretch(problem.crossings, order) for order in (1, 2))
-    rows = (
-        sparse.diags_array(per_z) @ z
-        + sparse.diags_array(0.5 * per_u * dxi + 0.5 * per_du * ddxi) @ z_xi
-        + sparse.diags_array(0.5 * per_du * dxi**2) @ z_xi_xi
-    )
+    per_slope = 0.5 * per_u * dxi + 0.5 * per_du * ddxi  # per dz/dxi
+    per_bend = 0.5 * per_du * dxi**2  # per d2z/dxi2
+    rows = diags_array(per_z) @ z + diags_array(per_slope) @ z_xi + diags_array(per_bend) @ z_xi_xi
     if problem.response is None:
-        return Affine(sparse.csr_array(rows), constant)
-    scalars = problem.response.scalars
-    count = len(scalars)
-    matrix = sparse.vstack([sparse.csr_array(scalars), sparse.csr_array(rows)[count:]], format="csr")
-    return Affine(matrix, np.append(-scalars @ problem.response.y, constant[count:]))
+        return Affine(rows, constant)
+    loaded = problem.response.scalars  # (k, n)
+    matrix = vstack([csr_array(loaded), rows[len(loaded) :]], format="csr")
+    return Affine(matrix, np.append(-loaded @ problem.response.y, constant[len(loaded) :]))

@@ -1,7 +1,7 @@
-"""The least cost of a problem, of laws however restless: on cells that follow the law, in units of its own.
+"""The least cost of a problem, whatever the smoothness of the law: on refined cells, in units of the optimum.
 
-Non-negative B-splines on a cell of width h cannot come nearer to zero than h^2 z", nor follow a kink: cells
-are cut in two under coefficients that are nearly zero or bend sharply, until the cost changes no more.
+Non-negative B-splines on cells of width h cannot come nearer to zero than h^2 z", nor follow a kink. Cells
+are therefore cut in two where coefficients are nearly zero or bend sharply, until the cost settles.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from framework.tolerances import LIMIT_MARGIN
 
 FIRST_CELLS, MAX_CELLS = 60, 180
 CELLS_PER_DEGREE = 0.5  # of a series
-# rounds of cutting cells; relative change of the cost below which no further round is worth its time
+# rounds of cutting cells; relative change of the cost below which the cost is settled
 MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
-LOW_COEFFICIENT = 1e-5  # of the median: lower ones would go on falling on smaller cells
+LOW_COEFFICIENT = 1e-5  # of the median; lower coefficients would keep falling on smaller cells
 MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
-LEAST_COST_TOLERANCE = 1e-5  # relative, of a cost to which smoothness adds SMOOTHNESS_COST or more
+LEAST_COST_TOLERANCE = 1e-5  # relative; enough for a cost to which smoothness adds SMOOTHNESS_COST or more
 # corrections of the units; ratio of the optimum to its unit, or inverse, above which the unit is corrected
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0
 
 
 class LeastCost(NamedTuple):
-    """The squared speed of least cost that a program found, and the units of that optimum."""
+    """The squared speed of least cost of a program, and the units of this optimum."""
 
     program: SpeedProgram
     speed: Speed
@@ -37,14 +37,14 @@ class LeastCost(NamedTuple):
 
 
 class NoneFound(NamedTuple):
-    """No law was found: the program that has none, with the solver's status or the reason."""
+    """A program for which no law was found, and the solver's status or another reason."""
 
     program: SpeedProgram
     status: str
 
     @property
     def infeasible(self) -> bool:
-        """Whether the rows of the program contradict each other, as the solver says."""
+        """Whether the solver reports that the rows of the program contradict each other."""
         return self.status == "PrimalInfeasible"
 
 
@@ -65,11 +65,11 @@ def cost_of(goal: str, speed: Speed) -> float:
 
 
 def first_cells(problem: LawProblem) -> Array:
-    """Return edges (k + 1,) of cells in xi, shifted to have each condition in a middle.
+    """Return edges (k + 1,) of cells in xi, with each condition in the middle of a cell.
 
-    Splines have uniform cells. Those of a series are as dense at the ends as its zeros, whose cosines they
-    have in uniform angles. The cell about a condition is as wide as the others there, less near an end. Edges
-    within that cell, or nearer to its edges than 0.35 widths, are left out.
+    Cells of splines are uniform. Cells of a series are uniform in the angle acos(xi), and so as dense as the
+    zeros of a Chebyshev polynomial. The cell about a condition is as wide as its neighbours, or narrower near
+    an end. Edges within this cell, or nearer to its edges than 0.35 widths, are left out.
     """
     if problem.degree is None:
         count = FIRST_CELLS
@@ -93,15 +93,20 @@ def find_least_cost(
     torque_limits: bool = True,
     units: Units | None = None,
 ) -> LeastCost | NoneFound:
-    """Find the least cost on cells that are cut where the coefficients of z are nearly zero, or bend sharply.
+    """Find the least cost on cells that are cut where coefficients are nearly zero or bend sharply.
 
-    The least peak is sought without torque limits first. If all motors have one, no law keeps the limits
-    where this peak exceeds them; else the peak may be that of a motor without a limit.
+    The least peak is first sought without torque limits. A peak above the limits has two reasons. It may
+    belong to a motor without a limit: then the program is solved with the limits. Otherwise no law keeps
+    them.
+
+    Args:
+        cells: (k + 1,) edges in xi, at first; see `first_cells` for the default.
+        torque_limits: whether the torque limits of the specification hold.
+        units: of a similar program.
     """
     goal = problem.specification.goal
-    limited = problem.specification.limited
     cells = first_cells(problem) if cells is None else cells
-    if goal == "peak_torque" and limited and torque_limits:
+    if goal == "peak_torque" and problem.specification.limited and torque_limits:
         unlimited = find_least_cost(problem, cells, torque_limits=False, units=units)
         if isinstance(unlimited, NoneFound) or unlimited.speed.peak <= 1.0:
             return unlimited
@@ -112,25 +117,24 @@ def find_least_cost(
         solved = solve_least_cost(program, best.units if best else units, torque_limits=torque_limits)
         if isinstance(solved, NoneFound):
             return best or _solve_on_cells_of_least_peak(problem, cells, solved)
-        # a higher cost on smaller cells is right too: of more points, between which the limits were exceeded
-        change = np.inf
-        if best is not None:
-            change = abs(1.0 - cost_of(goal, solved.speed) / cost_of(goal, best.speed))
+        # smaller cells may also raise the cost: the limits were exceeded between the points of larger ones
+        is_settled = best is not None and (
+            abs(1.0 - cost_of(goal, solved.speed) / cost_of(goal, best.speed)) < MIN_REFINEMENT_CHANGE
+        )
         best = solved
-        cut = _cells_to_cut(program, solved.speed.y)
-        if change < MIN_REFINEMENT_CHANGE or not cut.any() or len(cells) > MAX_CELLS:
+        to_cut = _cells_to_cut(program, solved.speed.y)
+        if is_settled or not to_cut.any() or len(cells) > MAX_CELLS:
             break
-        cells = _cut_cells(problem, cells, cut)
-    assert best is not None
-    return best
+        cells = _cut_cells(problem, cells, to_cut)
+    return solved
 
 
 def _solve_on_cells_of_least_peak(
     problem: LawProblem, cells: Array, none: NoneFound
 ) -> LeastCost | NoneFound:
-    """Find the least cost on the cells of the least peak; return `none` where that does not help.
+    """Find the least cost on the cells of the least peak; return `none` if that does not help.
 
-    Limits may have no law on the first cells and one on cells that follow it.
+    There may be a law within the limits on refined cells although there is none on the first cells.
     """
     if problem.specification.goal == "peak_torque":
         return none
@@ -149,12 +153,12 @@ def solve_least_cost(
 ) -> LeastCost | NoneFound:
     """Solve for the goal within a share of the limits, in units that are corrected by the optimum.
 
-    A solver ends early or stalls where the optimum is far from 1: units are set to the optimum until the two
-    are within MAX_UNIT_RATIO, or to a quicker law where the solver gave up.
+    A solver ends early or stalls if the optimum is far from 1. Units are therefore replaced by those of the
+    optimum until the two are within MAX_UNIT_RATIO. If the solver gives up, units of a quicker law follow.
     """
     specification = program.problem.specification
     goal = specification.goal
-    longest = None if goal == "time" else specification.max_duration  # the quickest law, whatever bounds it
+    longest = None if goal == "time" else specification.max_duration  # callers compare the least duration
     share = limit_share * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
     bounds = Bounds(longest, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
@@ -182,26 +186,26 @@ def own_units(goal: str, speed: Speed, units: Units) -> Units:
     """Return the units in which a speed is near 1: its duration, and its peak or root mean square torque.
 
     Args:
-        units: returned where the speed has no finite duration.
+        units: returned if the speed has no finite duration.
     """
     time = speed.value if np.isfinite(speed.value) else speed.duration
     if not np.isfinite(time):
         return units
-    if goal in ("limits", "peak_speed"):  # least multiples of squared speeds have no unit of torque
+    if goal in ("limits", "peak_speed"):  # the cost is a multiple of limits, without a unit of torque
         return Units(time, 1.0)
     return Units(time, float(np.sqrt(speed.energy / time)) if goal == "energy" else speed.peak)
 
 
 def _first_units(program: SpeedProgram) -> Units:
-    """Estimate the time [s] and the torque (share of `reference`) of the optimum, before a law is known.
+    """Estimate time [s] and torque (share of `reference`) of the optimum, before a law is known.
 
-    Condition (8), constant + per_z z + per_u u = 0, is met at z or u of about constant / per_z, and z = 1 /
-    time^2. If the constant vanishes at all crossings, the time is the longest that speed limits or inertia at
-    the reference torque allow: limit rows . z <= 1. The torque is the limit; without limits that of
-    weight, and without weight that of inertia at this time.
+    Condition (8), constant + per_z z + per_u u = 0, is met at z or u of about constant / per_z, and
+    z = 1 / time^2. If the constant vanishes at all crossings, the time is the shortest that speed limits, or
+    inertia at the reference torque, allow. The torque is the limit; without limits it is that of weight, and
+    without weight that of inertia at this time.
     """
     problem = program.problem
-    specification = program.problem.specification
+    specification = problem.specification
     constant, per_z, per_u, _ = np.abs(problem.conditions.T)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition_times = np.sqrt(np.maximum(per_z, per_u) / constant)  # infinite or NaN without a constant
@@ -223,10 +227,11 @@ def _median_largest(matrix: Any) -> float:
 
 
 def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
-    """Return a mask (k,) of the cells under coefficients that are nearly zero, or bend sharply.
+    """Return the mask (k,) of cells under coefficients that are nearly zero or bend sharply.
 
-    A coefficient bends by its second difference y_(i-1) - 2 y_i + y_(i+1). Spline i of degree p is not zero
-    between the knots i and i + p + 1. Under a bend two cells at both ends of the middle spline are not cut.
+    The bend of a coefficient is its second difference y_(i-1) - 2 y_i + y_(i+1). Spline i of degree p is not
+    zero between the knots i and i + p + 1. Under a bend, only the inner cells of the middle spline are cut,
+    without two at either end.
     """
     basis = program.basis
     if not basis.is_spline:
@@ -244,11 +249,11 @@ def _cells_to_cut(program: SpeedProgram, y: Array) -> BoolArray:
     return np.asarray(is_covered.any(axis=1))
 
 
-def _cut_cells(problem: LawProblem, cells: Array, cut: BoolArray) -> Array:
-    """Halve the cells of a mask (k,), or cut in three about a crossing; return the new edges."""
-    low = cells[:-1][cut]
-    high = cells[1:][cut]
-    in_three = cells_about(cells, problem.crossing_xi)[cut]
+def _cut_cells(problem: LawProblem, cells: Array, to_cut: BoolArray) -> Array:
+    """Cut the cells of a mask (k,) in two, or in three about a crossing; return the new edges."""
+    low = cells[:-1][to_cut]
+    high = cells[1:][to_cut]
+    in_three = cells_about(cells, problem.crossing_xi)[to_cut]
     in_two = ~in_three
     middle = 0.5 * (low + high)
     third = (high - low) / 3.0

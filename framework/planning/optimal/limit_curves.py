@@ -1,10 +1,10 @@
-"""Curves over s of the speeds and accelerations along the path that the motors allow.
+"""Speeds and accelerations along a path that the motors allow, as curves over s.
 
-At each s the limits |c + d s' + p s'^2 + q s"| <= limit of all motors leave a region of (s', s"), with dry
-friction of the motors in c and viscous damping in d. Where two of its edges meet is the highest s' (the
-maximum velocity curve of Pfeiffer and Johanni, IEEE J. Robotics and Automation 3, 1987), and the line
-s' = const through it is the range of s". At a Type 2 singularity d, p and q have poles along one direction:
-whatever the limits, the range closes to the one s" of condition (8).
+At each s, the limits |c + d s' + p s'^2 + q s"| <= limit of all motors leave a region of (s', s"), with dry
+friction in c and viscous damping in d. The highest s' is at a corner of this region, where two edges meet
+(the maximum velocity curve of Pfeiffer and Johanni, IEEE J. Robotics and Automation 3, 1987). The range of s"
+at the speed of the law is the intersection of the region with a line s' = const. At a Type 2 singularity d, p
+and q have poles along one direction: whatever the limits, the range closes to the single s" of condition (8).
 """
 
 from __future__ import annotations
@@ -22,28 +22,25 @@ from framework.planning.optimal.phase_plane import demand
 from framework.planning.result import CrossingPlan
 
 SPEED_SAMPLES = 241
-CROSSING_OFFSETS = np.geomspace(1e-5, 0.05, 25)  # of the duration, instants beside a crossing
-CORNER_ROUNDING = 1e-9  # of a limit, by which a corner of the region may exceed it
+CROSSING_OFFSETS = np.geomspace(1e-5, 0.05, 25)  # of instants beside a crossing, over the duration
+CORNER_ROUNDING = 1e-9  # share of a limit by which a corner of the region may exceed it
 
 
 class MotorDemand(NamedTuple):
-    """Torques constant + per_speed s' + per_z s'^2 + per_u s" at T places.
-
-    Each is (T, n_a).
-    """
+    """Torques constant + per_speed s' + per_z s'^2 + per_u s" at T values of s; all (T, n_a)."""
 
     constant: Array
     per_speed: Array
     per_z: Array
     per_u: Array
-    motor_speed: Array  # (T, n_a) over s', motor side
+    motor_speed: Array  # speed over s', motor side
 
 
 class LimitCurves(NamedTuple):
-    """A plan's law at T instants, with limits of s' and s".
+    """A plan's law at T instants beside the crossings, with limits of s' and s".
 
     No instant is on a crossing. The limits are those of the undeformed robot. `highest_speed` is infinite
-    where nothing limits s', and not a number where the motors cannot even hold the robot.
+    where nothing limits s', and NaN where the motors cannot even hold the robot.
     """
 
     s: Array  # (T,)
@@ -56,10 +53,7 @@ class LimitCurves(NamedTuple):
 
 
 def limit_curves(plan: CrossingPlan) -> LimitCurves:
-    """Compute the limit curves of a plan.
-
-    Without limits, they are for its own peak torque.
-    """
+    """Compute the limit curves of a plan; its peak torque replaces absent limits."""
     torque_limit, speed_limit = _choose_limits(plan)
     times = _choose_instants(plan)
     s, speed, acceleration = (plan.law(times, order) for order in range(3))
@@ -71,10 +65,7 @@ def limit_curves(plan: CrossingPlan) -> LimitCurves:
 
 
 def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
-    """Compute torques and speeds of the undeformed robot at s (T,).
-
-    Damping and the planned friction count.
-    """
+    """Compute torques and speeds of the undeformed robot's motors at s (T,), friction included."""
     robot = plan.robot
     branch = track_path(robot, plan.path).with_wrenches(plan.dynamics.wrenches)
     required = demand(branch, Smoothstep(0), s)  # sigma = s
@@ -86,7 +77,7 @@ def _motor_demand(plan: CrossingPlan, s: Array) -> MotorDemand:
 def _choose_limits(plan: CrossingPlan) -> tuple[Array, Array]:
     """Return limits (n_a,) of torque [N m] and speed [rad/s].
 
-    Without any, the plan's peak torque is the limit.
+    Without any torque limit, the plan's peak torque is the limit of all motors.
     """
     unlimited = np.full(plan.robot.n_a, max(plan.peak_torque.values()))
     if plan.optimality is None:
@@ -106,22 +97,20 @@ def _choose_instants(plan: CrossingPlan) -> Array:
 
 
 def _bound_acceleration(required: MotorDemand, speed: Array, limit: Array) -> tuple[Array, Array]:
-    """Compute the least and the largest s" (T,) within torque limits.
-
-    The speeds are s' (T,), the limits (n_a,).
-    """
+    """Compute the least and the largest s" (T,) at speeds s' (T,) within torque limits (n_a,)."""
     constant, per_speed, per_z, per_u, _ = required
-    at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]  # the torques where s" = 0
+    at_zero = constant + (per_speed + per_z * speed[:, None]) * speed[:, None]  # torques with s" = 0
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.sort(np.stack([(-limit - at_zero) / per_u, (limit - at_zero) / per_u]), axis=0)
-    return np.nanmax(ends[0], axis=1), np.nanmin(ends[1], axis=1)
+        # both ends (T, n_a) of the range of s" of each motor
+        lowest, highest = np.sort([(-limit - at_zero) / per_u, (limit - at_zero) / per_u], axis=0)
+    return np.nanmax(lowest, axis=1), np.nanmin(highest, axis=1)
 
 
 def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array) -> Array:
-    """Compute the largest s' (T,) at which some s" keeps all limits.
+    """Compute the largest s' (T,) at which some s" keeps all limits: a corner of their region.
 
-    It is a corner of their region. Each sign of each of k torques gives an edge per_speed s' + per_z s'^2 +
-    per_u s" <= limit - constant, all over the limit, so m = 2 k.
+    Each sign of each of the k limited torques gives an edge per_speed s' + per_z s'^2 + per_u s" <= limit -
+    constant, divided by the limit: m = 2 k edges.
     """
     constant, per_speed, per_z, per_u, motor_speed = required
     is_limited = np.isfinite(torque_limit)
@@ -137,42 +126,39 @@ def highest_speed(required: MotorDemand, torque_limit: Array, speed_limit: Array
 
 
 def _highest_corner(edges: Array, bound: Array) -> Array:
-    """Return the largest s' (T,) of all corners that keep the bounds.
+    """Find the largest s' (T,) of all corners that keep the bounds; -inf without a corner.
 
-    The edges are (T, m, 3); without a corner it is -inf.
+    Args:
+        edges: (T, m, 3) coefficients of s', s'^2 and s".
+        bound: (T, m) of their sums.
     """
     highest = np.full(len(bound), -np.inf)
     for i, j in combinations(range(bound.shape[1]), 2):
         for corner in _intersect_edges(edges[:, (i, j)], bound[:, (i, j)]):
-            terms = edges * corner[:, None]  # (T, m, 3)
-            values = np.einsum("tmk,tk->tm", edges, corner)  # their sums
-            tolerance = CORNER_ROUNDING * (1.0 + np.abs(terms).sum(axis=-1))
-            is_inside = np.all(values <= bound + tolerance, axis=1)
-            highest = np.where(is_inside & (corner[:, 0] > highest), corner[:, 0], highest)
+            speed = corner[:, 0]
+            sizes = np.abs(edges * corner[:, None]).sum(axis=-1)  # (T, m) of the terms
+            values = np.einsum("tmk,tk->tm", edges, corner)
+            is_inside = np.all(values <= bound + CORNER_ROUNDING * (1.0 + sizes), axis=1)
+            highest = np.where(is_inside & (speed > highest), speed, highest)
     return highest
 
 
 def _intersect_edges(edges: Array, bound: Array) -> list[Array]:
-    """Intersect pairs of edges (T, 2, 3) with bounds (T, 2).
+    """Intersect pairs of edges (T, 2, 3) with bounds (T, 2); return both corners (s', s'^2, s") (T, 3).
 
-    Return both corners (s', s'^2, s") (T, 3). Elimination of s" leaves a s'^2 + b s' = c, solved without
-    cancellation. s" is that of the edge with the larger coefficient. Not a number where the edges do not
-    meet.
+    Elimination of s" leaves a s'^2 + b s' = c, which is solved without cancellation. s" then follows from the
+    edge with the larger coefficient of s". Corners are NaN if the edges do not meet.
     """
-    per_speed, per_z, per_u = np.moveaxis(edges, -1, 0)
-
-    def eliminate_u(coefficient: Array) -> Array:
-        return np.asarray(coefficient[:, 0] * per_u[:, 1] - coefficient[:, 1] * per_u[:, 0])
-
-    a = eliminate_u(per_z)
-    b = eliminate_u(per_speed)
-    c = eliminate_u(bound)
+    per_u = edges[:, :, 2]
+    coefficients = np.dstack([edges[:, :, :2], bound])  # (T, 2, 3) of s', s'^2 and the bound
+    b, a, c = (coefficients[:, 0] * per_u[:, 1, None] - coefficients[:, 1] * per_u[:, 0, None]).T
     steeper = np.arange(len(bound)), np.where(np.abs(per_u[:, 0]) > np.abs(per_u[:, 1]), 0, 1)
+    per_speed, per_z, _ = edges[steeper].T
     corners = []
     with np.errstate(divide="ignore", invalid="ignore"):
         q = -0.5 * (b + np.copysign(np.sqrt(b**2 + 4.0 * a * c), b))  # the roots are q / a and -c / q
         for root in (q / a, -c / q):
             speed = np.where(np.isfinite(root), root, np.nan)
-            remaining = bound[steeper] - (per_speed[steeper] + per_z[steeper] * speed) * speed
+            remaining = bound[steeper] - (per_speed + per_z * speed) * speed
             corners.append(np.stack([speed, speed**2, remaining / per_u[steeper]], axis=1))
     return corners

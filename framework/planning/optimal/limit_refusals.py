@@ -1,14 +1,14 @@
-"""The refusal of a law within the limits, with limits and a duration within which one was found.
+"""The refusal of a law within the limits, with limits and a duration for which a law was found.
 
-A search on cells proves nothing. Two bounds of every law do: at rest at its ends the robot has to be held,
-and the peak of torque has a bound by duality (`peak_bound`). Limits and durations are planned before they are
-advised.
+A failed search on cells proves nothing. Two bounds of every law do: the torque that holds the robot at rest
+at the ends, and the bound of the peak torque by duality (`peak_bound`). Limits and durations are advised only
+after a law was planned with them.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,15 +23,15 @@ from framework.planning.refusals.refusal_proofs import HoldingTorque, LeastLimit
 
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
-    """Return why a problem has no law, by proof or search."""
-    name = problem.task.branch.robot.name
+    """Return the refusal of a problem without a law, with a proof or the evidence of a search."""
+    name = problem.task.robot.name
     cells = len(none.program.basis.cells) - 1
     holding = _overloaded_at_rest(problem)
     not_found = NotConverged(
         f"{name}: no optimal law was found on {cells} cells: {none.status}", residual=np.inf
     )
     if problem.response is not None or not problem.task.to_cross.explained:
-        return not_found  # torques beside another motion prove nothing of limits
+        return not_found  # torques linearised about another motion prove nothing about limits
     least = find_least_limits(problem)
     if holding is None and not none.infeasible and least.torque_peak is None and least.speed_peak is None:
         return not_found
@@ -48,11 +48,11 @@ def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:
 
 
 def _search_remedies(problem: LawProblem, cells: int, least: LeastLimits, *, is_held: bool) -> SearchEvidence:
-    """Search a duration and limits within which a problem without a law has one.
+    """Search for a duration and for limits with which a refused problem has a law.
 
     Args:
         cells: number of cells of the search that failed.
-        is_held: whether motors can hold the robot at both ends of the path; else no duration helps.
+        is_held: whether motors can hold the robot at both ends of the path; otherwise no duration helps.
     """
     specification = problem.specification
     limited = specification.limited or specification.limited_speeds
@@ -62,13 +62,13 @@ def _search_remedies(problem: LawProblem, cells: int, least: LeastLimits, *, is_
 
 
 def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: SearchEvidence) -> NoLaw:
-    """Refuse a path at whose end a motor cannot hold the robot."""
-    robot = problem.task.branch.robot
+    """Return the refusal of a path at whose start or end a motor cannot hold the robot."""
+    robot = problem.task.robot
     end = "start" if holding.s == 0 else "end"
-    unit = robot.torque_units[list(robot.actuator_names).index(holding.joint)]
+    unit = dict(zip(robot.actuator_names, robot.torque_units, strict=True))[holding.joint]
     needed, allowed = format_distinct(holding.torque, holding.limit)
-    rubs = robot.joint_friction.any()
-    uncounted = " (dry friction, which may hold some of it, not counted)" if rubs else ""
+    has_friction = robot.joint_friction.any()
+    uncounted = " (dry friction, which may hold some of it, not counted)" if has_friction else ""
     return NoLaw(
         f"{robot.name}: no law is admissible: at the {end} {holding.joint} must hold {needed} "
         f"{unit} at rest{uncounted}, and may {allowed}{_limits_advice(problem, evidence)}",
@@ -78,76 +78,70 @@ def _refuse_holding(problem: LawProblem, holding: HoldingTorque, evidence: Searc
 
 
 def _limits_advice(problem: LawProblem, evidence: SearchEvidence) -> str:
-    """Return the clause on limits within which a law was planned; empty without."""
+    """Return the clause that advises limits for which a law was planned; empty without such limits."""
     limits = evidence.limits
-    return "" if limits is None else f"; {advice_of(problem.task.branch.robot, limits)}"
+    return "" if limits is None else f"; {advice_of(problem.task.robot, limits)}"
 
 
 def find_least_limits(problem: LawProblem) -> LeastLimits:
-    """Find limits with a law, over the limits of a problem without.
+    """Find the least multiples of the limits with which a problem has a law.
 
-    Torques and speeds are tried alone, each within the limits of the other. Where neither is enough alone,
-    both are raised together.
+    First, torque limits and speed limits are raised alone, within the limits of the other kind. If neither
+    suffices, both are raised together.
     """
     specification = problem.specification
-    torque = _find_multiples(problem, "peak_torque")[0] if specification.limited else None
-    speed = _find_multiples(problem, "peak_speed")[1] if specification.limited_speeds else None
+    torque = _find_peaks(problem, "peak_torque").torque if specification.limited else None
+    speed = _find_peaks(problem, "peak_speed").speed if specification.limited_speeds else None
     together = torque is None and speed is None and specification.limited and specification.limited_speeds
     if together:
-        torque, speed = _find_multiples(problem, "limits")
+        torque, speed = _find_peaks(problem, "limits")
     return LeastLimits.of(specification, torque, speed, together=together and torque is not None)
 
 
-def _find_multiples(problem: LawProblem, goal: str) -> tuple[float | None, float | None]:
-    """Find the peaks of torque and of speed over their limits, of the law whose peaks are least.
+class _RelativePeaks(NamedTuple):
+    """The peaks of torque and speed over their limits; None if no law was found."""
+
+    torque: float | None
+    speed: float | None
+
+
+def _find_peaks(problem: LawProblem, goal: str) -> _RelativePeaks:
+    """Find the peaks of torque and speed over their limits, for the law of least peaks.
 
     Args:
-        goal: "peak_torque" within the limits of speed, "peak_speed" within those of torque, or "limits", the
-            larger of both peaks within none.
-
-    Returns:
-        Both, or None for both where no law was found.
+        goal: "peak_torque" within the speed limits, "peak_speed" within the torque limits, or "limits", the
+            larger of both peaks, without limits.
     """
-    # peaks are relative to the reference; a motor without a limit has an infinite one and does not count
+    # peaks are relative to the reference: infinite for a motor without a limit, which then does not count
     over_limits = problem._replace(chosen_reference=problem.specification.torque_limit)
     least = find_least_cost(over_limits.with_goal(goal), torque_limits=goal != "peak_torque")
     if isinstance(least, NoneFound):
-        return None, None
-    return least.speed.peak, least.speed.peak_speed
+        return _RelativePeaks(None, None)
+    return _RelativePeaks(least.speed.peak, least.speed.peak_speed)
 
 
 def _has_law(problem: LawProblem, limits: dict[str, Array]) -> bool:
-    """Return whether a law is found within raised limits (n_a,).
-
-    The margin is still to be taken off.
-    """
-    margin = 1.0 - problem.task.request.margin
-    within: dict[str, Any] = {name: margin * limit for name, limit in limits.items()}
-    raised = replace(problem.specification, **within)
-    return isinstance(find_best_law(problem._replace(task=problem.task._replace(specification=raised))), Best)
+    """Return whether a law is found within raised limits (n_a,), less the margin of the request."""
+    share = 1.0 - problem.task.request.margin
+    within: dict[str, Any] = {name: share * limit for name, limit in limits.items()}
+    task = problem.task._replace(specification=replace(problem.specification, **within))
+    return isinstance(find_best_law(problem._replace(task=task)), Best)
 
 
 def _find_quickest(problem: LawProblem) -> float | None:
-    """Find a duration [s] near the least within the limits.
-
-    None where no law was found.
-    """
+    """Find a duration [s] near the least within the limits; None if no law was found."""
     best = find_best_law(problem.with_goal("time", duration=None, longest=None))
     return best.law.duration if isinstance(best, Best) else None
 
 
 def _overloaded_at_rest(problem: LawProblem) -> HoldingTorque | None:
-    """Find a holding torque above its limit at an end of the path.
-
-    None without any.
-    """
+    """Find a holding torque above its limit at an end of the path; None without one."""
     task = problem.task
     limit = problem.specification.torque_limit
-    ends = np.array([0.0, 1.0])
-    weight = demand(task.branch, task.phi, ends).torque.constant
-    overloaded = np.argwhere(np.abs(weight) > limit)
+    holding = np.abs(demand(task.branch, task.phi, np.array([0.0, 1.0])).torque.constant)  # (2, n_a)
+    overloaded = np.argwhere(holding > limit)
     if not len(overloaded):
         return None
-    end, motor = map(int, overloaded[0])
-    joint = task.branch.robot.actuator_names[motor]
-    return HoldingTorque(joint, float(end), float(abs(weight[end, motor])), float(limit[motor]))
+    end, motor = overloaded[0]
+    joint = task.robot.actuator_names[motor]
+    return HoldingTorque(joint, float(end), float(holding[end, motor]), float(limit[motor]))

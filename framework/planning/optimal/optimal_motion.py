@@ -1,8 +1,8 @@
-"""The best motion along a path: the law of a cone program and certified inverse dynamics in turn.
+"""The best motion along a path: the law of a cone program, alternating with certified inverse dynamics.
 
-A rigid robot needs each once. An elastic one follows the series nearest to the law whose deflections are in
-balance. Its torques are linear in the law about this motion. With these a better law is sought, as long as
-the certified motion becomes better.
+A rigid robot usually needs one round. An elastic robot cannot follow every law: its law is replaced by the
+nearest series with deflections in balance. About the resulting motion, torques are linear in the law. The
+next cone program uses this linear model, as long as the certified motion becomes better.
 """
 
 from __future__ import annotations
@@ -49,20 +49,22 @@ from framework.planning.refusals.refusal_proofs import StaticFold
 from framework.planning.specification import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
 
-MAX_PASSES = 12  # of optimising and resolving in turn
-MAX_SPEED_STEPS = 4  # of placing required speeds where the deflected robot is singular
+MAX_PASSES = 12  # of optimising a law and resolving its motion
+MAX_SPEED_STEPS = 4  # of moving required speeds to where the deflected robot is singular
 ENERGY_SAMPLES = 2001
-RIGID_SHARES = (2e-2, 8e-2, 0.3)  # of the least cost, for laws smooth enough to be resolved, in turn
+# shares of the least cost that smoothness may take, tried in turn until the motion is resolved
+RIGID_SHARES = (2e-2, 8e-2, 0.3)
 SERIES_DEGREE = 40  # of z as one series
-WORTHWHILE_GAP, GAP_REDUCTION = 1.5e-2, 8.0  # of the cost above the least, from which an eighth is tried
+# relative gap to the least cost above which a smaller share for smoothness is tried; gap over that share
+WORTHWHILE_GAP, GAP_REDUCTION = 1.5e-2, 8.0
 
 
 class ElasticStage(NamedTuple):
-    """How calm the law of an elastic robot is.
+    """How smooth the law of an elastic robot has to be.
 
-    share: of the least cost, which smoothness may take.
-    max_coefficients: of a deflection; more are not worth their time where a calmer law will do.
-    max_squared_speed: of z times the duration squared. A law that is quick in sigma at its ends shakes
+    share: of the least cost, by which a smooth law may exceed it.
+    max_coefficients: of a deflection; a smoother law is cheaper than more coefficients.
+    max_squared_speed: limit of z times the duration squared. A law that is quick in sigma at its ends shakes
         springs that carry inertia.
     """
 
@@ -71,7 +73,7 @@ class ElasticStage(NamedTuple):
     max_squared_speed: float = np.inf
 
 
-# in turn, until deflections are resolved and at rest at both ends
+# tried in turn until deflections are resolved and at rest at both ends
 CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(4e-3, 240, 100.0),
     ElasticStage(1e-2, 240, 20.0),
@@ -80,14 +82,14 @@ CAPPED_STAGES: tuple[ElasticStage, ...] = (
     ElasticStage(0.8, 400, 4.0),
     ElasticStage(3.0, 400, 4.0),
 )
-MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # of springs whose rates cause no forces
-# of redundant motors, whose deflections passes alone have to resolve
+MASSLESS_STAGES = (ElasticStage(4e-3, 240), *CAPPED_STAGES)  # for springs whose rates cause no forces
+# for redundant motors, whose deflections are found by fixed-point passes alone
 CALM_STAGES = (ElasticStage(0.2, 400, 4.0), *CAPPED_STAGES[4:])
 SPLINE_STAGES = tuple(ElasticStage(share, 400) for share in (4e-2, 0.15, 0.5, 3.0))
 
 
 class OptimalMotion(NamedTuple):
-    """The certified motion of the best law, with the search that found the law."""
+    """A certified motion, its law, and the optimum from which the law was made."""
 
     dynamics: InverseDynamics
     law: OptimalLaw
@@ -95,16 +97,16 @@ class OptimalMotion(NamedTuple):
 
 
 def optimal_motion(task: Task) -> OptimalMotion:
-    """Find the best law within all limits, and certify the motion.
+    """Find the best law within all limits, and certify its motion.
 
     Raises:
-        NoLaw: none was found within the limits; says what stands against it.
+        NoLaw: no law was found within the limits; the message says why.
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
     check_unfolded(task)
     points = find_crossing_points(task)
-    robot = task.branch.robot
+    robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
         raise NoLaw(
             f"{robot.name}: optimal laws of elastic robots with damping are not supported with geometry "
@@ -119,32 +121,31 @@ def optimal_motion(task: Task) -> OptimalMotion:
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()
     best = find_law(task, points)
-    for share in (None, *RIGID_SHARES):
-        if share is not None:
-            best = adapt_found_law(task, points, best, share=share)
+    for share in RIGID_SHARES:
         try:
             return _certify_law(task, points, best)
-        except NotConverged as failure:
-            unresolved = failure
-        except UnboundedTorque as failure:  # condition (8) is met but for rounding
-            unresolved = NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s)
-    raise unresolved
+        except NotConverged:
+            best = adapt_found_law(task, points, best, share=share)
+    return _certify_law(task, points, best)
 
 
 def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> OptimalMotion:
-    """Certify the motion of a rigid robot's law, lowering limits that the motion exceeds.
+    """Certify the motion of a rigid robot's law; lower limits that the motion exceeds.
 
     Raises:
-        NotConverged: limits are exceeded still; as `resolve`.
+        NotConverged: limits are still exceeded, or a torque is not resolved; as `resolve`.
     """
     for _ in range(MAX_PASSES):
-        dynamics = _resolve_law(task, best.law, None)
+        try:
+            dynamics = _resolve_law(task, best.law, None)
+        except UnboundedTorque as failure:  # condition (8) is met, but for rounding
+            raise NotConverged(str(failure), residual=abs(failure.wrench), s=failure.s) from None
         excess = limit_excess(dynamics, task.specification)
         if excess <= 1.0:
             return OptimalMotion(dynamics, best.law, best)
         best = adapt_found_law(task, points, best, excess=excess)
     raise NotConverged(
-        f"{task.branch.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
+        f"{task.robot.name}: no law within all limits is resolved in {MAX_PASSES} passes",
         residual=abs(excess - 1.0),
     )
 
@@ -153,21 +154,21 @@ def _certify_law(task: Task, points: Sequence[CrossingPoint], best: Best) -> Opt
 class _ElasticSearch:
     """The search for the law of an elastic robot.
 
-    First for a law whose motion is resolved, and at rest at its ends: stage by stage a calmer one. Then for
-    better ones, by the torques that are linear in the law about the last motion. Until then viscous damping
-    is left out of the law, not of its motion.
+    The first aim is a law whose motion is resolved and at rest at its ends: each stage asks for a smoother
+    law. Then better laws are sought with torques linear in the law about the last motion. Viscous damping is
+    part of these torques; before, it is left out of the law, though not of its motion.
 
     next_task: the task with the limits of the next law.
     points: the crossing points of the undeformed robot.
-    sampled: the demand on its motors.
-    stages: how calm laws are, in turn; those of splines, which a series is fitted to, if no series is found.
-    stage: index of the next law's.
-    share: of the least cost, in place of the stage's.
+    sampled: the demand on the motors of the undeformed robot.
+    stages: of laws that are one series; if no such law exists, of spline laws, to which a series is fitted.
+    stage: index of the stage of the next law.
+    share: of the least cost for smoothness, in place of the stage's.
     is_near_end: whether the next failure ends the search.
     last_law: the last law found.
-    balance: of the last motion at this stage; None where deflections are those of `resolve`.
+    balance: of the last motion at this stage; None if `resolve` finds the deflections.
     response: of the torques to the law, about that motion.
-    speed_places: s of the crossings of that motion, at which speeds may be required.
+    speed_places: s of the crossings of that motion, where speeds may be required.
     best_motion: the best certified motion within the limits.
     first_failure: raised if no stage succeeds.
     """
@@ -195,41 +196,56 @@ class _ElasticSearch:
             except (NoLaw, NotAssembled, NotConverged, UnboundedTorque, SearchEnded) as failure:
                 if self.best_motion is None:
                     self._choose_smoother(failure)
-                    continue
-                if isinstance(failure, SearchEnded) or self.is_near_end:
-                    return self.best_motion
-                self.is_near_end = True
-                gap = self.best_motion.best.gap
-                if self.share is None:  # a calmer law may still be better
-                    self.stage = min(self.stage + 1, len(self.stages) - 1)
-                elif self.share < 0.5 * gap:
-                    self.share = float(np.sqrt(self.share * gap))
-                else:
+                elif isinstance(failure, SearchEnded) or not self._try_smoother(self.best_motion.best.gap):
                     return self.best_motion
                 continue
             excess = limit_excess(motion.dynamics, self.task.specification)
-            is_settled = motion is self.best_motion  # the law costs no less
+            is_settled = motion is self.best_motion  # the new law costs no less
             if not is_settled and excess <= 1.0 and self._has_required_speeds(motion.law, motion.dynamics):
                 if self.best_motion is not None and not self._improves(_cost_of_motion(self.task, motion)):
                     return min(motion, self.best_motion, key=partial(_cost_of_motion, self.task))
                 self.best_motion = motion
                 report_result()
                 is_settled = self.balance is None or _has_predicted_peak(motion)
-            if is_settled:
-                gap = motion.best.gap
-                share = gap / GAP_REDUCTION
-                is_tried = self.share is not None and self.share <= share
-                if self.balance is None or gap < WORTHWHILE_GAP or is_tried or self.stages is SPLINE_STAGES:
-                    return motion
-                self.share = share
+            if is_settled and not self._try_smaller_share(motion.best.gap):
+                return motion
             self._prepare_next(motion, excess)
         if self.best_motion is not None:
             return self.best_motion
         raise self.first_failure or NotConverged(
-            f"{self.task.branch.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
+            f"{self.task.robot.name}: law and deflections do not settle together in {MAX_PASSES} "
             f"passes; use {other_law(self.task)}stiffer springs, or geometry rigid",
             residual=abs(excess - 1.0),
         )
+
+    def _try_smoother(self, gap: float) -> bool:
+        """Choose a smoother law for one more attempt; return False if none is left.
+
+        Args:
+            gap: of the best motion.
+        """
+        if self.is_near_end:
+            return False
+        self.is_near_end = True
+        if self.share is None:
+            self.stage = min(self.stage + 1, len(self.stages) - 1)
+            return True
+        is_below_gap = self.share < 0.5 * gap
+        self.share = float(np.sqrt(self.share * gap))
+        return is_below_gap
+
+    def _try_smaller_share(self, gap: float) -> bool:
+        """Lower the share for smoothness if the gap is large; return False if not."""
+        share = gap / GAP_REDUCTION
+        is_tried = self.share is not None and self.share <= share
+        if self.balance is None or gap < WORTHWHILE_GAP or is_tried or self._uses_splines:
+            return False
+        self.share = share
+        return True
+
+    @property
+    def _uses_splines(self) -> bool:
+        return self.stages is SPLINE_STAGES
 
     def _find_motion(self) -> OptimalMotion:
         """Find the next law and certify its motion; return the best motion if the law costs no less."""
@@ -246,15 +262,15 @@ class _ElasticSearch:
         return OptimalMotion(dynamics, law, best)
 
     def _balance_law(self, law: OptimalLaw) -> tuple[OptimalLaw, InverseDynamics]:
-        """Return the nearest law in balance, and its motion, again where deflections move required speeds."""
+        """Find the nearest law in balance, and its motion.
+
+        Deflections shift the crossings. The law is found again until the required speeds are met there.
+        """
+        most = self.stages[self.stage].max_coefficients
         for _ in range(MAX_SPEED_STEPS):
-            previous = None if self.balance is None else self.balance.deflections
+            previous = self.balance and self.balance.deflections
             law, self.balance = find_law_in_balance(
-                self.next_task,
-                law,
-                previous,
-                self.speed_places,
-                most=self.stages[self.stage].max_coefficients,
+                self.next_task, law, previous, self.speed_places, most=most
             )
             dynamics = _resolve_law(self.task, law, self.balance.deflections)
             if self._has_required_speeds(law, dynamics):
@@ -263,16 +279,16 @@ class _ElasticSearch:
         return law, dynamics
 
     def _find_law(self) -> Best:
-        """Find the law of this stage, in the units of the last law."""
+        """Find the law of this stage, near the last law."""
         stage = self.stages[self.stage]
         task = self.next_task
-        if self.last_law is None and self.stages is not SPLINE_STAGES:  # splines follow if there is no series
+        if self._seeks_first_series:  # if there is none, spline laws are tried before a refusal is explained
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
         problem = problem_of(task, self.points, self.speed_places)
         problem = problem._replace(sampled=self.sampled, response=self.response)
         if self.response is not None:
             problem = problem._replace(degree=len(self.response.y) - 1)
-        elif self.stages is not SPLINE_STAGES:
+        elif not self._uses_splines:
             problem = problem._replace(degree=SERIES_DEGREE)
         duration = self.task.specification.duration
         if duration is None and self.last_law is not None:
@@ -281,19 +297,24 @@ class _ElasticSearch:
             problem = problem._replace(max_squared_speed=stage.max_squared_speed / duration**2)
         return solve_problem(problem, share=self.share or stage.share, similar=self.last_law)
 
+    @property
+    def _seeks_first_series(self) -> bool:
+        """Whether no law was found yet, and laws are one series."""
+        return self.last_law is None and not self._uses_splines
+
     def _improves(self, cost: float) -> bool:
-        """Whether a cost is below that of the best motion by more than the error of peaks."""
+        """Return whether a cost is below that of the best motion by more than the error of peaks."""
         assert self.best_motion is not None
         return cost < (1.0 - PEAK_TORQUE_MISMATCH) * _cost_of_motion(self.task, self.best_motion)
 
     def _choose_smoother(self, failure: NoAnswer) -> None:
-        """Go on to the next stage; raise the failure if no smoother law can help, or no stage is left."""
+        """Proceed to the next stage; raise the failure if no smoother law can help, or no stage is left."""
         if isinstance(failure, SearchEnded | SpringsTooSoft):
             raise failure
         self.first_failure = self.first_failure or failure
         self.balance = self.response = self.speed_places = None
         self.stage += 1
-        if self.last_law is None and self.stages is not SPLINE_STAGES:  # no series is such a law
+        if self._seeks_first_series:  # no law within the limits is one series
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
@@ -304,15 +325,14 @@ class _ElasticSearch:
 
     def _check_ends(self) -> None:
         """Raise NoLaw if deflections at rest at an end of the path do not reach the robot's springs."""
-        branch = self.task.branch
         if not self.task.follows_balance:
             return
         for s in (0.0, 1.0):
-            compliance = find_static_fold(branch, s)
+            compliance = find_static_fold(self.task.branch, s)
             if compliance is not None:
                 stiffer = round_up(STIFFER_THAN_FOLD / compliance, 3)
                 raise NoLaw(
-                    f"{branch.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
+                    f"{self.task.robot.name}: at rest at s = {s:g} the springs give way: as they get softer, "
                     f"deflections turn back at {1.0 / compliance:.3g} times their stiffness, so that no law "
                     f"was found on the branch of the rigid robot; springs {stiffer:.3g} times as stiff hold "
                     f"at this end",
@@ -320,7 +340,7 @@ class _ElasticSearch:
                 )
 
     def _has_required_speeds(self, law: OptimalLaw, dynamics: InverseDynamics) -> bool:
-        """Whether a law has the required speeds at the crossings of its motion, if any are."""
+        """Return whether a law has the required speeds, if any, at the crossings of its motion."""
         required = self.task.request.speeds
         if required is None:
             return True
@@ -328,9 +348,9 @@ class _ElasticSearch:
         return bool(np.allclose(speeds, required, rtol=REQUIRED_SPEED_ERROR, atol=0.0))
 
     def _prepare_next(self, motion: OptimalMotion, excess: float) -> None:
-        """Linearise torques about a motion, or lower limits by its excess where nothing is known.
+        """Linearise torques about a motion in balance; without one, lower the limits by the excess.
 
-        What failed before tells nothing of the laws that follow.
+        Earlier failures say nothing about the laws that follow, and are dropped.
         """
         self.first_failure = None
         self.speed_places = [crossing.s for crossing in motion.dynamics.crossings]
@@ -342,7 +362,7 @@ class _ElasticSearch:
 
 
 def _has_predicted_peak(motion: OptimalMotion) -> bool:
-    """Whether the peak torque of a motion is that which its law was found with."""
+    """Return whether the peak torque of a motion is the one that its optimum predicted."""
     peak = float((motor_peaks(motion.dynamics)[0] / motion.best.reference).max())
     return abs(peak / motion.best.peak - 1.0) < PEAK_TORQUE_MISMATCH
 
@@ -363,7 +383,7 @@ def _cost_of_motion(task: Task, motion: OptimalMotion) -> float:
 
 
 def _resolve_law(task: Task, law: OptimalLaw, known: KnownDeflections | None) -> InverseDynamics:
-    """Compute and certify the torques of a law, with deflections that are in balance if known."""
+    """Compute and certify the torques of a law, with known deflections in balance, if any."""
     return resolve(
         task.to_cross.searched,
         lambda *_: law,

@@ -9,6 +9,7 @@ import numpy as np
 
 from framework.errors import NoLaw
 from framework.kinematics.continuation.tracking import Branch, escape_error
+from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep, Stretch
 from framework.numerics.arrays import Array
 from framework.planning.condition import CrossingPoint, coefficients_at, crossing_point
@@ -22,7 +23,7 @@ from framework.tolerances import NO_HOLD
 
 
 class Task(NamedTuple):
-    """A law's crossing points and request, and its goal and limits."""
+    """The task of an optimal law: the points to cross, the request, and goal and limits."""
 
     to_cross: PathToCross
     request: Request
@@ -34,9 +35,8 @@ class Task(NamedTuple):
 
     @property
     def follows_balance(self) -> bool:
-        """Whether law and deflections of an elastic robot are sought together."""
-        robot = self.branch.robot
-        return self.geometry == "deformed" and robot.n_a == robot.n
+        """Whether law and deflections of an elastic robot are solved for together."""
+        return self.geometry == "deformed" and self.robot.n_a == self.robot.n
 
     @property
     def branch(self) -> Branch:
@@ -44,8 +44,12 @@ class Task(NamedTuple):
         return self.to_cross.branch
 
     @property
+    def robot(self) -> ParallelRobot:
+        return self.branch.robot
+
+    @property
     def targets(self) -> Sequence[SingularPoint | CrossingPoint]:
-        """The points at which condition (8) is to hold."""
+        """The points where condition (8) must hold."""
         return self.to_cross.crossing_points
 
     @property
@@ -54,12 +58,12 @@ class Task(NamedTuple):
 
     @property
     def stretch(self) -> Stretch:
-        """Dense at the crossings of the undeformed robot."""
+        """The map from sigma to xi, steep at the crossings of the undeformed robot."""
         return Stretch(tuple(float(self.phi.inverse(target.s)) for target in self.targets))
 
 
 def other_law(task: Task) -> str:
-    """Return the words that advise the polynomial law; empty where that was tried already."""
+    """Return the advice to try the polynomial law; empty if the plan tried that law already."""
     return "law polynomial or " if task.request.kind == "optimal" else ""
 
 
@@ -79,60 +83,59 @@ def conditions_at(
 ) -> tuple[Array, Array]:
     """Compute the conditions on a law: sigma (k,) and rows (k, 4).
 
-    The rows are per (1, z, u, u'). They are condition (8) at each point, and the required speeds, z phi'^2 =
-    speed^2.
+    A row times (1, z, u, u') must vanish. The first rows are condition (8) at each point, the last ones the
+    required speeds, z phi'^2 = speed^2.
 
     Args:
         z0: the squared speed about which viscous damping is linearised.
-        speed_places: s of the required speeds, those of the points by default.
+        speed_places: s of the required speeds; by default the points.
     """
     sigmas = list[float]()
     rows = list[Array]()
     for point in points:
-        conditions = crossing_rows(task.branch, task.phi, point, z0)
-        rows += list(conditions.rows)
-        sigmas += [conditions.sigma] * len(conditions.rows)
+        crossing = crossing_rows(task.branch, task.phi, point, z0)
+        rows += list(crossing)
+        sigmas += [float(task.phi.inverse(point.s))] * len(crossing)
+    if speed_places is None:
+        speed_places = [point.s for point in points]
     speeds = task.request.speeds or ()
-    places = [point.s for point in points] if speed_places is None else speed_places
-    for place, speed in zip(places, speeds, strict=bool(speeds)):
-        sigma = float(task.phi.inverse(place))
+    for s, speed in zip(speed_places, speeds, strict=bool(speeds)):
+        sigma = float(task.phi.inverse(s))
         rows.append(np.array([-(speed**2), float(task.phi(sigma, 1)) ** 2, 0.0, 0.0]))
         sigmas.append(sigma)
     return np.array(sigmas), np.array(rows).reshape(-1, 4)
 
 
 def check_speeds(task: Task, points: Sequence[CrossingPoint]) -> None:
-    """Raise NoLaw where no speed meets the conditions at a crossing point.
+    """Raise NoLaw if no speed meets condition (8) at a crossing point.
 
-    One condition leaves beta s'^2 + gamma = 0 where the path is orthogonal to t_s; two determine s'^2 and s".
-    With damping, which adds delta s', the cone program tells.
+    Where the path is orthogonal to t_s, one condition reduces to beta s'^2 + gamma = 0. Two conditions
+    determine s'^2 and s". Damping adds a term delta s', which is left to the cone program.
     """
-    if task.branch.robot.is_damped:
+    if task.robot.is_damped:
         return
     for point in points:
-        rows = crossing_rows(task.branch, task.phi, point).rows
+        rows = crossing_rows(task.branch, task.phi, point)
         if point.corank > 1:
             _check_common_speed(task, point, rows)
             continue
         constant, per_z, per_u, _ = rows[0]
         is_orthogonal = per_u == 0.0 and (per_z != 0.0 or constant != 0.0)
-        if is_orthogonal and not -constant * per_z > 0.0:
-            why = "one of them is zero and the other not"
-            if constant * per_z > 0.0:
-                why = "both pull the same way"
+        product = constant * per_z
+        if is_orthogonal and not product < 0.0:
+            why = "both pull the same way" if product > 0.0 else "one of them is zero and the other not"
             raise NoLaw(
-                f"{task.branch.robot.name}: at s = {point.s:.6g} the path runs orthogonal to t_s: condition "
+                f"{task.robot.name}: at s = {point.s:.6g} the path runs orthogonal to t_s: condition "
                 f"(8) leaves beta s'^2 + gamma = 0, which no speed meets ({why})",
                 proof=UnmetCondition(point.s, *coefficients_at(task.branch, point, None)[:3], stop=False),
             )
 
 
 def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
-    """Refuse conditions (8) at a point without a common speed s' > 0.
+    """Raise UncontrolledMotions if no s' > 0 meets all conditions (8) at a point.
 
-    Raises UncontrolledMotions unless some s'^2 > 0 and s" meet all. The rows (k, 4) ask for [per_z per_u] (z,
-    u) = -constant. With [per_z per_u] = U diag(S) V' the solution of least norm is V S^-1 U' (-constant), and
-    there is one if the rest of U' (-constant) is zero.
+    The rows (k, 4) require A (z, u) = -constant with A = [per_z per_u] = U diag(S) V'. The solution of least
+    norm is V S^-1 U' (-constant). It exists if the components of U' (-constant) beyond the rank of A vanish.
     """
     size = np.abs(rows).max()
     U, S, V_rows = np.linalg.svd(rows[:, 1:3])
@@ -142,7 +145,7 @@ def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
     is_solvable = np.abs(required[rank:]).max(initial=0.0) <= NO_HOLD * size
     if not is_solvable or (rank == 2 and not z_and_u[0] > 0.0):
         raise escape_error(
-            task.branch.robot,
+            task.robot,
             point.s,
             task.branch.path(point.s),
             point.corank,
@@ -151,16 +154,17 @@ def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
 
 
 def check_unfolded(task: Task) -> None:
-    """Refuse a touch that small deflections turn into two crossings or none.
+    """Raise NoLaw at a crossing that small deflections change in kind.
 
-    Raises NoLaw. That is so where the path only touches the locus, and where several motions escape at once.
+    If the path only touches the locus, or several motions escape at once, deflections leave two crossings or
+    none.
     """
-    if not task.branch.robot.n_e or task.geometry == "rigid":
+    if not task.robot.n_e or task.geometry == "rigid":
         return
     for target in task.targets:
         if isinstance(target, SingularPoint) and (target.contact == "tangential" or target.corank > 1):
             event = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions go at once"
             raise NoLaw(
-                f"{task.branch.robot.name}: at s = {target.s:.6g} the path {event}; the deflections make two "
+                f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflections make two "
                 f"crossings of that or none: move the path off the locus or across it, or use geometry rigid"
             )

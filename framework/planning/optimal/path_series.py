@@ -1,13 +1,14 @@
 """The torques of all laws along a path, as functions of s that are polynomials on cells.
 
-Over their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Multipliers nu (m,)
-of them are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
+Over their reference, torques are c + cz z + cu u + d sqrt(z), with z = s'^2 and u = z'/2. Their multipliers
+nu (m,) are sought as the sum of x_i v_i, with x (m,) polynomials on each cell, and
 
     v_0 = 2 cu / |cu|^2,     v_i = e_i - cu (cu . e_i) / |cu|^2,     e_i constant on the cell,
 
-so that nu . cu / 2 = x_0. At a crossing c, cz, cu and d have a pole along one and the same vector: there all
-v and their products with these are smooth, and condition (8) needs no multiplier. Where that is not so (the
-path touches the locus, runs orthogonal to t_s, or several motions escape at once) functions do not resolve.
+so that nu . cu / 2 = x_0. At a crossing c, cz, cu and d have poles along the same vector. All v, and their
+products with c, cz, cu and d, are therefore smooth at the crossing, and condition (8) needs no multiplier.
+The functions do not resolve if the path touches the locus, runs orthogonal to t_s, or lets several motions
+escape at once.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from framework.numerics.bernstein import NODES, Bernstein, cell_nodes, fit_berns
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.phase_plane import Demand, demand
 
-END_ORDER = 4  # of the smoothstep by which cells are narrower towards both ends of the path
-LEAST_WIDTH = 1e-6  # of a cell in s: an edge or a knot nearer to a crossing is taken to be at it
-MAX_CUTS = 14  # of cells on which functions do not resolve, or a motor with dry friction reverses
+END_ORDER = 4  # of the smoothstep that makes cells narrower towards both ends of the path
+LEAST_WIDTH = 1e-6  # of a cell in s: an edge or knot nearer to a crossing counts as equal to it
+MAX_CUTS = 14  # rounds of cutting cells where functions do not resolve or a motor with dry friction reverses
 
 
 class PathSeries(NamedTuple):
-    """The functions of m torques and n motor speeds on cells between edges (k + 1,) of s."""
+    """Functions of m torques and n motor speeds on k cells between edges (k + 1,) of s."""
 
     edges: Array
     directions: Array  # (k, m - 1, m) e_i
@@ -36,7 +37,7 @@ class PathSeries(NamedTuple):
     constant: Bernstein  # (..., m) v_i . c
     per_z: Bernstein  # (..., m) v_i . cz
     damping: Bernstein  # (..., m) v_i . d
-    squared_speed: Bernstein  # (..., n) of motors with a limit, over its square and z
+    squared_speed: Bernstein  # (..., n) of motors with a speed limit, over the squared limit and z
 
     @property
     def width(self) -> Array:
@@ -44,11 +45,11 @@ class PathSeries(NamedTuple):
 
 
 def uniform_cells(task: Task, count: int) -> Array:
-    """Return edges (k + 1,) in s of about `count` cells, each crossing in the middle of one.
+    """Return edges (k + 1,) in s of about `count` cells, with each crossing in the middle of one.
 
-    Cells are equal in the stretched parameter of optimal laws: narrow towards both ends and beside crossings.
-    Knots of the path and of wrenches are edges. The cell about a crossing reaches a third of the way to the
-    next edge or crossing.
+    Cells have equal widths in the stretched parameter of optimal laws, so that they are narrow towards both
+    ends and beside crossings. Knots of the path and of wrenches are edges. The cell about a crossing reaches
+    a third of the way to the next edge or crossing.
     """
     branch = task.branch
     phi = Smoothstep(END_ORDER)
@@ -66,34 +67,35 @@ def uniform_cells(task: Task, count: int) -> Array:
 
 
 def cut_cells(task: Task, edges: Array, parts: IntArray) -> Array:
-    """Return the edges after each cell is cut in `parts` (k,), an odd number about a crossing.
+    """Cut each cell in `parts` (k,) of equal width; return the new edges.
 
-    Then no edge is on a crossing, which stays in the middle of a cell.
+    A cell about a crossing is cut in an odd number of parts: the crossing stays in the middle of a cell.
     """
     has_crossing = cells_about(edges, _crossings(task))
     parts = parts + (has_crossing & (parts % 2 == 0))
-    width = np.repeat(np.diff(edges) / parts, parts)
+    cell_of_part = np.repeat(np.arange(len(parts)), parts)
     first_part = np.cumsum(parts) - parts  # of each cell
-    number_in_cell = np.arange(parts.sum()) - np.repeat(first_part, parts)
-    return np.append(np.repeat(edges[:-1], parts) + number_in_cell * width, edges[-1])
+    number_in_cell = np.arange(len(cell_of_part)) - first_part[cell_of_part]
+    width = np.diff(edges) / parts
+    return np.append(edges[cell_of_part] + number_in_cell * width[cell_of_part], edges[-1])
 
 
 def cells_about(edges: Array, points: Array) -> BoolArray:
-    """Return a mask (k,) of the cells between edges (k + 1,) that have a point inside."""
+    """Return the mask (k,) of cells between edges (k + 1,) with a point in their interior."""
     return np.asarray(((edges[:-1, None] < points) & (points < edges[1:, None])).any(axis=1))
 
 
 def _crossings(task: Task) -> Array:
-    """Return s of the crossings inside (0, 1)."""
+    """Return the crossings, s in (0, 1)."""
     return np.array([point.s for point in task.to_cross.points if 0.0 < point.s < 1.0])
 
 
 def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | None:
-    """Compute the functions on cells, cut in two until all functions resolve; None without success.
+    """Fit functions on cells, halved until all functions resolve; None without success.
 
     Args:
-        reference: (n_a,) of the torques; a motor where that is infinite is left out.
-        edges: (k + 1,) of s, with all knots.
+        reference: (n_a,) of the torques; motors with an infinite reference are left out.
+        edges: (k + 1,) of s, all knots among them.
     """
     for _ in range(MAX_CUTS):
         fit = _fit_series(task, reference, edges)
@@ -101,19 +103,20 @@ def resolve_series(task: Task, reference: Array, edges: Array) -> PathSeries | N
         if not to_cut.any():
             break
         edges = cut_cells(task, edges, np.where(to_cut, 2, 1))
-    return fit.series if fit.is_resolved.all() else None  # a reversal in a narrow cell counts as an error
+    # a motor may still reverse in a narrow cell: the friction error of that cell covers it
+    return fit.series if fit.is_resolved.all() else None
 
 
 class _Fit(NamedTuple):
-    """The functions on k cells, and the cells on which the fit is poor."""
+    """The functions on k cells, and the cells that need cutting."""
 
     series: PathSeries
     is_resolved: BoolArray  # (k,)
-    reverses: BoolArray  # (k,) a motor with dry friction reverses in the cell
+    reverses: BoolArray  # (k,) whether a motor with dry friction reverses in the cell
 
 
 def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
-    """Fit the functions v_i, v_i . c, v_i . cz, v_i . d and the squared speeds on cells."""
+    """Fit v_i, v_i . c, v_i . cz, v_i . d and squared speeds on cells."""
     samples = _sample_cells(task, reference, edges)
     directions, v = _multiplier_basis(samples.per_u)
     torques = (samples.constant, samples.per_z, samples.damping)
@@ -121,7 +124,7 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
     values = (v, *products, samples.speed_ratio**2)
     functions, masks = zip(*map(fit_bernstein, values), strict=True)
     series = PathSeries(edges, directions, *functions)
-    # an error of c changes v_i . c by the largest |v_i| in the cell times that error
+    # an error of c changes v_i . c by at most that error times the largest |v_i| in the cell
     largest_v = np.abs(v).max(axis=1)  # (k, m, m)
     error = (largest_v @ samples.friction_error[..., None])[..., 0]
     series = series._replace(constant=series.constant._replace(error=series.constant.error + error))
@@ -129,41 +132,45 @@ def _fit_series(task: Task, reference: Array, edges: Array) -> _Fit:
 
 
 class _Samples(NamedTuple):
-    """Torques and speeds at the nodes of k cells, of the m motors whose torques count."""
+    """Torques over their reference, and speeds, at the nodes of k cells; m motors have a reference."""
 
-    constant: Array  # (k, NODES, m) c over the reference, with dry friction
+    constant: Array  # (k, NODES, m) c, with the mean dry friction of each cell
     per_z: Array  # (k, NODES, m) cz
     damping: Array  # (k, NODES, m) d
     per_u: Array  # (k, NODES, m) cu
     speed_ratio: Array  # (k, NODES, n) speeds per s' over the limits, of the n motors with a limit
-    friction_error: Array  # (k, m) of dry friction in the constant
+    friction_error: Array  # (k, m) of c
 
 
 def _sample_cells(task: Task, reference: Array, edges: Array) -> _Samples:
     """Sample torques and speeds at the nodes of each cell."""
     specification = task.specification
-    counts = np.isfinite(reference)
     s = (edges[:-1, None] + np.diff(edges)[:, None] * cell_nodes()).ravel()
     required = demand(task.branch, Smoothstep(0), s)
     friction, friction_error = _mean_friction(required, specification.friction)
     torque = required.torque
-    parts = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
-    constant, per_z, damping, per_u = (_split_by_cell(part / reference)[..., counts] for part in parts)
-    is_limited = np.isfinite(specification.speed_limit)
-    speed_ratio = _split_by_cell(required.speed / specification.speed_limit)[..., is_limited]
-    return _Samples(constant, per_z, damping, per_u, speed_ratio, (friction_error / reference)[:, counts])
+    torques = (torque.constant + friction, torque.per_z, required.damping, torque.per_u)
+    constant, per_z, damping, per_u = (_finite_ratio(_split_by_cell(part), reference) for part in torques)
+    speed_ratio = _finite_ratio(_split_by_cell(required.speed), specification.speed_limit)
+    error = _finite_ratio(friction_error, reference)
+    return _Samples(constant, per_z, damping, per_u, speed_ratio, error)
+
+
+def _finite_ratio(values: Array, limit: Array) -> Array:
+    """Return values (..., n_a) over finite limits (n_a,); motors without a limit are left out."""
+    return (values / limit)[..., np.isfinite(limit)]
 
 
 def _split_by_cell(values: Array) -> Array:
-    """Return values (k NODES, n) as (k, NODES, n)."""
+    """Reshape values (k NODES, n) to (k, NODES, n)."""
     return values.reshape(-1, NODES, values.shape[-1])
 
 
 def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
-    """Return the mean dry friction of each cell at its nodes (k NODES, n_a), and its error (k, n_a).
+    """Compute the mean dry friction of each cell at its nodes (k NODES, n_a), and the error (k, n_a).
 
-    The error is 2 size where a motor reverses within a cell. A reversal and back between two nodes is not
-    seen, as in plans.
+    The error is 2 size if a motor reverses within the cell. Two reversals between neighbouring nodes remain
+    unseen, as in plans.
     """
     friction = _split_by_cell(required.friction(size))
     mean = np.repeat(friction.mean(axis=1), NODES, axis=0)
@@ -171,14 +178,15 @@ def _mean_friction(required: Demand, size: Array) -> tuple[Array, Array]:
 
 
 def _multiplier_basis(per_u: Array) -> tuple[Array, Array]:
-    """Compute e (k, m - 1, m) and v (k, NODES, m, m) for torques per u (k, NODES, m).
+    """Compute e (k, m - 1, m) and v (k, NODES, m, m) for torques cu (k, NODES, m).
 
-    v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The e_i are orthogonal to cu at a node beside
-    the middle of the cell.
+    v_0 = 2 cu / |cu|^2 and v_i = e_i - cu (cu . e_i) / |cu|^2. The e_i of a cell are orthogonal to cu at the
+    node beside its middle.
     """
     along = per_u / (per_u**2).sum(axis=2, keepdims=True)  # cu / |cu|^2
-    orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # its first column is along cu
-    e = orthonormal[:, :, 1:].swapaxes(1, 2)
-    cosines = per_u @ e.swapaxes(1, 2)  # (k, NODES, m - 1) cu . e_i
+    orthonormal = np.linalg.svd(per_u[:, NODES // 2, :, None])[0]  # (k, m, m) with the first column along cu
+    e_columns = orthonormal[:, :, 1:]
+    e = e_columns.swapaxes(1, 2)
+    cosines = per_u @ e_columns  # (k, NODES, m - 1) cu . e_i
     across = e[:, None] - cosines[..., None] * along[:, :, None]
     return e, np.concatenate([2.0 * along[:, :, None], across], axis=2)

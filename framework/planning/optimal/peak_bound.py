@@ -1,7 +1,8 @@
-"""Bounds of every law: of its peak of torque or duration, and the proof that there is none within limits.
+"""Lower bounds of the peak torque or the duration of every law, and the proof that no law keeps its limits.
 
-They hold for rigid robots with as many motors as axes whose path crosses the locus, and for all laws that
-advance from rest to rest, however fine. Elsewhere there is no bound, and nothing is proved.
+They hold for rigid robots with as many motors as axes, on paths that cross the locus transversally, and for
+all laws that advance from rest to rest, whatever their discretisation. Otherwise there is no bound, and
+nothing is proved.
 """
 
 from __future__ import annotations
@@ -23,23 +24,24 @@ from framework.singularity.points_on_path import search_path
 from framework.tolerances import BOUND_MARGIN
 
 FIRST_CELLS, MAX_CELLS, MAX_REFINEMENTS = 100, 400, 6
-MIN_GAIN = 1e-3  # of a bound by more cells
-MAX_MARGINS = 3  # with which a program is solved until its factor is proved
-ERROR_GROWTH = 1.5  # of the factor's error, over the error with the multipliers of the last cells
-CUT_SHARES = (1.5, 6.0)  # of |nu|_1 on a cell over the mean, above which it is cut in two and in four
+MIN_GAIN = 1e-3  # relative, of a bound by more cells
+MAX_MARGINS = 3  # with which a program is solved until its factor is proved positive
+ERROR_GROWTH = 1.5  # of the factor's error, over the error with the multipliers of the previous cells
+CUT_SHARES = (1.5, 6.0)  # |nu|_1 on a cell over the mean, above which the cell is cut in two and in four
 
 
 @dataclass(frozen=True, eq=False)
 class PeakBound(ReadOnlyArrays):
-    """A bound of every law's peak or duration, with its multipliers.
+    """A lower bound of the peak or the duration of every law, with its multipliers.
 
-    by_duality: the peak of torque over the reference that no law is below, or the duration [s].
-    at_rest: the peak that every law has at its ends, where s' = s" = 0; zero where s" need not vanish.
-    reference: (n_a,) [N m]; torques of motors where it is infinite do not count.
+    by_duality: the bound of the peak torque over the reference, or of the duration [s].
+    at_rest: the relative peak of every law at its ends, where s' = s" = 0; zero if s" need not vanish there.
+    reference: (n_a,) [N m]; torques of motors with an infinite reference do not count.
     edges: (k + 1,) of cells in s, on which the multipliers are constant or polynomials in Bernstein form.
-    p: (k, 3) and across: (k, 3, m) give nu = 2 p cu / |cu|^2 + across - cu (cu . across) / |cu|^2, of the m
+    p: (k, 3) and across: (k, 3, m) give nu = 2 p cu / |cu|^2 + across - cu (cu . across) / |cu|^2 of the m
         motors whose torques count, over the reference.
-    mu: (k, n) of the n motors with a limit of speed. lam: lambda.
+    mu: (k, n) of the n motors with a speed limit.
+    lam: lambda.
     """
 
     by_duality: float
@@ -53,37 +55,34 @@ class PeakBound(ReadOnlyArrays):
 
     @property
     def value(self) -> float:
-        """The number that no law is below."""
+        """The larger of both bounds."""
         return max(self.by_duality, self.at_rest)
 
 
 def bound_peak(task: Task, reference: Array) -> PeakBound | None:
-    """Compute a bound of the peak of torque over a reference (n_a,).
+    """Compute a bound of the peak torque over a reference (n_a,); None if no bound is known.
 
-    Limits of speed and the duration count, limits of torque do not.
+    Laws keep the speed limits and the longest duration; torque limits do not count.
     """
     proof = _find_proof(task, reference, timed=False)
     return proof and _bound_with_multipliers(proof, reference, _peak_at_rest(task, reference))
 
 
 def bound_duration(task: Task) -> PeakBound | None:
-    """Compute a bound of the duration [s] within the limits of torque and speed."""
+    """Compute a bound of the duration [s] within all limits; None if no bound is known."""
     limit = task.specification.torque_limit
     proof = _find_proof(task, limit, timed=True)
     return proof and _bound_with_multipliers(proof, limit, at_rest=0.0)
 
 
 def find_refuting_bound(task: Task) -> PeakBound | None:
-    """Find a bound above 1 of the undeformed robot's relative peak, by which no law exists; None without."""
+    """Find a bound above 1 of the peak over the limits, which excludes every law; None without one."""
     bound = bound_peak(task, task.specification.torque_limit)
     return bound if bound is not None and bound.value > 1.0 + BOUND_MARGIN else None
 
 
 def bound_plan(plan: CrossingPlan) -> PeakBound | None:
-    """Compute a bound of the duration or peak that a plan's law minimises.
-
-    None for other goals.
-    """
+    """Compute a bound of the duration or peak that a plan's law minimises; None for other goals."""
     if plan.optimality is None or plan.optimality.specification.goal == "energy":
         return None
     specification = plan.optimality.specification
@@ -96,7 +95,7 @@ def bound_plan(plan: CrossingPlan) -> PeakBound | None:
 
 
 class _Proof(NamedTuple):
-    """A bound proved by multipliers on the cells of a series."""
+    """A bound, with the multipliers on the cells of a series that prove the bound."""
 
     series: PathSeries
     multipliers: Multipliers
@@ -104,36 +103,30 @@ class _Proof(NamedTuple):
 
     @property
     def complete(self) -> bool:
+        """Whether the bound is positive, and proved on all cells."""
         return self.evidence.value > 0.0 and not self.evidence.lacking.any()
 
 
 def _bound_with_multipliers(proof: _Proof, reference: Array, at_rest: float) -> PeakBound:
-    """Return the bound that a proof gives, with its multipliers in the form of `PeakBound`.
+    """Return the bound of a proof, with the multipliers of `PeakBound`.
 
-    p = x_0, and across is the sum of x_i e_i over i > 0, with e_i the directions of the series.
+    p = x_0, and `across` is the sum of x_i e_i over i > 0, with the directions e_i of the series.
 
     Args:
-        at_rest: the relative peak at the ends, zero for a bound of the duration.
+        at_rest: the relative peak at the ends; zero for a bound of the duration.
     """
     series = proof.series
     x, mu, _, lam = proof.multipliers
-    return PeakBound(
-        proof.evidence.value,
-        at_rest,
-        reference,
-        series.edges,
-        p=x[..., 0],
-        across=x[..., 1:] @ series.directions,
-        mu=mu,
-        lam=lam,
-    )
+    p = x[..., 0]
+    across = x[..., 1:] @ series.directions
+    return PeakBound(proof.evidence.value, at_rest, reference, series.edges, p, across, mu, lam)
 
 
 def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
-    """Find the best proof on cells that are refined in turn.
+    """Find the best proof on cells that are refined step by step; None if no proof is complete.
 
-    None where none is complete. Cells are cut where |nu| is large, since its integral is the denominator of
-    the bound, and where the factor is not proved to be positive.
+    Cells are cut where |nu| is large, since its integral is the denominator of the bound, and where the
+    factor is not proved positive.
     """
     if not _has_bound(task, reference):
         return None
@@ -159,35 +152,36 @@ def _find_proof(task: Task, reference: Array, *, timed: bool) -> _Proof | None:
 
 
 def _has_bound(task: Task, reference: Array) -> bool:
-    """Whether a task has bounds.
+    """Return whether bounds of a task are known.
 
-    It has for a rigid robot with as many motors as axes, and transversal, single crossings.
+    They are for a rigid robot with as many motors as axes, and transversal crossings of corank 1.
     """
-    robot = task.branch.robot
-    points = task.to_cross.points
-    are_crossed = all(point.corank == 1 and point.contact != "tangential" for point in points)
-    return not robot.n_e and robot.n_a == robot.n and are_crossed and bool(np.isfinite(reference).any())
+    robot = task.robot
+    if robot.n_e or robot.n_a != robot.n or not np.isfinite(reference).any():
+        return False
+    return all(point.corank == 1 and point.contact != "tangential" for point in task.to_cross.points)
 
 
 def _choose_parts(evidence: Evidence) -> IntArray:
-    """Choose into how many parts each cell is cut, (k,): 1, 2 or 4.
+    """Choose the number of parts (k,) of each cell: 1, 2 or 4.
 
-    A cell is cut for a large share of the integral of |nu|_1, or where the factor is not proved to be
-    positive; and into no fewer parts than its neighbours on their own.
+    A cell is cut if it has a large share of the integral of |nu|_1, or if the factor is not proved positive.
+    Each cell then gets at least as many parts as its neighbours.
     """
+    from scipy.ndimage import maximum_filter1d
+
     share_over_mean = evidence.shares * len(evidence.shares)
     halving_share, quartering_share = CUT_SHARES
     parts = 1 + (share_over_mean > halving_share) + 2 * (share_over_mean > quartering_share)
     parts = np.where(evidence.lacking > 0.0, np.maximum(parts, 2), parts)
-    padded = np.pad(parts, 1, constant_values=1)
-    return np.maximum(parts, np.maximum(padded[:-2], padded[2:]))
+    return maximum_filter1d(parts, 3)
 
 
 def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | None:
-    """Solve with growing margins until the factor is proved positive.
+    """Solve with growing margins until the factor is proved positive; None without a solution.
 
-    None without a solution. The first margin is the solver's error and, with a proof on the previous cells,
-    the error of the series times the multipliers there.
+    The first margin covers the error of the solver. With a proof on the previous cells, it also covers the
+    error of the series times the multipliers of that proof.
     """
     series = program.series
     margin = 2.0 * program.factor_error
@@ -209,9 +203,9 @@ def _solve_program(program: DualProgram, previous: _Proof | None) -> _Proof | No
 
 
 def _peak_at_rest(task: Task, reference: Array) -> float:
-    """Return the largest holding torque over the reference at both ends of the path.
+    """Return the largest holding torque at both ends of the path, over the reference.
 
-    Laws whose s' and s" vanish there need it; 0 where s" need not vanish.
+    Every law whose s' and s" vanish at the ends needs this torque; 0 if s" need not vanish.
     """
     if task.specification.smoothness < 2:
         return 0.0

@@ -1,23 +1,24 @@
-"""Torques and condition (8) along a path, affine in z and u of the speed.
+"""Torques and condition (8) along a path, affine in the squared speed z and its half slope u.
 
-On a path x(phi(sigma)) all coordinates of the undeformed robot are functions of sigma, and with
-z = (d sigma/dt)^2, u = z'/2 (see `optimal_law`)
+On a path x(phi(sigma)) all coordinates of the undeformed robot are functions of sigma. With
+z = (d sigma/dt)^2 and u = z'/2 (see `optimal_law`)
 
-    v = q' sqrt(z),     a = q" z + q' u,     torque = c0 + cz z + cu u,     t_s . W_p = likewise
+    v = q' sqrt(z),     a = q" z + q' u,     torque = c0 + cz z + cu u,
 
-so three evaluations of the inverse dynamics a point give everything (after toppra, which recovers its
-constraint coefficients from such calls): at rest, and of the inertia alone at (z, u) = (1, 0) and (0, 1).
-Differences against the forces at rest would lose digits where gravity is large. Viscous damping D adds
-D q' sqrt(z), which is replaced by its tangent at the squared speed z0 of the law before,
+and t_s . W_p is affine in z and u like the torque. Three evaluations of the inverse dynamics at a point
+therefore give all coefficients (as toppra recovers its constraint coefficients): one at rest, and two of the
+inertia alone, at (z, u) = (1, 0) and (0, 1). Differences against the forces at rest would lose digits where
+gravity is large. Viscous damping D adds D q' sqrt(z), with sqrt(z) replaced by its tangent at the squared
+speed z0 of the previous law,
 
     sqrt(z) = sqrt(z0)/2 + z / (2 sqrt(z0)) + O((z - z0)^2).
 
-Torques are finite where condition (8) vanishes as often as the measure g of the singularity does. Where the
-path touches the locus without crossing it that is the condition and its derivative along the path,
+Torques are finite if t_s . W_p has a zero of the same order as the measure g of the singularity. Where the
+path touches the locus without crossing it, this requires condition (8) and its derivative along the path,
 
-    c0' + cz' z + cz z' + cu' u + cu u' = 0,     z' = 2 u,
+    c0' + cz' z + cz z' + cu' u + cu u' = 0,     z' = 2 u.
 
-and where several motions escape at once one condition for each of them.
+Where several motions escape at once, each of them has its own condition.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class SquaredSpeed(Protocol):
 
 
 class AffineInSpeed(NamedTuple):
-    """constant + per_z z + per_u u, each (M, k)."""
+    """Functions constant + per_z z + per_u u, each coefficient (M, k)."""
 
     constant: Array
     per_z: Array
@@ -58,29 +59,27 @@ class AffineInSpeed(NamedTuple):
 
 
 class Demand(NamedTuple):
-    """The torques and speeds of the motors at points sigma (M,)."""
+    """Torques and speeds of the motors at points sigma (M,), motor side."""
 
-    torque: AffineInSpeed  # (M, n_a) [N m], motor side, without damping
-    damping: Array  # (M, n_a) [N m s], motor side: over d sigma/dt
-    speed: Array  # (M, n_a) [rad], motor side: over d sigma/dt
-    direction: Array | None = None  # (M, n_a) motor speeds over ds/dt, if dry friction acts on any
+    torque: AffineInSpeed  # (M, n_a) [N m], without friction
+    damping: Array  # (M, n_a) [N m s], viscous torque over d sigma/dt
+    speed: Array  # (M, n_a) [rad], over d sigma/dt
+    direction: Array | None = None  # (M, n_a) motor speeds over ds/dt; None without dry friction
 
     def linearise_damping(self, z0: Array | None) -> AffineInSpeed:
-        """Return the torques with damping linearised about z0 (M,) [1/s^2].
+        """Return the torques with damping linearised about z0 (M,) [1/s^2]; None leaves damping out.
 
-        It is left out at None. damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
+        damping sqrt(z) = damping (sqrt(z0) / 2 + z / (2 sqrt(z0))) to first order.
         """
         if z0 is None:
             return self.torque
         root = np.sqrt(z0)[:, None]
-        constant = self.torque.constant + 0.5 * self.damping * root
-        return AffineInSpeed(constant, self.torque.per_z + 0.5 * self.damping / root, self.torque.per_u)
+        half_damping = 0.5 * self.damping
+        constant, per_z, per_u = self.torque
+        return AffineInSpeed(constant + half_damping * root, per_z + half_damping / root, per_u)
 
     def friction(self, size: Array) -> Array:
-        """Return torques (M, n_a) of dry friction of sizes (n_a,).
-
-        Their signs are those of the motors' speeds.
-        """
+        """Return torques (M, n_a) of dry friction of sizes (n_a,), with the signs of motor speeds."""
         if self.direction is None:
             return np.zeros((len(self.speed), len(size)))
         return size * speed_signs(self.direction)
@@ -91,34 +90,36 @@ def demand(
     phi: Smoothstep,
     sigma: Array,
 ) -> Demand:
-    """Compute torques and speeds of the motors of the undeformed robot at sigma (M,)."""
+    """Compute torques and speeds of the undeformed robot's motors at sigma (M,)."""
     robot = branch.robot
+    s = phi(sigma)
     count = len(sigma)
-    motion = _three_motions(branch, phi, sigma)
+    three = _three_motions(branch, phi, sigma)
 
     def motor_torques(forces: Array) -> AffineInSpeed:
-        """Compute the motors' torques, each (M, n_a), that balance forces (3, M, nv) of the tree."""
-        balanced = balanced_forces(robot, motion.linearised, forces.reshape(3 * count, -1))
-        torque = motor_torque(robot, motion, balanced.joint_torque)
+        """Compute motor torques (M, n_a) that balance tree forces (3, M, nv), per (1, z, u)."""
+        balanced = balanced_forces(robot, three.linearised, forces.reshape(3 * count, -1))
+        torque = motor_torque(robot, three, balanced.joint_torque)
         return AffineInSpeed(*torque.reshape(3, count, -1))
 
-    forces = _linearised_forces(branch, motion, sigma, phi(sigma), None)
+    forces = _linearised_forces(branch, three, sigma, s, None)
     torque = motor_torques(forces)
     damping = np.zeros_like(torque.constant)
+    rates = _rates_per_root_z(three)
     if robot.is_damped:
-        forces[0] += robot.joint_damping * _rates_per_root_z(motion)
+        forces[0] += robot.joint_damping * rates
         damping = motor_torques(forces).constant - torque.constant
-    speed = _rates_per_root_z(motion)[:, robot.actuated] * robot.gear_ratio
-    return Demand(torque, damping, speed, _motor_direction(branch, phi(sigma), motion))
+    speed = rates[:, robot.actuated] * robot.gear_ratio
+    return Demand(torque, damping, speed, _motor_direction(branch, s, three))
 
 
 def _rates_per_root_z(three: Motion) -> Array:
-    """Return the joint rates (M, nv) at z = 1 of the three motions."""
+    """Return the joint rates (M, nv) of the second of `_three_motions`, at z = 1."""
     return np.split(three.v, 3)[1]
 
 
 def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
-    """Return dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction."""
+    """Compute dq_a/ds (M, n_a), motor side, at the poses of `_three_motions`; None without dry friction."""
     robot = branch.robot
     if not robot.joint_friction[robot.actuated].any():
         return None
@@ -132,10 +133,10 @@ def _motor_direction(branch: Branch, s: Array, three: Motion) -> Array | None:
 def _linearised_forces(
     branch: Branch, three: Motion, sigma: Array, s: Array, z0: SquaredSpeed | None
 ) -> Array:
-    """Compute forces (3, M, nv) of the open tree on `_three_motions`.
+    """Compute forces (3, M, nv) of the open tree per (1, z, u), from `_three_motions`.
 
-    They are at rest, per z and per u. Weight and wrenches of the world are in the forces at rest. Damping D
-    q' sqrt(z) is replaced by its tangent at the squared speed z0, and left out without one.
+    Forces at rest include weight and wrenches of the world. Damping D q' sqrt(z) is linearised about the
+    squared speed z0; None leaves damping out.
 
     Args:
         sigma, s: (M,) of the points.
@@ -153,53 +154,38 @@ def _linearised_forces(
     return forces
 
 
-class CrossingConditions(NamedTuple):
-    """The conditions at one crossing sigma, as rows per (1, z, u, u').
-
-    Each row times these has to vanish.
-    """
-
-    sigma: float
-    rows: Array  # (k, 4)
-
-
 def crossing_rows(
-    branch: Branch,
-    phi: Smoothstep,
-    crossing: CrossingPoint,
-    z0: SquaredSpeed | None = None,
-) -> CrossingConditions:
-    """Compute the conditions on a law at a crossing.
+    branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None = None
+) -> Array:
+    """Compute the conditions on a law at a crossing as rows (k, 4) per (1, z, u, u').
 
-    A path that crosses the locus, with one uncontrolled motion, has the one condition t_s . W_p = 0 without
-    u'. Several motions have one each, and a touch adds the derivatives along the path. A coefficient is zero
-    if it is no more than rounding of its terms: that of u on a path orthogonal to t_s; all coefficients on a
-    straight path with no weight along t_s.
+    Each row times (1, z, u, u') must vanish. A transversal crossing with one uncontrolled motion has the
+    single condition t_s . W_p = 0, without u'. Several motions have one condition each, and a touch adds the
+    derivatives along the path. A coefficient that is only rounding of its terms is set to zero: that of u on
+    a path orthogonal to t_s; all coefficients on a straight path without weight along t_s.
 
     Args:
         z0: the squared speed about which damping is linearised, if any.
     """
-    sigma = float(phi.inverse(np.array([crossing.s]))[0])
     if crossing.corank > 1 or crossing.touches:
-        return CrossingConditions(sigma, _rows_about(branch, phi, sigma, crossing, z0))
+        return _rows_about(branch, phi, crossing, z0)
     wrench_row = _wrench_row(branch, phi, crossing, z0)
-    per_du = 0.0  # u' enters at a touch alone
-    return CrossingConditions(sigma, np.append(wrench_row, per_du)[None])
+    per_du = 0.0  # u' enters only at a touch
+    return np.append(wrench_row, per_du)[None]
 
 
-def _rows_about(
-    branch: Branch, phi: Smoothstep, sigma: float, crossing: CrossingPoint, z0: SquaredSpeed | None
-) -> Array:
-    """Compute the conditions (k, 4) of all uncontrolled motions of the rigid robot.
+def _rows_about(branch: Branch, phi: Smoothstep, crossing: CrossingPoint, z0: SquaredSpeed | None) -> Array:
+    """Compute the conditions (k, 4) of all uncontrolled motions of the undeformed robot.
 
-    At a touch, the derivative of each along the path is one more condition: (c0', cz', cu' + 2 cz, cu) per
-    (1, z, u, u'), since z' = 2 u. It is that of a Chebyshev series through points about the crossing. Null
-    vectors of the bordered system are smooth there, and so are the conditions.
+    At a touch, the derivative of each condition along the path is a further condition: since z' = 2 u, it is
+    (c0', cz', cu' + 2 cz, cu) per (1, z, u, u'). The derivative is that of a Chebyshev series through points
+    about the crossing. Null vectors of the bordered system are smooth there, and so are the conditions.
     """
+    sigma = float(phi.inverse(crossing.s))
     half_width = min(HALF_WIDTH, sigma, 1.0 - sigma)
     points = np.append(sigma + half_width * nodes(NODES), sigma)
     values, size = _conditions_at_points(branch, phi, points, crossing.corank, z0)
-    rows = np.pad(values[-1], ((0, 0), (0, 1)))  # of (1, z, u, u'): 0 per u'
+    rows = np.pad(values[-1], ((0, 0), (0, 1)))  # zero per u'
     if crossing.corank > 1:
         size = size.max()
         rows = _independent_rows(rows, size)
@@ -215,10 +201,9 @@ def _rows_about(
 def _conditions_at_points(
     branch: Branch, phi: Smoothstep, sigma: Array, corank: int, z0: SquaredSpeed | None
 ) -> tuple[Array, Array]:
-    """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions.
+    """Compute t_s . W_p (M, corank, 3) of all uncontrolled motions per (1, z, u), and scales (corank, 1).
 
-    It is at rest, per z and per u. Also its scale (corank, 1), against which a value is rounding: the largest
-    sum of sizes of its terms.
+    The scale is the largest sum of sizes of the terms of t_s . W_p; smaller values by far are rounding.
 
     Args:
         sigma: (M,), the last one at the singular pose.
@@ -237,9 +222,9 @@ def _conditions_at_points(
 
 
 def _independent_rows(rows: Array, size: float) -> Array:
-    """Return independent combinations of rows (corank, 4), without any that is rounding of a size.
+    """Return independent combinations of rows (corank, 4), without rounding of a size.
 
-    Two motions of a symmetric robot may ask the same of the law.
+    Two motions of a symmetric robot may require the same condition.
     """
     _, singular_values, right = np.linalg.svd(rows)
     combinations = singular_values[:, None] * right[: len(singular_values)]
@@ -252,7 +237,7 @@ def _wrench_row(
     crossing: CrossingPoint,
     z0: SquaredSpeed | None,
 ) -> Array:
-    """Compute t_s . W_p (3,) at a crossing: constant, per z and per u."""
+    """Compute t_s . W_p (3,) at a crossing per (1, z, u); rounding is set to zero."""
     robot = branch.robot
     s = np.array([crossing.s])
     sigma = phi.inverse(s)
@@ -269,30 +254,25 @@ def _wrench_row(
 def _bound_wrench_terms(
     branch: Branch, phi: Smoothstep, crossing: CrossingPoint, sigma: float, rates: Array
 ) -> Array:
-    """Bound the terms (3,) of t_s . W_p, as `bounds_of_terms` does.
+    """Bound the terms of t_s . W_p (3,) per (1, z, u), by `bounds_of_terms` per s'^2 and s".
 
-    They are constant, per z and per u: gamma + beta s'^2 + alpha s" with s'^2 = phi'^2 z and
-    s" = phi' u + phi" z.
+    gamma + beta s'^2 + alpha s" with s'^2 = phi'^2 z and s" = phi' u + phi" z.
 
     Args:
         rates: of the joints (nv,) at z = 1.
     """
-    dphi, ddphi = (float(phi(np.array([sigma]), order)[0]) for order in (1, 2))
+    dphi, ddphi = (float(phi(sigma, order)) for order in (1, 2))
     rate = float(np.abs(rates / branch.robot.column_scale).max()) / dphi
     alpha, beta, gamma, _ = bounds_of_terms(branch, crossing, rate)
     return np.array([gamma, dphi**2 * beta + abs(ddphi) * alpha, dphi * alpha])
 
 
 def _three_motions(
-    branch: Branch,
-    phi: Smoothstep,
-    sigma: Array,
-    closed: ClosedStack | None = None,
+    branch: Branch, phi: Smoothstep, sigma: Array, closed: ClosedStack | None = None
 ) -> Motion:
-    """Compute the motions (3 M,) of all joints for three (z, u).
+    """Compute the motions (3 M,) of all joints at (z, u) = (0, 0), (1, 0) and (0, 1), stacked.
 
-    These are (0, 0), (1, 0) and (0, 1), stacked. The platform's derivatives in sigma are x' phi' and x' phi"
-    + x" phi'^2, with those of x in s.
+    The platform's derivatives by sigma are x' phi' and x' phi" + x" phi'^2, those of x being by s.
     """
     robot = branch.robot
     s = phi(sigma)
@@ -307,9 +287,9 @@ def _three_motions(
 
 
 def _three_rates(first: Array, second: Array) -> tuple[Array, ...]:
-    """Return rates and accelerations (3 M, k) for the three (z, u) of `_three_motions`.
+    """Return rates and accelerations (3 M, k) at the three (z, u) of `_three_motions`.
 
-    With y' and y" (M, k) in sigma, dy/dt = y' z^(1/2) and d2y/dt2 = y" z + y' u.
+    With derivatives y' and y" (M, k) by sigma, dy/dt = y' z^(1/2) and d2y/dt2 = y" z + y' u.
     """
     zero = np.zeros_like(first)
     return np.concatenate([zero, first, zero]), np.concatenate([zero, second, first])

@@ -1,7 +1,6 @@
-"""Whether the springs of an optimal motion start and stop at rest, as its law does.
+"""The check that the springs of an optimal motion start and stop at rest, as its law does.
 
-Deflections that hold the forces they cause need not: springs with inertia may be in balance while they swing
-at an end.
+Balance alone does not ensure this: springs that carry inertia may be in balance while they vibrate at an end.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from framework.errors import NotConverged
 from framework.tolerances import MAX_END_RATE
 
 END_SAMPLES = 401  # of a motion, for the largest rates of its springs
-NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest: rounding may be part of it
+NEGLIGIBLE_RATE = 1e-6  # of a spring, over that of the quickest; slower springs are not checked, for rounding
 
 
 def check_rest(dynamics: InverseDynamics, smoothness: int) -> None:

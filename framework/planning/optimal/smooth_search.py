@@ -1,8 +1,9 @@
 """The search for the smoothest law near the least cost, and for laws that take a given duration.
 
 The smoothest law has the least integral of (d2z/dsigma2)^2. A required duration D may be longer than that of
-the smoothest law. T(z) >= D is no convex constraint, but T(z) is convex: its tangent T_lin at a slow law is
-below T, and laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D exactly.
+the smoothest law. The constraint T(z) >= D is not convex, but T(z) is: its tangent T_lin at a slow law is
+below T, so that laws with T_lin(z) >= D take D or longer. A blend of such a law with a quick one takes D
+exactly.
 """
 
 from __future__ import annotations
@@ -20,24 +21,26 @@ from framework.planning.optimal.least_cost import NoneFound, solve_least_cost
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
 from framework.tolerances import LIMIT_MARGIN, SAME_PLACE, SQUARED_SPEED_FLOORS
 
-SAME_DURATION = 1e-5  # of a duration
-BLENDED_DURATION = 1e-4  # of a duration by which the tangent of T may fall short
-MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # of the tangent of T(z), towards slow laws and little energy
-MIN_ENERGY_GAIN = 1e-3
-MAX_INNER_COST = 0.9  # of holding the robot inside its path, over that at an end, where a law may wait
-# in sigma, of stretches where a law may wait; the second where the first has no law
-WAITING_WIDTHS = (0.15, 0.05)
-LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law stands still
-BETWEEN = np.arange(1, 6) / 6  # of the way from a point to the next, where limits are checked
-NEARLY_REACHED = 0.98  # of what is allowed
+SAME_DURATION = 1e-5  # relative difference of equal durations
+BLENDED_DURATION = 1e-4  # share of a duration by which the tangent of T may fall short
+MAX_SLOW_STEPS, MAX_ENERGY_STEPS = 6, 6  # with the tangent of T(z), towards slow laws and little energy
+MIN_ENERGY_GAIN = 1e-3  # relative, of a further step
+MAX_INNER_COST = 0.9  # cost of holding the robot at an inner point over that at an end, to wait there
+WAITING_WIDTHS = (
+    0.15,
+    0.05,
+)  # in sigma, of the intervals where a law may wait; the second if the first fails
+LIFTED_SHARE = 1e-2  # of a quick law's z, below which a slow law counts as standing still
+BETWEEN = np.arange(1, 6) / 6  # shares of the interval between two points, where limits are checked
+NEARLY_REACHED = 0.98  # share of the allowed value
 
 
 class SmoothSearch(NamedTuple):
     """The search for a smooth law near the least cost of a program.
 
-    share: of the least cost, which smoothness may take.
-    limit_share: of the limits, to which the certificate has led.
-    pace: the longest duration [s] of a smooth law where none is given; None without a bound.
+    share: of the least cost, by which a smooth law may exceed it.
+    limit_share: of the limits that may be used, as lowered after certified motions.
+    pace: the longest duration [s] of a smooth law if none is required; None without a bound.
     """
 
     program: SpeedProgram
@@ -53,7 +56,7 @@ class SmoothSearch(NamedTuple):
 
     @property
     def bounds(self) -> Bounds:
-        """The limits, and the least cost with the share that smoothness may take."""
+        """The limits, and the least cost enlarged by the share for smoothness."""
         specification = self.program.problem.specification
         cost_factor = 1.0 + self.share
         limit_share = self.limit_share * (1.0 - LIMIT_MARGIN)
@@ -72,24 +75,33 @@ class SmoothSearch(NamedTuple):
         return Bounds(longest, self.limit_share * largest_peak, share=self.limit_share)
 
     def limit_duration(self) -> SmoothSearch:
-        """Return the search for laws of at most twice the least duration, unless the duration is given."""
-        if self.goal == "time" or self.program.problem.specification.duration is not None:
+        """Return the search for laws of at most twice the least duration, unless a duration is required."""
+        specification = self.program.problem.specification
+        if self.goal == "time" or specification.duration is not None:
             return self
         quick = self.program.minimise("time", self.bounds._replace(longest=None), self.units)
         if isinstance(quick, Unsolved):
             return self
-        pace = min(self.program.problem.specification.max_duration or np.inf, 2.0 * quick.duration)
+        pace = min(specification.longest or np.inf, 2.0 * quick.duration)
         return self._replace(pace=pace, units=self.units._replace(time=pace))
 
-    def find_smoothest(self, similar: Speed | None = None) -> Speed | NoneFound:
-        """Find the smoothest law within the bounds, its floor at most ten times that of a similar law."""
+    def find_smooth(self, similar: Speed | None = None) -> Speed | NoneFound:
+        """Find a smooth law within the bounds, of the required duration, if any.
+
+        Args:
+            similar: the speed of a similar law.
+        """
+        duration = self.program.problem.specification.duration
+        if duration is not None:
+            return self.find_lasting(duration, similar)
         return self._solve_above_floor(self.bounds, similar=similar)[0]
 
     def find_lasting(self, duration: float, similar: Speed | None = None) -> Speed | NoneFound:
         """Find a smooth law within the bounds that takes a duration [s].
 
-        If the smoothest law is too quick, the tangent of T(z) there leads to a law of this duration; or
-        a blend with a slow law does. It is improved by the tangent of T(z) about itself.
+        If the smoothest law is too quick, a law of this duration is found by the tangent of T(z) about the
+        smoothest law, or else by a blend with a slow law. It is then improved by the tangent of T(z) about
+        itself.
 
         Args:
             similar: a law of this duration, if one is known.
@@ -115,9 +127,9 @@ class SmoothSearch(NamedTuple):
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
     ) -> tuple[Speed | NoneFound, float]:
-        """Solve with the highest floor under z that has a solution; return the law and the floor [1/s^2].
+        """Solve with the highest feasible floor under z; return the law and the floor [1/s^2].
 
-        Floors more than ten times that of a similar law are not tried: they had no solution.
+        Floors more than ten times that of a similar law are left out, since they had no solution.
         """
         assert bounds.longest is not None
         status = ""
@@ -132,7 +144,7 @@ class SmoothSearch(NamedTuple):
         return NoneFound(self.program, status), 0.0
 
     def _blend(self, quick: Speed, slow: Speed, duration: float) -> Speed:
-        """Blend a quick and a slow speed to a duration [s] between theirs; else return the slow one."""
+        """Blend a quick and a slow speed to a duration [s]; return the slow one if that is not between."""
         if not quick.duration < duration < slow.duration:
             return slow
         blend = self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
@@ -141,8 +153,8 @@ class SmoothSearch(NamedTuple):
     def _minimise_slow(self, quick: Speed, goal: str, bounds: Bounds, **options: Any) -> Speed | Unsolved:
         """Find a slow law of least cost, with `options` of `SpeedProgram.minimise`.
 
-        A law that stands still between the points is blended with a quick one, until z is at least
-        LIFTED_SHARE of the quick one's.
+        A law that stands still between the points is blended with a quick law, so that its z is at least
+        LIFTED_SHARE of the quick law's.
         """
         slow = self.program.minimise(goal, bounds, self.units, **options)
         if isinstance(slow, Unsolved) or np.isfinite(slow.duration):
@@ -150,11 +162,12 @@ class SmoothSearch(NamedTuple):
         values, _ = self.program.fine_quadrature
         z, z_quick = values @ slow.y, values @ quick.y
         share = (LIFTED_SHARE * z_quick - z) / (z_quick - z)
-        blend = slow.y + share[z < LIFTED_SHARE * z_quick].max() * (quick.y - slow.y)
+        largest_share = share[z < LIFTED_SHARE * z_quick].max()
+        blend = slow.y + largest_share * (quick.y - slow.y)
         return self.program.speed(blend)._replace(floor=slow.floor)
 
     def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes at least a duration [s]: a smooth one that waits at its ends, else any."""
+        """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends."""
         sigma = self._positive_sigma
         for width in WAITING_WIDTHS:
             cap = _cap_speed(np.minimum(sigma, 1.0 - sigma) < width, width, duration, floor)
@@ -164,9 +177,9 @@ class SmoothSearch(NamedTuple):
         return self._slow_down(duration, quick, bounds, floor)
 
     def _slow_down(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
-        """Find a law that takes at least a duration [s], by least integrals of weights times z.
+        """Find a law that takes at least a duration [s] by minimising integrals of weights times z.
 
-        The weights are z^(-3/2) of the last law, to which the change of T = integral of z^(-1/2) is
+        The weights are z^(-3/2) of the last law, to which the derivative of T = integral of z^(-1/2) is
         proportional.
         """
         weights = np.ones(self.program.z.shape[0])
@@ -181,7 +194,7 @@ class SmoothSearch(NamedTuple):
         return self._refuse_duration(duration)
 
     def _refuse_duration(self, duration: float) -> NoneFound:
-        """Return the result that no law takes so long."""
+        """Return the result that no law of a duration [s] was found."""
         return NoneFound(self.program, f"no law that takes {duration:.4g} s was found")
 
     def _improve(
@@ -193,9 +206,9 @@ class SmoothSearch(NamedTuple):
         floor: float,
         duration: float | None = None,
     ) -> Speed:
-        """Lower the cost of a law at a duration [s], its own by default, by a tangent of T(z).
+        """Lower the cost of a law at a duration [s], by default its own, by its tangent of T(z).
 
-        Where the program has no solution, or one that is too quick all the same, the law itself is returned.
+        The law itself is returned if the program has no solution, or one that is too quick all the same.
         """
         duration = duration or law.duration
         bounds = bounds._replace(longest=4.0 * duration)
@@ -209,11 +222,11 @@ class SmoothSearch(NamedTuple):
     def _find_smooth_of_little_energy(self, duration: float, similar: Speed | None) -> Speed | NoneFound:
         """Find a smooth law of little energy that takes a duration [s].
 
-        The law of least energy may be quicker than the duration. Then the best of several laws that take it
-        is improved. Last, the smoothest law within a share of that energy is slowed to the duration.
+        If the law of least energy is quicker than the duration, the best of several laws of this duration is
+        improved. Finally, the smoothest law within a share of this energy is slowed to the duration.
 
         Args:
-            similar: a law of this duration, which is improved in place of the best of several.
+            similar: a law of this duration, which takes the place of the law of least energy.
         """
         limits = Bounds(share=self.bounds.share)
         quick, floor = self._solve_above_floor(limits._replace(longest=duration), "energy", similar)
@@ -226,25 +239,24 @@ class SmoothSearch(NamedTuple):
             if not starts:
                 return self._refuse_duration(duration)
             law = self._descend(min(starts, key=_energy_of), quick, floor)
-        bounds = limits._replace(energy=(1.0 + self.share) * law.energy)
-        smooth = self.program.minimise(
-            "curvature", bounds._replace(longest=duration), self.units, floor=floor
-        )
+        bounds = Bounds(duration, energy=(1.0 + self.share) * law.energy, share=limits.share)
+        smooth = self.program.minimise("curvature", bounds, self.units, floor=floor)
         if _takes_at_least(smooth, least_duration):
             return smooth
-        return self._improve(
-            "curvature", law, smooth if _takes_at_least(smooth, 0.0) else quick, bounds, floor
-        )
+        if _takes_at_least(smooth, 0.0):
+            quick = smooth
+        return self._improve("curvature", law, quick, bounds, floor)
 
     def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
-        """Lower the energy of a law step by step, as long as that pays.
+        """Lower the energy of a law step by step, as long as the gain is worth a step.
 
-        No law of its duration has less energy than the quick one.
+        The energy of the quick law is the least of all, also of laws that take longer.
         """
+        limits = Bounds(share=self.bounds.share)
         for _ in range(MAX_ENERGY_STEPS):
             if law.energy <= (1.0 + 0.5 * self.share) * quick.energy:
                 break
-            better = self._improve("energy", law, quick, Bounds(share=self.bounds.share), floor)
+            better = self._improve("energy", law, quick, limits, floor)
             gain = law.energy - better.energy
             law = min(law, better, key=_energy_of)
             if gain < MIN_ENERGY_GAIN * law.energy:
@@ -252,12 +264,12 @@ class SmoothSearch(NamedTuple):
         return law
 
     def _find_starts(self, quick: Speed, duration: float, floor: float) -> Iterator[Speed]:
-        """Find laws of a duration [s] that wait where holding is cheap, and the law of least peak."""
+        """Yield laws of a duration [s]: laws that wait where holding is cheap, and the law of least peak."""
         limits = Bounds(share=self.bounds.share)
         for width in WAITING_WIDTHS:
             laws = []
-            for waiting in self._choose_waits(width):
-                cap = _cap_speed(waiting, width, duration, floor)
+            for waits in self._choose_waits(width):
+                cap = _cap_speed(waits, width, duration, floor)
                 slow = self.program.minimise("energy", limits, self.units, floor=floor, cap=cap)
                 if _takes_at_least(slow, duration):
                     laws.append(self._blend(quick, slow, duration))
@@ -275,23 +287,30 @@ class SmoothSearch(NamedTuple):
     @property
     def _positive_sigma(self) -> Array:
         """The points sigma (m,) of the rows that keep z positive."""
-        return self.program.problem.task.stretch.inverse(np.clip(self.program.positive[1], -1.0, 1.0))
+        return self.program.problem.task.stretch.inverse(np.clip(self.program.positive_xi, -1.0, 1.0))
 
     def _choose_waits(self, width: float) -> Iterator[BoolArray]:
-        """Yield masks (m,) of stretches to wait: at the cheaper end, and where inside holding costs less.
+        """Yield masks (m,) of intervals to wait in: at the cheaper end, and where holding costs less inside.
 
-        Holding costs the sum of (torque at rest over the reference)^2. Inside, its local minima count.
+        The cost of holding is the sum of (torque at rest over the reference)^2. Inside the path, its local
+        minima are candidates.
         """
-        program = self.program
         sigma = self._positive_sigma
+        cost = self._holding_cost(sigma)
+        yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
+        inner = cost[1:-1]
+        is_minimum = (inner <= cost[:-2]) & (inner <= cost[2:])
+        is_cheap = inner < MAX_INNER_COST * min(cost[0], cost[-1])
+        for middle in sigma[1:-1][is_minimum & is_cheap]:
+            yield np.abs(sigma - middle) < 0.5 * width
+
+    def _holding_cost(self, sigma: Array) -> Array:
+        """Interpolate the sum of (torque at rest over the reference)^2 at sigma (m,)."""
+        program = self.program
         points = program.problem.task.stretch.inverse(program.xi)
         torque_at_rest = [torque.offset[: len(points)] for torque in program.rows.torque]
         ratio = np.stack(torque_at_rest, axis=1) / program.problem.reference
-        cost = np.interp(sigma, points, (ratio**2).sum(axis=1))
-        yield sigma < width if cost[0] < cost[-1] else sigma > 1.0 - width
-        minima = 1 + np.flatnonzero((cost[1:-1] <= cost[:-2]) & (cost[1:-1] <= cost[2:]))
-        for k in minima[cost[minima] < MAX_INNER_COST * min(cost[0], cost[-1])]:
-            yield np.abs(sigma - sigma[k]) < 0.5 * width
+        return np.interp(sigma, points, (ratio**2).sum(axis=1))
 
 
 def _takes_at_least(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
@@ -299,12 +318,16 @@ def _takes_at_least(law: Speed | Unsolved, duration: float) -> TypeGuard[Speed]:
     return isinstance(law, Speed) and duration <= law.duration < np.inf
 
 
-def _cap_speed(waiting: BoolArray, width: float, duration: float, floor: float) -> Array:
-    """Return caps (m,) of z [1/s^2] with which a width in sigma takes longer than a duration [s].
+def _cap_speed(waits: BoolArray, width: float, duration: float, floor: float) -> Array:
+    """Return caps (m,) of z [1/s^2] with which an interval in sigma takes longer than a duration [s].
 
-    They are above the floor, and infinite where the law does not wait, outside the mask (m,).
+    Caps are above the floor. They are infinite where the law does not wait.
+
+    Args:
+        waits: mask (m,) of the interval.
+        width: of the interval.
     """
-    return np.where(waiting, max((0.7 * width / duration) ** 2, 1.01 * floor), np.inf)
+    return np.where(waits, max((0.7 * width / duration) ** 2, 1.01 * floor), np.inf)
 
 
 def _energy_of(speed: Speed) -> float:
@@ -312,26 +335,25 @@ def _energy_of(speed: Speed) -> float:
 
 
 def find_exceeded_places(program: SpeedProgram, speed: Speed, bounds: Bounds) -> Array:
-    """Find xi (R,) between the points where a limit or the bound of the peak is exceeded.
+    """Find xi (R,) between the points at which a limit or the peak bound is exceeded.
 
-    If any is, further ones where a limit is nearly reached are added: the next law would exceed it there. Of
-    neighbouring ones only the local maxima are returned.
+    If any is exceeded, local maxima that nearly reach a limit are added, since the next law would exceed the
+    limit there.
     """
-    limit = program.problem.specification.torque_limit
-    reference = program.problem.reference
-    peak_bound = np.inf if bounds.peak is None else bounds.peak * (1.0 + LIMIT_MARGIN) * reference
-    allowed = np.minimum(limit, peak_bound)
+    problem = program.problem
+    allowed = problem.specification.torque_limit
+    if bounds.peak is not None:
+        allowed = np.minimum(allowed, bounds.peak * (1.0 + LIMIT_MARGIN) * problem.reference)
     used = program.rows.used_share(speed.y, allowed)[: len(program.xi)]  # at the points
     intervals = np.flatnonzero(np.maximum(used[1:], used[:-1]) > NEARLY_REACHED)
     if not len(intervals):
         return np.empty(0)
     between = (program.xi[intervals, None] + np.diff(program.xi)[intervals, None] * BETWEEN).ravel()
-    distance = np.abs(between[:, None] - program.problem.crossing_xi).min(axis=1, initial=np.inf)
+    distance = np.abs(between[:, None] - problem.crossing_xi).min(axis=1, initial=np.inf)
     between = between[distance > SAME_PLACE]
-    rows = motor_rows(program.problem, program.basis, program.conditions, between)
-    used = rows.used_share(speed.y, allowed)
+    used = motor_rows(problem, program.basis, program.conditions, between).used_share(speed.y, allowed)
     if not used.max(initial=0.0) > 1.0:
         return np.empty(0)
     padded = np.pad(used, 1, constant_values=-np.inf)
-    highest = (used >= padded[:-2]) & (used >= padded[2:])
-    return between[highest & (used > NEARLY_REACHED)]
+    is_maximum = (used >= padded[:-2]) & (used >= padded[2:])
+    return between[is_maximum & (used > NEARLY_REACHED)]

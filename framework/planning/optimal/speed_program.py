@@ -1,14 +1,15 @@
 """The cone program of the best law along a path, in the squared speed z.
 
-z has B-spline coefficients y on cells of xi(sigma). With y >= floor it is positive everywhere, and
+z has B-spline coefficients y on cells of xi(sigma), and is positive everywhere if y >= floor > 0. The
+relations
 
     torque = c + cz z + cu u,     duration = integral of v,   v r >= 1,  r^2 <= z,
                                   energy = integral of e,     e r >= |torque|^2
 
-are affine in y, or second-order cones. Condition (8) is a sparse equality (see `law_problem`). At a crossing
-the limit of the torque is a row, interpolated through points of its cell.
+are affine in y or second-order cones. Condition (8) is a sparse equality (see `law_problem`). The torque at a
+crossing is interpolated through points of the cell about it.
 
-Unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl, IEEE TAC 54 (2009).
+Source of the unknowns: Verscheure, Demeulenaere, Swevers, De Schutter and Diehl, IEEE TAC 54 (2009).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy import sparse
+from scipy.sparse import csr_array, diags_array, eye_array
 
 from framework.laws.exact_duration import SpeedSpace
 from framework.laws.speed_basis import SpeedBasis
@@ -38,22 +39,22 @@ from framework.planning.optimal.law_problem import LawProblem, MotorRows, condit
 from framework.planning.optimal.path_series import cells_about
 from framework.tolerances import LIMIT_MARGIN
 
-# Gauss points of a cell, and of a cell about a crossing or at an end. An even number has no point in the
-# middle, where the pole is.
+# Gauss points of a cell, and of a cell about a crossing or at an end. Their number is even: none is in the
+# middle of the cell, where the pole is.
 POINTS, POINTS_ABOUT = 4, 8
-FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, where a duration is integrated
-POSITIVE_PARTS = 2  # of the way from a point to the next, where a series is positive
-MAX_ROW_SIZE = 100.0  # of entries in units: larger rows are scaled down
+FINE_PARTS, FINE_POINTS = 4, 8  # parts of a cell, and Gauss points of each, for the integral of a duration
+POSITIVE_PARTS = 2  # of the interval between two points, at whose ends a series must be positive
+MAX_ROW_SIZE = 100.0  # of entries in units; rows with larger entries are scaled down
 
 
 class Bounds(NamedTuple):
-    """The bounds of a solution besides condition (8); None without one.
+    """The bounds of a solution besides condition (8); None means no bound.
 
     longest: of the duration [s].
     peak: of all torques over the reference.
     energy: of the integral of the sum of (torque over reference)^2 [s].
-    torque_limits: whether the torque limits of the specification are kept.
-    share: of the limits, which may be used.
+    torque_limits: whether the torque limits of the specification hold.
+    share: of the limits that may be used.
     """
 
     longest: float | None = None
@@ -71,13 +72,13 @@ class Units(NamedTuple):
 
 
 class Speed(NamedTuple):
-    """A squared speed by its coefficients y (n,) [1/s^2], with its costs.
+    """A squared speed with coefficients y (n,) [1/s^2], and its costs.
 
     duration: [s].
     peak: of torques over the reference; peak_speed: of motor speeds over their limits; both at the rows.
     energy: [s], the integral of the sum of (torque over reference)^2.
-    value: the least duration [s] by the solver's own quadrature; not a number for another goal.
-    floor: [1/s^2], below which coefficients were not sought.
+    value: the least duration [s] by the quadrature of the program; NaN for other goals.
+    floor: [1/s^2], the lower bound of the coefficients.
     """
 
     y: Array
@@ -95,19 +96,19 @@ class SpeedProgram:
 
     problem: LawProblem
     basis: SpeedBasis
-    cells: Array  # (k + 1,) edges in xi, of the splines
+    cells: Array  # (k + 1,) edges in xi of the cells that hold the points; those of the splines, if any
     xi: Array  # (M,) points, both ends among them
     weights: Array  # (M,) of integrals over sigma; zero at the ends
-    rows: MotorRows  # at the points, at crossings and at further places
+    rows: MotorRows  # at the points, then at crossings, then at further_xi
     conditions: Affine  # (k, n)
     further_xi: Array  # (R,) between the points, where a limit was exceeded
 
     @staticmethod
     def on_cells(problem: LawProblem, cells: Array) -> SpeedProgram:
-        """Return the program on cells (k + 1,) of xi, with rows at points and crossings.
+        """Build the program on cells (k + 1,) of xi, with rows at points and crossings.
 
-        Each crossing is in the middle of a cell. Cells about a crossing and at the ends have more points:
-        torques change quickly there.
+        Each crossing is in the middle of a cell. Cells about a crossing and at the ends have more points,
+        because torques change quickly in these cells.
         """
         basis = problem.basis_on(cells)
         crossings = np.unique(problem.crossing_xi)
@@ -118,7 +119,7 @@ class SpeedProgram:
         rows = motor_rows(problem, basis, conditions, xi)
         limit_weights = _weigh_limits(xi, cells, counts, crossings)
         if limit_weights:
-            rows_at_crossings = rows.combine(sparse.csr_array(np.array(limit_weights)))
+            rows_at_crossings = rows.combine(csr_array(np.array(limit_weights)))
             rows = rows.stack(rows_at_crossings)
         return SpeedProgram(problem, basis, cells, xi, weights, rows, conditions, np.empty(0))
 
@@ -128,7 +129,7 @@ class SpeedProgram:
 
     @cached_property
     def _inner_points(self) -> slice:
-        """The points with a weight: all but the ends."""
+        """The P points with a weight: all but the ends."""
         return slice(1, len(self.xi) - 1)
 
     @property
@@ -142,50 +143,43 @@ class SpeedProgram:
         return self.basis.matrix(self.xi[self._inner_points])
 
     @cached_property
-    def positive(self) -> tuple[Any, Array]:
-        """Rows (m, n) on y that make z positive, and their xi (m,).
+    def positive_xi(self) -> Array:
+        """The xi (m,) of `positive_rows`: centres of splines; points and middles for a series."""
+        return self.basis.centres if self.basis.is_spline else _subdivide(self.xi, POSITIVE_PARTS)
 
-        The coefficients themselves for splines; for a series the values at the points and between these.
-        """
+    @cached_property
+    def positive_rows(self) -> Any:
+        """Rows (m, n) on y that make z positive: coefficients of splines; values of a series."""
         if self.basis.is_spline:
-            return sparse.identity(self.basis.size, format="csr"), self.basis.centres
-        parts = self.xi[:-1, None] + np.diff(self.xi)[:, None] * np.arange(POSITIVE_PARTS) / POSITIVE_PARTS
-        xi = np.append(parts.ravel(), self.xi[-1])
-        return self.basis.matrix(xi), xi
+            return eye_array(self.basis.size, format="csr")
+        return self.basis.matrix(self.positive_xi)
 
     @cached_property
     def curvature(self) -> AffineRows:
-        """Compute rows (M - 2, n) whose sum of squares is the integral of (d2z/dsigma2)^2.
+        """Compute rows (P, n) whose sum of squares is the integral of (d2z/dsigma2)^2.
 
         A row is d2z/dsigma2 = xi'^2 d2z/dxi2 + xi" dz/dxi at an inner point, times the root of its weight.
-        All are divided by their root mean square, so that the integral is near 1.
+        All rows are divided by their root mean square, which brings the integral near 1.
         """
         stretch = self.problem.task.stretch
         inside = self._inner_points
         sigma = self.problem.sigma(self.xi)[inside]
-        first, second = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
-        curvature = (
-            sparse.diags_array(stretch(sigma, 1) ** 2) @ second
-            + sparse.diags_array(stretch(sigma, 2)) @ first
-        )
-        rows = sparse.diags_array(np.sqrt(self._inner_weights)) @ curvature
+        z_xi, z_xi_xi = (self.basis.matrix(self.xi[inside], order) for order in (1, 2))
+        curvature = diags_array(stretch(sigma, 1) ** 2) @ z_xi_xi + diags_array(stretch(sigma, 2)) @ z_xi
+        rows = diags_array(np.sqrt(self._inner_weights)) @ curvature
         size = np.sqrt(np.mean(np.square(rows.data)) * rows.shape[0])
         return linear_rows(y=rows / size)
 
     @cached_property
     def fine_quadrature(self) -> tuple[Any, Array]:
-        """Values (F, n) of z and weights (F,) that integrate a duration.
-
-        The integral is over sigma.
-        """
-        parts = np.linspace(0.0, 1.0, FINE_PARTS + 1)[:-1]
-        starts = (self.cells[:-1, None] + np.diff(self.cells)[:, None] * parts).ravel()
-        counts = np.full(len(starts), FINE_POINTS)
-        xi, weights = _integration_points(self.problem, np.append(starts, 1.0), counts)
+        """Values (F, n) of z at fine points, and weights (F,) of integrals over sigma."""
+        cells = _subdivide(self.cells, FINE_PARTS)
+        counts = np.full(len(cells) - 1, FINE_POINTS)
+        xi, weights = _integration_points(self.problem, cells, counts)
         return self.basis.matrix(xi[1:-1]), weights[1:-1]  # without the ends, whose weights are zero
 
     def extend(self, xi: Array) -> SpeedProgram:
-        """Return the program with rows at further places xi (R,)."""
+        """Return the program with further rows at xi (R,)."""
         rows = motor_rows(self.problem, self.basis, self.conditions, xi)
         return replace(self, rows=self.rows.stack(rows), further_xi=np.append(self.further_xi, xi))
 
@@ -202,7 +196,7 @@ class SpeedProgram:
         power = (torque[self._inner_points] ** 2).sum(axis=1) * slowness
         energy = float(self._inner_weights @ power)
         peak = float(np.abs(torque).max(initial=0.0))
-        squared_speeds = [float((rows @ y).max()) for rows in self.rows.squared_speed]
+        squared_speeds = [(rows @ y).max() for rows in self.rows.squared_speed]
         peak_speed = float(np.sqrt(max([0.0, *squared_speeds])))
         return Speed(y, duration, peak, peak_speed, energy, value)
 
@@ -213,38 +207,38 @@ class SpeedProgram:
         units: Units,
         *,
         floor: float = 0.0,
-        cap: Array | None = None,
+        cap: Array | float = np.inf,
         weights: Array | None = None,
         about: tuple[Array, float] | None = None,
         tolerance: float = TOLERANCE,
     ) -> Speed | Unsolved:
         """Compute the speed of least cost within bounds.
 
-        Beside y there are unknowns at the points with a weight: r <= z^(1/2), for the duration v >= 1 / r,
-        for the energy e >= |torque|^2 / r. `peak` is the largest torque or squared speed that counts for the
-        goal.
+        Besides y, the program has unknowns at the points with a weight: r <= z^(1/2), v >= 1 / r for the
+        duration, and e >= |torque|^2 / r for the energy. `peak` is the largest torque or squared speed that
+        counts for the goal.
 
         Args:
             goal: "time", "peak_torque", "energy"; "peak_speed" or "limits", the least multiple of the speed
-                limits or of all limits; "curvature", the integral of (d2z/dsigma2)^2; "slowness", that of
-                `weights` z.
-            floor, cap: of the `positive` rows [1/s^2], a number and (m,).
+                limits or of all limits; "curvature", the integral of (d2z/dsigma2)^2; "slowness", the
+                integral of `weights` z.
+            floor: lower bound of the `positive_rows` [1/s^2].
+            cap: upper bound of the `positive_rows` (m,) [1/s^2].
             weights: (P,) at the points with a weight.
-            about: y (n,) and a duration [s], which the tangent of T(z) at y must not fall below.
+            about: y (n,) and a duration [s]; the tangent of T(z) at y must not fall below this duration.
             tolerance: relative, of the cost and of the rows.
         """
         timed = goal == "time" or bounds.longest is not None
         powered = goal == "energy" or bounds.energy is not None
         scale = units.time**2  # the unknown y is in units of 1 / time^2
         conditions = AffineRows({"y": self.conditions.matrix / scale}, self.conditions.offset)
-        positive = self.positive[0]
+        positive = self.positive_rows
         nonnegative = [AffineRows({"y": positive}, np.full(positive.shape[0], -floor * scale))]
         nonnegative += self._limit_rows(goal, bounds, units)
-        highest = np.full(positive.shape[0], self.problem.max_squared_speed)
-        cap = highest if cap is None else np.minimum(cap, highest)
-        if np.isfinite(cap).any():
-            capped = np.flatnonzero(np.isfinite(cap))
-            nonnegative.append(AffineRows({"y": -positive[capped]}, cap[capped] * scale))
+        highest = np.full(positive.shape[0], np.minimum(cap, self.problem.max_squared_speed))
+        capped = np.flatnonzero(np.isfinite(highest))
+        if len(capped):
+            nonnegative.append(AffineRows({"y": -positive[capped]}, highest[capped] * scale))
         nonnegative += self._bound_integrals(bounds, units)
         if about is not None:
             nonnegative.append(self._duration_tangent(*about, units))
@@ -266,22 +260,22 @@ class SpeedProgram:
         return self.speed(y, duration * units.time)._replace(floor=floor)
 
     def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
-        """Return the numbers of unknowns, by name.
+        """Return the number of unknowns of each name.
 
-        They are r, v for a duration and e for an energy at each point.
+        Each point has an r, a v if the duration counts, and an e if the energy counts.
         """
         count = self.z.shape[0]
         sizes = {"y": self.basis.size, "peak": 1}
-        sizes |= {"r": count} if timed or powered else {}
-        sizes |= {"v": count} if timed else {}
-        sizes |= {"e": count} if powered else {}
+        if timed or powered:
+            sizes["r"] = count
+        if timed:
+            sizes["v"] = count
+        if powered:
+            sizes["e"] = count
         return sizes
 
     def _linear_cost(self, goal: str, weights: Array | None) -> dict[str, Array]:
-        """Return the cost of each unknown by a goal.
-
-        None for "curvature", whose cost is quadratic.
-        """
+        """Return the linear cost of the unknowns; empty for "curvature", whose cost is quadratic."""
         match goal:
             case "time":
                 return {"v": self._inner_weights}
@@ -295,11 +289,8 @@ class SpeedProgram:
         return {"peak": np.ones(1)}
 
     def _bound_integrals(self, bounds: Bounds, units: Units) -> list[AffineRows]:
-        """Return the bounds of duration and energy as rows not negative.
-
-        They are less the integrals of v and e.
-        """
-        weights = sparse.csr_array(-self._inner_weights[None])
+        """Return the bounds less the integrals of v and e, as rows that may not be negative."""
+        weights = csr_array(-self._inner_weights[None])
         rows = []
         if bounds.longest is not None:
             rows.append(AffineRows({"v": weights}, np.array([bounds.longest / units.time])))
@@ -309,37 +300,33 @@ class SpeedProgram:
         return rows
 
     def _duration_tangent(self, y: Array, duration: float, units: Units) -> AffineRows:
-        """Compute T_lin(z) - duration at the coefficients y.
+        """Return the row T_lin(z) - duration, with the tangent T_lin of T(z) at coefficients y.
 
-        T_lin is the tangent of the duration there. T = integral of z^(-1/2), so that T_lin(z) = integral of
-        1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
+        T = integral of z^(-1/2), so that T_lin(z) = integral of 1.5 z_0^(-1/2) - 0.5 z_0^(-3/2) z.
         """
         weights = self._inner_weights
         z = self.z @ y * units.time**2
-        slope = sparse.csr_array((-0.5 * weights * z**-1.5)[None]) @ self.z
+        slope = csr_array((-0.5 * weights * z**-1.5)[None]) @ self.z
         return AffineRows({"y": slope}, np.array([1.5 * weights @ z**-0.5 - duration / units.time]))
 
     def _limit_rows(self, goal: str, bounds: Bounds, units: Units) -> list[AffineRows]:
         """Return bounds of torques and squared speeds as rows that may not be negative.
 
-        `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed", and the
-        limited torques and the squared speeds for "limits", as a multiple of their limits.
+        The unknown `peak` bounds the torques for the goal "peak_torque", the squared speeds for "peak_speed",
+        and both, as a multiple of their limits, for "limits".
         """
         rows = list[AffineRows]()
-        scale = units.time**2
-        for motor, (matrix, offset) in enumerate(self.rows.torque):
-            unit = self.problem.reference[motor] * units.torque
-            torque = AffineRows({"y": matrix / (unit * scale)}, offset / unit)
-            is_limited = np.isfinite(self.problem.specification.torque_limit[motor])
+        is_limited = self.problem.specification.limited_motors
+        for motor, torque in enumerate(self._torques_in_units(units)):
             if goal == "peak_torque":
                 rows += _bound_size(torque, peak_share=1.0)
-            elif goal == "limits" and is_limited:
+            elif goal == "limits" and is_limited[motor]:
                 rows += _bound_size(torque, peak_share=bounds.share)
             largest = self._largest_torque(motor, goal, bounds, units)
             if np.isfinite(largest):
                 rows += _bound_size(torque, largest)
         for matrix in self.rows.squared_speed:
-            parts = {"y": -(matrix / scale)}
+            parts = {"y": -(matrix / units.time**2)}
             largest = bounds.share**2
             if goal in ("peak_speed", "limits"):
                 parts["peak"] = _constant_column(matrix, 1.0)
@@ -347,11 +334,19 @@ class SpeedProgram:
             rows.append(_limit_entries(AffineRows(parts, np.full(matrix.shape[0], largest))))
         return rows
 
-    def _largest_torque(self, motor: int, goal: str, bounds: Bounds, units: Units) -> float:
-        """Return the largest relative torque of a motor, in its unit.
+    def _torques_in_units(self, units: Units) -> list[AffineRows]:
+        """Return the rows of each motor's torque over its reference, in a program's units."""
+        torques = []
+        for (matrix, offset), reference in zip(self.rows.torque, self.problem.reference, strict=True):
+            unit = reference * units.torque
+            torques.append(AffineRows({"y": matrix / (unit * units.time**2)}, offset / unit))
+        return torques
 
-        It is infinite without a bound. A share of a torque limit may be less than the torque that holds the
-        robot at an end, whatever the law. Then the holding torque is allowed, up to the limit itself.
+    def _largest_torque(self, motor: int, goal: str, bounds: Bounds, units: Units) -> float:
+        """Return the bound of a motor's relative torque, in its unit; infinite without a bound.
+
+        Every law needs the torque that holds the robot at an end. Where a share of the limit is less than
+        that, the holding torque is allowed, up to the limit itself.
         """
         largest = np.inf if bounds.peak is None else bounds.peak / units.torque
         limit = self.problem.specification.torque_limit[motor]
@@ -362,64 +357,69 @@ class SpeedProgram:
         return min(largest, allowed / (self.problem.reference[motor] * units.torque))
 
     def _cones(self, units: Units, *, timed: bool, powered: bool) -> list[list[AffineRows]]:
-        """Return the cones of durations and energies at the points.
+        """Return the cones of durations and energies at the points with a weight.
 
-        They are r^2 <= z, v r >= 1 and e r >= |torque|^2, where a point has a weight. The first is 4 z >= (2
-        r)^2, that is z + 1 >= |(z - 1, 2 r)|.
+        They are r^2 <= z, v r >= 1 and e r >= |torque|^2. The first is 4 z >= (2 r)^2, that is
+        z + 1 >= |(z - 1, 2 r)|.
         """
         count = self.z.shape[0]
+        identity = eye_array(count, format="csr")
         cones: list[list[AffineRows]] = []
         if timed or powered:
             z_plus_and_minus_1 = [AffineRows({"y": self.z}, np.full(count, offset)) for offset in (1.0, -1.0)]
-            twice_r = linear_rows(r=2.0 * sparse.identity(count, format="csr"))
-            cones.append([*z_plus_and_minus_1, twice_r])
-        identity = sparse.identity(count, format="csr")
+            cones.append([*z_plus_and_minus_1, linear_rows(r=2.0 * identity)])
         if timed:
             two = AffineRows({}, np.full(count, 2.0))
             cones.append(product_cone({"v": identity}, {"r": identity}, [two]))
         if powered:
             inside = self._inner_points
-            scale = units.time**2
-            unit = self.problem.reference * units.torque
             twice_torque = [
-                AffineRows({"y": 2.0 * matrix[inside] / (unit[j] * scale)}, 2.0 * offset[inside] / unit[j])
-                for j, (matrix, offset) in enumerate(self.rows.torque)
+                AffineRows({"y": 2.0 * torque.parts["y"][inside]}, 2.0 * torque.offset[inside])
+                for torque in self._torques_in_units(units)
             ]
             cones.append(product_cone({"e": identity}, {"r": identity}, twice_torque))
         return cones
 
 
 def _weigh_limits(xi: Array, cells: Array, counts: Array, crossings: Array) -> list[Array]:
-    """Weigh the values (M,) at points in the limit at each crossing.
+    """Return weights (M,) of the values at points, whose sum is the limit at a crossing.
 
-    A torque at a crossing is 0 / 0. Its limit is that of the polynomial through the points of the cell about
-    the crossing; a crossing on an edge of two cells has no weights.
+    A torque at a crossing is 0 / 0. Its limit is extrapolated by the polynomial through the points of the
+    cell about the crossing. A crossing on the edge of two cells has no weights.
 
     Args:
-        counts: (k,) points of each cell; the first point of all is the end -1.
+        counts: (k,) points of each cell; the end -1, in no cell, is the first point of all.
     """
     first_points = 1 + np.cumsum(counts) - counts
     weights = []
     for crossing in crossings:
-        for cell in np.flatnonzero(cells_about(cells, np.array([crossing]))):
+        for cell in np.flatnonzero(cells_about(cells, crossing[None])):
             points = first_points[cell] + np.arange(counts[cell])
             weights.append(_interpolation(xi, points, crossing))
     return weights
 
 
-def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tuple[Array, Array]:
-    """Return Gauss points xi (M,) of the cells and weights (M,) in sigma.
+def _subdivide(edges: Array, parts: int) -> Array:
+    """Cut each interval between edges (k + 1,) in equal parts; return the edges (k parts + 1,)."""
+    starts = edges[:-1, None] + np.diff(edges)[:, None] * np.arange(parts) / parts
+    return np.append(starts, edges[-1])
 
-    Points -1 and 1 have the weight zero. The weights are those in xi over xi' = d xi / d sigma.
+
+def _integration_points(problem: LawProblem, cells: Array, counts: Array) -> tuple[Array, Array]:
+    """Return points xi (M,), Gauss points and both ends, and weights (M,) of integrals over sigma.
+
+    The weights are those in xi over xi' = d xi / d sigma, zero at the ends -1 and 1.
     """
-    points_of = [np.array([-1.0])]
-    weights_of = [np.zeros(1)]
+    xi_of_cells = list[Array]()
+    weights_of_cells = list[Array]()
     for low, high, count in zip(cells[:-1], cells[1:], counts, strict=True):
         points, point_weights = _gauss_legendre(int(count))
-        points_of.append(0.5 * (low + high) + 0.5 * (high - low) * points)
-        weights_of.append(0.5 * (high - low) * point_weights)
-    xi = np.concatenate([*points_of, [1.0]])
-    return xi, np.concatenate([*weights_of, [0.0]]) / problem.task.stretch(problem.sigma(xi), 1)
+        half_width = 0.5 * (high - low)
+        xi_of_cells.append(0.5 * (low + high) + half_width * points)
+        weights_of_cells.append(half_width * point_weights)
+    xi = np.concatenate([[-1.0], *xi_of_cells, [1.0]])
+    weights = np.concatenate([[0.0], *weights_of_cells, [0.0]])
+    return xi, weights / problem.task.stretch(problem.sigma(xi), 1)
 
 
 @lru_cache(maxsize=8)
@@ -430,13 +430,12 @@ def _gauss_legendre(count: int) -> tuple[Array, Array]:
 
 
 def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
-    """Compute the weights (M,) of Lagrange's polynomial at x.
+    """Compute weights (M,) of values at xi (M,) for Lagrange interpolation at x.
 
-    It goes through some of the points xi (M,). The weight of point i is the product of (x - x_j) / (x_i -
-    x_j) over all j other than i.
+    The weight of point i is the product of (x - x_j) / (x_i - x_j) over all chosen points j other than i.
 
     Args:
-        chosen: indices (k,) of the points.
+        chosen: indices (k,) of the interpolated points; the others get the weight zero.
     """
     points = xi[chosen]
     denominators = points[:, None] - points + np.eye(len(points))
@@ -448,25 +447,19 @@ def _interpolation(xi: Array, chosen: Array, x: float) -> Array:
 
 
 def _limit_entries(rows: AffineRows) -> AffineRows:
-    """Scale down rows with entries of y above MAX_ROW_SIZE.
-
-    The largest entry of each is then that.
-    """
+    """Scale down rows with entries of y above MAX_ROW_SIZE, to this largest entry."""
     if not len(rows.offset):
         return rows
     largest = np.abs(rows.parts["y"]).max(axis=1).toarray().ravel()
     factors = 1.0 / np.maximum(1.0, largest / MAX_ROW_SIZE)
-    scaling = sparse.diags_array(factors)
+    scaling = diags_array(factors)
     return AffineRows({name: scaling @ matrix for name, matrix in rows.parts.items()}, factors * rows.offset)
 
 
 def _bound_size(
     torque: AffineRows, largest: float = 0.0, *, peak_share: float | None = None
 ) -> list[AffineRows]:
-    """Return the bounds of |torque| as rows that may not be negative.
-
-    They say |torque| <= largest + peak_share * peak.
-    """
+    """Return |torque| <= largest + peak_share * peak as rows that may not be negative."""
     matrix = torque.parts["y"]
     peak = {} if peak_share is None else {"peak": _constant_column(matrix, peak_share)}
     return [
@@ -476,5 +469,5 @@ def _bound_size(
 
 
 def _constant_column(matrix: Any, value: float) -> Any:
-    """Return a sparse column of one value with as many rows as a matrix."""
-    return sparse.csr_array(np.full((matrix.shape[0], 1), value))
+    """Return a sparse column filled with a value, with as many rows as a matrix."""
+    return csr_array(np.full((matrix.shape[0], 1), value))

@@ -1,6 +1,6 @@
-"""The best law of an undeformed robot, or of torques linear in the law: found, or the reason why not.
+"""The best law of an undeformed robot, or of torques linear in the law, or the refusal if there is none.
 
-Viscous damping is linearised about the law before, until what the tangent leaves of its torque is little.
+Viscous damping is linearised about the previous law, until the error of the linearised torque is small.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from framework.planning.optimal.phase_plane import SquaredSpeed
 from framework.planning.optimal.sampled_demand import sample_demand
 from framework.tolerances import DAMPING_TORQUE_ERROR, SMOOTHNESS_COST
 
-MAX_TANGENTS = 20  # of damping linearised about the previous law
-MAX_CONDITION_STEPS = 4  # of Newton's method, from a law that nearly meets condition (8)
+MAX_TANGENTS = 20  # linearisations of damping about the previous law
+MAX_CONDITION_STEPS = 4  # Newton steps from a law that nearly meets condition (8)
 
 
 def find_undeformed_law(task: Task) -> Best:
     """Find the best law of the undeformed robot, without a certificate.
 
     Raises:
-        NoLaw: none was found within the limits; NotConverged: law and damping do not settle, or the solver
-            gave up.
+        NoLaw: no law was found within the limits.
+        NotConverged: law and damping do not settle together, or the solver gave up.
     """
     points = find_crossing_points(task)
     check_speeds(task, points)
@@ -48,14 +48,14 @@ def find_undeformed_law(task: Task) -> Best:
 def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
     """Find the best law through crossing points.
 
-    Damping is linearised about the last law, until the error of the tangent is small.
+    Damping is linearised about the previous law, until the error of the linearisation is small.
 
     Raises:
         As `find_undeformed_law`.
     """
     problem = problem_of(task, points)._replace(sampled=sample_demand(task))
     best = solve_problem(problem)
-    if not task.branch.robot.is_damped:
+    if not task.robot.is_damped:
         return best
     for _ in range(MAX_TANGENTS):
         problem = _linearise_damping(problem, points, best.law.squared_speed)
@@ -67,7 +67,7 @@ def find_law(task: Task, points: Sequence[CrossingPoint]) -> Best:
         if error <= DAMPING_TORQUE_ERROR:
             return best._replace(law=_meet_conditions(problem, points, best.law))
     raise NotConverged(
-        f"{task.branch.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
+        f"{task.robot.name}: law and damping do not settle together in {MAX_TANGENTS} passes; "
         f"use {other_law(task)}another duration",
         residual=error,
     )
@@ -81,24 +81,24 @@ def adapt_found_law(
     excess: float = 1.0,
     share: float | None = None,
 ) -> Best:
-    """Find a smooth law near the best, within tighter limits or at more of the least cost, see `adapt_law`.
+    """Find a smooth law near the best, with tighter limits or a larger cost; see `adapt_law`.
 
     Args:
         excess: largest torque or speed of the best law's motion over its limit.
-        share: of the least cost, which smoothness may take.
+        share: of the least cost, by which a smooth law may exceed it.
 
     Raises:
-        NotConverged: there is none near.
+        NotConverged: no such law was found.
     """
     adapted = adapt_law(best, excess=excess, share=share)
     if isinstance(adapted, NoneFound):
         raise NotConverged(
-            f"{task.branch.robot.name}: no law near the best keeps all limits between its points",
+            f"{task.robot.name}: no law near the best keeps all limits between its points",
             residual=excess - 1.0,
         )
-    if not task.branch.robot.is_damped:
+    if not task.robot.is_damped:
         return adapted
-    # the linearisation of damping has moved with the law, and condition (8) with it
+    # condition (8) was linearised about another law
     return adapted._replace(law=_meet_conditions(adapted.program.problem, points, adapted.law))
 
 
@@ -115,8 +115,8 @@ def solve_problem(
     """Find the best law of a problem.
 
     Args:
-        share: of the least cost, which smoothness may take.
-        similar: the law of a similar problem, which the search resumes if z is in the same functions.
+        share: of the least cost, by which a smooth law may exceed it.
+        similar: the law of a similar problem; the search resumes from it if z has the same basis.
 
     Raises:
         As `find_undeformed_law`.
@@ -141,10 +141,10 @@ def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
 
 
 def _tangent_error(problem: LawProblem, best: Best) -> float:
-    """Return the largest error of linearised damping [N m], over the peak torque of the law.
+    """Compute the largest error of linearised damping torques, over the peak torque of the law.
 
-    Damping d sqrt(z) is replaced by d (sqrt(z0) / 2 + z / (2 sqrt(z0))). Beside crossings, where torques have
-    a pole, condition (8) is met with the damping itself.
+    Damping d sqrt(z) is replaced by d (sqrt(z0) / 2 + z / (2 sqrt(z0))). Points beside crossings, where
+    torques have a pole, are left out: the final law meets condition (8) with the damping itself.
     """
     assert problem.z0 is not None
     xi = best.program.xi
@@ -158,17 +158,16 @@ def _tangent_error(problem: LawProblem, best: Best) -> float:
 
 
 def _meet_conditions(problem: LawProblem, points: Sequence[CrossingPoint], law: OptimalLaw) -> OptimalLaw:
-    """Return the law nearest in speed that meets condition (8) with damping, to rounding."""
+    """Find the law nearest in speed that meets condition (8) with damping, to rounding."""
+    space = SpeedSpace(law.basis, law.stretch)
     for _ in range(MAX_CONDITION_STEPS):
         problem = _linearise_damping(problem, points, law.squared_speed)
+        rows = condition_rows(problem, law.basis)
         try:
-            space = SpeedSpace(law.basis, law.stretch)
-            rows = condition_rows(problem, law.basis)
             law = replace(law, coefficients=space.adjust(law.coefficients, rows, law.duration))
         except InvalidInput as reason:
             raise NotConverged(
-                f"{problem.task.branch.robot.name}: no law near the best has condition (8) with damping "
-                f"({reason})",
+                f"{problem.task.robot.name}: no law near the best has condition (8) with damping ({reason})",
                 residual=np.inf,
             ) from None
     return law
