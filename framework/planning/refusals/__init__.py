@@ -2,7 +2,7 @@
 
 Each entry has the error, the reason, and below them the functions that decide, in this package or a lower
 one, without the prefix `framework.`. Invalid options are refused earlier, by an InvalidInput of
-`planning.options` or `planning.request`. `refusal_proofs` has the numbers on which a refusal rests;
+`planning.options` or `planning.request`. Open `refusal_proofs` for the numbers on which a refusal rests;
 `turning_back` refuses laws that run backwards or leave the path; `planning.plan` adds the remedy.
 
 On the path, springs at rest:
