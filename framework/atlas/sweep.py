@@ -2,7 +2,7 @@
 
 A pose is predicted from a neighbour along the tangent and corrected by Newton's method. It is accepted as
 part of the neighbour's branch only if the correction is small and no Type 1 singularity lies between. These
-are the rules of `continuation.follow`, here for a stack of steps. Coarse poses are reached first, then the
+are the rules of `continuation.predictor_corrector`, here for a stack of steps. Coarse poses are reached first, then the
 poses between them with half the stride, and so on: each pose is computed once, and stacks are long.
 """
 

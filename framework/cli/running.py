@@ -156,7 +156,7 @@ def _mend_words(mend: Callable[[str], list[str] | None], arguments: Sequence[str
 def _remove_option(words: Sequence[str], option: argparse.Action) -> list[str]:
     """Remove an option and its values from the words of a command line."""
     count = option.nargs
-    most = count if isinstance(count, int) else VALUE_COUNTS[count]
+    most = count if isinstance(count, int) else VALUE_COUNTS.get(count, 0.0)
     rest: list[str] = []
     values = 0.0  # number of values of the option that may still follow
     for word in words:

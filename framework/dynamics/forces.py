@@ -86,7 +86,7 @@ def inertial_forces(robot: ParallelRobot, motion: JointMotion) -> Array:
     """Compute the inertial part of `tree_forces` (T, nv), of bodies and armature.
 
     It is linear in accelerations and quadratic in rates. The difference of `tree_forces` with and without
-    motion would lose digits where gravity dominates or is negligible.
+    motion would lose digits where gravity dominates.
     """
     return _rnea(robot, robot.weightless, _inertial_motion(robot, motion))
 

@@ -46,7 +46,9 @@ COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
 MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # factors of the number, where it grows
 MAX_UNKNOWNS = 4000
 MAX_COEFFICIENTS = 400
-MAX_NEEDED_RATIO = 1.5  # extrapolated number of coefficients for a settled misfit, over the largest number
+MAX_NEEDED_RATIO = (
+    1.5  # extrapolated number of coefficients for a misfit that is small enough, over the largest number
+)
 MAX_STEPS = 12  # with the same number of coefficients
 MIN_STEP_SHARE = 1 / 16  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
@@ -218,8 +220,8 @@ def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most:
     count = state.series.shape[1]
     while result.is_solved and state.misfit > ENOUGH_MISFIT and count < largest:
         last_misfit, last_count = state.misfit, count
-        # a misfit that falls as e^(-r count) is settled at count log(settled) / log(misfit)
-        growth = np.log(SETTLED_MISFIT) / np.log(last_misfit)
+        # a misfit that falls as e^(-r count) is small enough at count log(enough) / log(misfit)
+        growth = np.log(ENOUGH_MISFIT) / np.log(last_misfit)
         growth = np.clip(growth, MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH)
         count = min(int(growth * count) + 1, largest)
         start = equations.evaluate(resize_series(state.series, count), state.scalars)

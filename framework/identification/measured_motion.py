@@ -120,7 +120,7 @@ def measured_motion(
 
 
 def _read_torques(robot: ParallelRobot, data: Recording) -> Array:
-    """Return the measured torques (samples, n_a) [N m]; refuse a torque that is always zero."""
+    """Return the measured torques (samples, n_a) [N m, N]; refuse a torque that is always zero."""
     torque = data.columns("torque", robot.actuator_names)
     for joint, column in zip(robot.actuator_names, torque.T, strict=True):
         if not column.any():

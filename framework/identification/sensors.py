@@ -49,7 +49,7 @@ def record_sensors(
     The columns are time, motor angles, motor torques and platform.
 
     Args:
-        torque: returns motor torques (T, n_a) [N m], motor side, at instants t (T,) [s]; for example
+        torque: returns motor torques (T, n_a) [N m, N], motor side, at instants t (T,) [s]; for example
             `plan.torque`.
         sensors: errors of the sensors; by default those of `Sensors()`.
 

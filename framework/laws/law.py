@@ -39,7 +39,10 @@ def is_number(value: object) -> bool:
     """Return whether a value is a single finite real number of Python or numpy."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
-    return math.isfinite(value)
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond the range of floats
+        return False
 
 
 def normalise_time(t: ArrayLike, duration: float) -> Array:

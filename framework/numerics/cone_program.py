@@ -21,7 +21,7 @@ from framework.numerics.time_limit import check_time
 REGULARIZATIONS = ((1e-8, 0), (3e-8, 2), (1e-7, 10))
 MAX_ITERATIONS = 200
 TOLERANCE = 1e-8  # of a solution, in the units of the optimum
-STALLED_RATIO = 10.0  # tolerance of a solution that is accepted although the solver stalls, over TOLERANCE
+STALLED_RATIO = 10.0  # tolerance of a solution that is accepted although the solver stalls, over the other
 SOLVED = ("Solved", "AlmostSolved")  # statuses of solutions within the first and the second tolerance
 
 

@@ -175,7 +175,7 @@ class Request(PlanOptions):
 def checked_smoothness(robot: ParallelRobot, smoothness: int | None) -> int:
     """Return the order up to which derivatives of s vanish at both ends.
 
-    The default is the least valid one: the order of the highest derivative of s in the torques.
+    The default is the least valid one: the torques contain at least the derivatives of s up to this order.
 
     Raises:
         InvalidInput: `smoothness` is no whole number, so small that the torques would jump at the ends, or

@@ -55,7 +55,7 @@ class Chain(NamedTuple):
     """The L moving joints between two frames."""
 
     ends: Ends
-    in_moving: IntArray  # (L,) indices of the joints in `Mechanism.moving`
+    in_moving: IntArray  # (L,) indices of the joints in `ParallelRobot.moving`
     columns: IntArray  # (L,) indices of the joints in pinocchio's velocity vector
     signs: Array  # (L,) -1 where the joint carries the first frame, else 1
     turns: BoolArray  # (L,) whether the joint is a hinge

@@ -126,7 +126,7 @@ def film_locus(film: Film) -> list[Array]:
 
 def _draw_arrow(ax: Axes, foot: Array, arrow: Array, color: str, both: bool, label: str) -> None:
     """Draw an arrow (2,) at a foot (2,), or to `both` sides; skip one too short to see."""
-    if np.linalg.norm(arrow) <= 0.02 * np.ptp(ax.get_xlim()):
+    if not np.linalg.norm(arrow) > 0.02 * np.ptp(ax.get_xlim()):  # NaN without a twist
         return
     tip, tail = foot + arrow, foot - arrow if both else foot
     line: Style = {"color": color, "linewidth": 1.2}

@@ -246,7 +246,6 @@ def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> Jog
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return describe_jogged_pose(robot, q)
-    linearised = start.linearised
     try:
         followed = follow_path(robot, Line(start.x[0], target), q)
         q = followed.last.q[0]
@@ -254,7 +253,8 @@ def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> Jog
         if followed.complete:
             return describe_jogged_pose(robot, q)
     except NotAssembled:  # the start is singular
-        pass
+        q = start.q[0]
+        linearised = start.linearised
     reason = (
         f"The edge of the workspace: the leg of {weakest_leg(robot, linearised)} is stretched or folded here "
         f"(Type 1 singularity) and reaches no further in this working mode."

@@ -74,8 +74,8 @@ def curves_at(robot: ParallelRobot, linearised: LinearisedLoops, x: Array) -> Mo
         share=np.zeros(count),
         steps=np.zeros(count, dtype=np.intp),
         clearance=value,
-        least=value,
-        largest=value,
+        least=value.copy(),
+        largest=value.copy(),
         determinant_sign=sign,
         log_determinant=logarithm,
     )

@@ -288,6 +288,7 @@ class UrdfTree(Tree):
         A joint that is fixed already stays where it is.
         """
         if not joint.moves:
+            self.fixed_positions.setdefault(joint.name, 0.0)
             return
         values = values or (0.0,) * len(joint.coordinates)
         self.fixed_positions[joint.name] = values[0]

@@ -96,7 +96,7 @@ def resume_law(best: Best, problem: LawProblem, *, share: float | None = None) -
     program = SpeedProgram.on_cells(problem, best.program.cells)
     if len(best.program.further_xi):
         program = program.extend(best.program.further_xi)
-    least_cost = solve_least_cost(program, best.search.units)
+    least_cost = solve_least_cost(program, best.search.units, limit_share=best.search.limit_share)
     if isinstance(least_cost, NoneFound):
         return least_cost
     search = best.search._replace(
@@ -157,8 +157,11 @@ def _search_smooth(
                     return best
                 search = search._replace(program=search.program.extend(exceeded))
                 continue
-            if search.program is program_solved_again:
+            if search.program is program_solved_again and similar is None:
                 return best or smooth
+            if search.program is program_solved_again:
+                similar = None
+                continue
             least = solve_least_cost(search.program, search.units, limit_share=search.limit_share)
             if isinstance(least, NoneFound):
                 return best or smooth

@@ -311,7 +311,7 @@ class DualProgram:
 
     @cached_property
     def p_unit(self) -> float:
-        """The size of p if nu is 1, in the middle of the range over all cells."""
+        """The size of p if nu is 1: the median over the cells."""
         return float(1.0 / np.median(np.linalg.norm(self.series.v.coefficients[:, 0, 0], axis=1)))
 
     @property

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray
-from framework.numerics.cone_program import Unsolved
+from framework.numerics.cone_program import TOLERANCE, Unsolved
 from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.path_series import cells_about
 from framework.planning.optimal.speed_program import Bounds, Speed, SpeedProgram, Units
@@ -23,7 +23,7 @@ CELLS_PER_DEGREE = 0.5  # of a series
 MAX_REFINEMENTS, MIN_REFINEMENT_CHANGE = 5, 2e-3
 LOW_COEFFICIENT = 1e-5  # of the median; lower coefficients would keep falling on smaller cells
 MAX_BEND = 0.1  # second difference of coefficients over the least of the three, above which cells are cut
-LEAST_COST_TOLERANCE = 1e-5  # relative; enough for a cost to which smoothness adds SMOOTHNESS_COST or more
+SERIES_TOLERANCE = 1e-5  # relative, of the least cost of a series: smoothness adds a hundred times as much
 # corrections of the units; ratio of the optimum to its unit, or inverse, above which the unit is corrected
 MAX_UNIT_CHANGES, MAX_UNIT_RATIO = 8, 5.0
 
@@ -77,8 +77,11 @@ def first_cells(problem: LawProblem) -> Array:
     else:
         count = int(CELLS_PER_DEGREE * problem.degree)
         edges = -np.cos(np.linspace(0.0, np.pi, count + 1))
-    for xi in np.unique(problem.crossing_xi):
+    crossings = np.unique(problem.crossing_xi)
+    for xi in crossings:
         width = 2.0 / count if problem.degree is None else np.pi / count * np.sqrt(1.0 - xi**2)
+        distances = np.abs(crossings - xi)
+        width = min(width, 2.0 / 3.0 * distances[distances > 0.0].min(initial=np.inf))
         half_width = min(0.5 * width, 0.7 * (1.0 - abs(xi)))
         is_end = np.abs(edges) == 1.0
         is_far = np.abs(edges - xi) > half_width + 0.35 * width
@@ -162,8 +165,9 @@ def solve_least_cost(
     share = limit_share * (1.0 if goal == "peak_torque" else 1.0 - LIMIT_MARGIN)
     bounds = Bounds(longest, torque_limits=torque_limits, share=share)
     units = units or _first_units(program)
+    tolerance = TOLERANCE if program.basis.is_spline else SERIES_TOLERANCE
     for _ in range(MAX_UNIT_CHANGES):
-        speed = program.minimise(goal, bounds, units, tolerance=LEAST_COST_TOLERANCE)
+        speed = program.minimise(goal, bounds, units, tolerance=tolerance)
         if isinstance(speed, Unsolved):
             if speed.infeasible:
                 return NoneFound(program, speed.status)

@@ -114,9 +114,11 @@ def optimal_motion(task: Task) -> OptimalMotion:
         )
     check_speeds(task, points)
     if robot.n_e:
-        stages = MASSLESS_STAGES
-        if task.geometry == "deformed" and (robot.is_damped or springs_carry_inertia(task.branch)):
-            stages = CAPPED_STAGES if task.follows_balance else CALM_STAGES
+        is_redundant = task.geometry == "deformed" and not task.follows_balance
+        stages = CALM_STAGES if is_redundant else MASSLESS_STAGES
+        is_damped = robot.is_damped and robot.elastic_inertia
+        if task.geometry == "deformed" and (is_damped or springs_carry_inertia(task.branch)):
+            stages = CALM_STAGES if is_redundant else CAPPED_STAGES
             # rates of springs follow the fifth derivative of the law, their accelerations the sixth
             task = task._replace(specification=replace(task.specification, smoothness=HIGHEST_SMOOTHNESS))
         return _ElasticSearch(task, task, points, sample_demand(task), stages).run()

@@ -92,6 +92,8 @@ class SmoothSearch(NamedTuple):
             similar: the speed of a similar law.
         """
         duration = self.program.problem.specification.duration
+        if similar is not None:  # with the costs of this program
+            similar = self.program.speed(similar.y)._replace(floor=similar.floor)
         if duration is not None:
             return self.find_lasting(duration, similar)
         return self._solve_above_floor(self.bounds, similar=similar)[0]
@@ -122,7 +124,7 @@ class SmoothSearch(NamedTuple):
             if isinstance(slow, NoneFound):
                 return slow
             law = self._improve("curvature", self._blend(smooth, slow, duration), smooth, bounds, floor)
-        return self._improve("curvature", law, smooth, bounds, floor)
+        return self._improve("curvature", law, smooth, bounds, floor, duration)
 
     def _solve_above_floor(
         self, bounds: Bounds, goal: str = "curvature", similar: Speed | None = None
@@ -245,7 +247,10 @@ class SmoothSearch(NamedTuple):
             return smooth
         if _takes_at_least(smooth, 0.0):
             quick = smooth
-        return self._improve("curvature", law, quick, bounds, floor)
+        smooth = self._improve("curvature", law, quick, bounds, floor)
+        if similar is not None and smooth is similar:
+            return self._find_smooth_of_little_energy(duration, None)
+        return smooth
 
     def _descend(self, law: Speed, quick: Speed, floor: float) -> Speed:
         """Lower the energy of a law step by step, as long as the gain is worth a step.

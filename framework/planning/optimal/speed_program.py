@@ -78,7 +78,7 @@ class Speed(NamedTuple):
     peak: of torques over the reference; peak_speed: of motor speeds over their limits; both at the rows.
     energy: [s], the integral of the sum of (torque over reference)^2.
     value: the least duration [s] by the quadrature of the program; NaN for other goals.
-    floor: [1/s^2], the lower bound of the coefficients.
+    floor: [1/s^2], the lower bound of the coefficients of splines, or of the values of a series.
     """
 
     y: Array

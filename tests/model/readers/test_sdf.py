@@ -385,3 +385,17 @@ def test_a_malformed_model_gives_one_line(tmp_path, old, new, message):
     with pytest.raises(RobotFileError, match=message) as caught:
         read(tmp_path, text.replace(old, new, 1))
     assert "\n" not in str(caught.value)
+
+
+def test_a_lock_of_a_joint_that_leads_a_fixed_one_is_read(tmp_path):
+    follower = '<mimic joint="left_elbow"><multiplier>1</multiplier></mimic>'
+    joints = (
+        '<joint name="left_motor" type="revolute"><parent>world</parent><child>crank</child><axis/></joint>'
+        '<joint name="left_elbow" type="revolute"><parent>crank</parent><child>rod</child><axis/></joint>'
+        f'<joint name="mark" type="fixed"><parent>rod</parent><child>dot</child><axis>{follower}</axis></joint>'
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("crank", "rod", "dot"))
+    file = tmp_path / "led.sdf"
+    file.write_text(f'<sdf version="1.7"><model name="led">{links}{joints}</model></sdf>')
+    with pytest.raises(RobotFileError, match="no loop moves"):
+        parse_any(file, locked={"left_elbow": 0.0})
