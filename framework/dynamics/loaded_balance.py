@@ -104,16 +104,17 @@ def evaluate_balance(
     wrenches: ExternalWrenches,
     stiffer: float = 1.0,
 ) -> LoadedBalance:
-    """Compute the residual F of the balance under wrenches of the world.
+    """Compute the residual F (T, n_e) of the balance under external wrenches.
 
     Args:
-        near: configurations (T, nq) from which the loops are closed.
-        stiffer: factor of the robot's spring stiffness.
+        prescribed: platform coordinates and deflections, with their rates and accelerations.
+        near: configurations (T, nq) from which Newton's method closes the loops.
+        stiffer: factor by which the springs are stiffer than those of the robot.
 
     Raises:
-        NotAssembled: the deflections tear the loops.
+        NotAssembled: the loops do not close with these deflections.
     """
-    l_near = difference(robot, robot.neutral, near)[:, robot.elastic]
+    l_near = difference(robot, robot.neutral, near)[:, robot.elastic]  # (T, n_e) deflections at `near`
     guess = integrate_columns(robot, near, robot.elastic, prescribed.l - l_near)
     closed = close_loops(robot, prescribed.x, guess)
     motion, forces = motion_and_load(robot, prescribed, closed, wrenches, stiffer)

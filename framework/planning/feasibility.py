@@ -19,7 +19,7 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
 from framework.planning.condition import Condition8, coefficients_at, undeformed_crossing
-from framework.planning.crossing_points import PathToCross, stops_at
+from framework.planning.crossing_points import PathToCross, is_at_path_end
 from framework.planning.motion_scales import coordinate_sizes
 from framework.planning.request import Request
 from framework.planning.specification import specification_of
@@ -208,7 +208,7 @@ def is_crossable(searched: SearchedPath) -> bool:
     return not any(
         feasibility is None
         or singular.contact == "tangential"
-        or stops_at(singular)
+        or is_at_path_end(singular)
         or feasibility.forbids_every_law
         for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
     )
