@@ -38,7 +38,7 @@ from framework.dynamics.elastic_pass import (
 )
 from framework.dynamics.forces import Forces
 from framework.dynamics.known_deflections import KnownDeflections
-from framework.dynamics.loaded_balance import forces_in_balance
+from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, NotConverged
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.motion_rates import Motion
@@ -136,9 +136,10 @@ def assess_deflections(
     """
     deflections = known(grid.times)
     motion = motion_with_deflections(branch, grid.times, law, deflections)
-    forces, change = forces_in_balance(branch.robot, motion, deflections[0])
-    caused = -forces.spring_force / branch.robot.stiffness
-    return DeflectionSolution(grid, law, motion, forces, grid.fit(deflections[0]), caused, change=change)
+    values, *_rates = deflections  # (T, n_e), without time derivatives
+    forces, residual = balancing_forces(branch.robot, motion, values)
+    caused = -forces.spring_force / branch.robot.stiffness  # deflections under these spring forces
+    return DeflectionSolution(grid, law, motion, forces, grid.fit(values), caused, change=residual)
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:

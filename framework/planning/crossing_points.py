@@ -106,7 +106,7 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
     raise NoLaw(
         f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; no law can "
-        f"be at rest on the locus: move the path's end",
+        f"rest on the locus: move the path's end",
         # at rest condition (8) is gamma = 0; if it is met by chance, the refusal has no proof
         proof=unmet if gamma else None,
     )
