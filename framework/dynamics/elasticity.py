@@ -136,7 +136,7 @@ def assess_deflections(
     """
     deflections = known(grid.times)
     motion = motion_with_deflections(branch, grid.times, law, deflections)
-    values, *_rates = deflections  # (T, n_e), without time derivatives
+    values = deflections[0]  # (T, n_e), without their time derivatives
     forces, residual = balancing_forces(branch.robot, motion, values)
     caused = -forces.spring_force / branch.robot.stiffness  # deflections under these spring forces
     return DeflectionSolution(grid, law, motion, forces, grid.fit(values), caused, change=residual)
@@ -240,14 +240,15 @@ class _Iteration:
         return min(MAX_PASSES, max(MAX_PASSES_OF_MANY_NODES, MAX_PASS_NODES // len(self.grid.times)))
 
     def _resolved_count(self, current: Pass) -> int:
-        """Count the coefficients of the deflections up to the last one above the change of the pass.
+        """Count the coefficients of the deflections that stand out from the noise of the iteration.
 
-        Smaller coefficients are noise of the iteration. The count is at least FEWEST_COEFFICIENTS.
+        The noise is the relative change of the deflections by the pass, times the largest coefficient. The
+        count runs up to the last coefficient above the noise, and is at least FEWEST_COEFFICIENTS.
         """
         series = np.abs(self.grid.fit(current.caused * self._unit_weights(current)).coefficients)
         noise = self._relative_size(current.residual, current) * series.max()
         above_noise = np.flatnonzero((series > noise).any(axis=(0, 2)))  # on any panel, of any spring
-        return min(self.grid.resolvable, int(above_noise.max(initial=FEWEST_COEFFICIENTS - 1)) + 1)
+        return int(np.clip(above_noise.max(initial=0) + 1, FEWEST_COEFFICIENTS, self.grid.resolvable))
 
     def _needed_count(self, count: int, truncation: float) -> int:
         """Estimate the necessary number of coefficients from the truncation error of `count` coefficients.
