@@ -113,7 +113,7 @@ def design_study(
 
     Args:
         executor: computes chunks of designs; None computes them in this process.
-        keeper: stores finished chunks; chunks stored before are not computed again.
+        keeper: a folder of finished chunks, which are not computed again; None stores nothing.
         progress: called with the number of finished designs.
     """
     chunks = {}
@@ -128,7 +128,7 @@ def design_study(
         keeper=keeper,
         progress=lambda names: progress(sum(len(chunks[name]) for name in names)),
     )
-    why = tuple(columns.pop(WHY).tolist())
+    why = tuple(columns.pop(WHY).tolist())  # reasons are a field of their own, not a column of numbers
     robot = ParallelRobot.from_file(task.file, flexibility=task.flexibility)
     return DesignStudy(task, designs, columns, column_units(robot, task), why)
 

@@ -60,7 +60,7 @@ class NearestSingularPose(ReadOnlyArrays):
 
     @property
     def status(self) -> str:
-        """A sentence with the proved and the found distance to Type 2."""
+        """A clause with the distances to singular poses: the proved lower bound, then the nearest found."""
         regular = "no proof of regular poses about it"
         if self.at_least > 0:
             regular = f"at least {self.at_least:.6g} {self.unit}, proved for Type 1 and Type 2"
@@ -69,7 +69,7 @@ class NearestSingularPose(ReadOnlyArrays):
         if self.x is not None:
             return f"{regular}; at most {self.distance:.6g} {self.unit}, Type 2"
         if self.at_least >= self.within:
-            return f"{regular}: none within that"
+            return f"{regular}: no singular pose in the ball searched"
         return f"{regular}; none found within {self.within:.4g} {self.unit} along {self.rays} rays"
 
 

@@ -411,7 +411,11 @@ def check_window(robot: ParallelRobot, window: Window) -> None:
 
 
 def _reference_distances(robot: ParallelRobot, window: Window) -> Array:
-    """Compute distances (I, J) of poses from the reference, divided by the longest cell edge."""
+    """Compute distances (I, J) of poses from the reference, divided by the longest cell edge.
+
+    The distance is the largest offset of a coordinate [robot lengths, rad]. The edge is lengthened by a
+    relative SAME_PLACE, so that a pose exactly one edge away counts as one step in spite of rounding.
+    """
     offset = np.abs(window.points() - robot.reference.x) / robot.platform_scale
     return offset.max(axis=2) / (longest_cell_edge(robot, window) * (1.0 + SAME_PLACE))
 

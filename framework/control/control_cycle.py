@@ -277,7 +277,7 @@ class ControlCycle:
         self.residual = float(np.abs(self._equations.residual).max(initial=0.0))
         platform = self.robot.platform
         if isinstance(platform, JointPlatform):
-            self.x, self.dx = q[platform.places], self.v[platform.columns]
+            self.x, self.dx = q[platform.q_indices], self.v[platform.columns]
         elif isinstance(platform, FramePlatform):
             self.x, self.dx = self._platform_motion(platform)
 

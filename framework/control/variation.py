@@ -82,16 +82,16 @@ def draw_noise(
 
 
 def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot:
-    """Return the robot with the differences of a variation.
+    """Return the robot with the inertia, joint positions and spring stiffness of a variation.
 
     With shifted joints the loops close at another configuration. Only the independent loop equations are
     used: redundant ones hold only for exact positions, and a real machine has clearance in its joints.
 
     The payload factor applies to the inertia of the platform's link or, if that link has no inertia, to the
-    moving body that carries the platform's frame.
+    moving body that carries the platform's frame. The closed-loop simulation applies friction and delay.
     """
     model = robot.model.copy()
-    frame = model.frames[robot.frames[0]]
+    frame = model.frames[robot.frames[0]]  # the platform's frame
     joint = frame.parentJoint
     payload = frame.placement.act(frame.inertia) if frame.inertia.mass > 0 else model.inertias[joint]
     parameters = model.inertias[joint].toDynamicParameters()  # (10,): mass, first moments, inertia
@@ -104,6 +104,6 @@ def apply_variation(robot: ParallelRobot, variation: Variation) -> ParallelRobot
         robot,
         model=model,
         stiffness=robot.stiffness * variation.stiffness,
-        rows=robot.loops,
+        rows=robot.loops,  # the independent loop equations, now all that there are
         structure=replace(robot.structure, independent=np.arange(len(robot.loops.names))),
     )

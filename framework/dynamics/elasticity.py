@@ -38,7 +38,7 @@ from framework.dynamics.elastic_pass import (
 )
 from framework.dynamics.forces import Forces
 from framework.dynamics.known_deflections import KnownDeflections
-from framework.dynamics.loaded_balance import forces_in_balance
+from framework.dynamics.loaded_balance import balancing_forces
 from framework.errors import NoAnswer, NotConverged
 from framework.kinematics.continuation.tracking import Branch
 from framework.kinematics.motion_rates import Motion
@@ -136,9 +136,10 @@ def assess_deflections(
     """
     deflections = known(grid.times)
     motion = motion_with_deflections(branch, grid.times, law, deflections)
-    forces, change = forces_in_balance(branch.robot, motion, deflections[0])
-    caused = -forces.spring_force / branch.robot.stiffness
-    return DeflectionSolution(grid, law, motion, forces, grid.fit(deflections[0]), caused, change=change)
+    values = deflections[0]  # (T, n_e), without their time derivatives
+    forces, residual = balancing_forces(branch.robot, motion, values)
+    caused = -forces.spring_force / branch.robot.stiffness  # deflections under these spring forces
+    return DeflectionSolution(grid, law, motion, forces, grid.fit(values), caused, change=residual)
 
 
 def _small_displacements(branch: Branch, grid: TimeGrid, current: Pass) -> DeflectionSolution:
@@ -239,14 +240,15 @@ class _Iteration:
         return min(MAX_PASSES, max(MAX_PASSES_OF_MANY_NODES, MAX_PASS_NODES // len(self.grid.times)))
 
     def _resolved_count(self, current: Pass) -> int:
-        """Count the coefficients of the deflections up to the last one above the change of the pass.
+        """Count the coefficients of the deflections that stand out from the noise of the iteration.
 
-        Smaller coefficients are noise of the iteration. The count is at least FEWEST_COEFFICIENTS.
+        The noise is the relative change of the deflections by the pass, times the largest coefficient. The
+        count runs up to the last coefficient above the noise, and is at least FEWEST_COEFFICIENTS.
         """
         series = np.abs(self.grid.fit(current.caused * self._unit_weights(current)).coefficients)
         noise = self._relative_size(current.residual, current) * series.max()
         above_noise = np.flatnonzero((series > noise).any(axis=(0, 2)))  # on any panel, of any spring
-        return min(self.grid.resolvable, int(above_noise.max(initial=FEWEST_COEFFICIENTS - 1)) + 1)
+        return int(np.clip(above_noise.max(initial=0) + 1, FEWEST_COEFFICIENTS, self.grid.resolvable))
 
     def _needed_count(self, count: int, truncation: float) -> int:
         """Estimate the necessary number of coefficients from the truncation error of `count` coefficients.

@@ -104,16 +104,17 @@ def evaluate_balance(
     wrenches: ExternalWrenches,
     stiffer: float = 1.0,
 ) -> LoadedBalance:
-    """Compute the residual F of the balance under wrenches of the world.
+    """Compute the residual F (T, n_e) of the balance under external wrenches.
 
     Args:
-        near: configurations (T, nq) from which the loops are closed.
-        stiffer: factor of the robot's spring stiffness.
+        prescribed: platform coordinates and deflections, with their rates and accelerations.
+        near: configurations (T, nq) from which Newton's method closes the loops.
+        stiffer: factor by which the springs are stiffer than those of the robot.
 
     Raises:
-        NotAssembled: the deflections tear the loops.
+        NotAssembled: the loops do not close with these deflections.
     """
-    l_near = difference(robot, robot.neutral, near)[:, robot.elastic]
+    l_near = difference(robot, robot.neutral, near)[:, robot.elastic]  # (T, n_e) deflections at `near`
     guess = integrate_columns(robot, near, robot.elastic, prescribed.l - l_near)
     closed = close_loops(robot, prescribed.x, guess)
     motion, forces = motion_and_load(robot, prescribed, closed, wrenches, stiffer)
@@ -123,24 +124,25 @@ def evaluate_balance(
     return LoadedBalance(prescribed, motion, F, size, Y, multipliers, wrenches, stiffer)
 
 
-def forces_in_balance(robot: ParallelRobot, motion: Motion, deflections: Array) -> tuple[Forces, float]:
-    """Compute the forces of a motion with deflections (T, n_e), and the relative residual of the balance.
+def balancing_forces(robot: ParallelRobot, motion: Motion, deflections: Array) -> tuple[Forces, float]:
+    """Compute the forces of a motion with deflections (T, n_e), and the relative residual.
 
-    Motor and loop forces balance the load in the least squares; the residual is zero if the deflections are
-    in balance. This is regular at Type 2, because springs carry the part of the load that no motor can. The
-    residual is relative to the largest spring force.
+    Motors and loops balance the load r + K l in the sense of least squares. Y Y' (r + K l) remains
+    unbalanced, which is zero if the deflections are in balance. The springs are taken to carry that
+    remainder, too. So the forces are regular at Type 2. The relative residual is the largest unbalanced force
+    divided by the largest spring force, both in the units of `locked_columns`.
     """
     r = tree_forces(robot, motion)
     forces = r.copy()
     forces[:, robot.elastic] += robot.stiffness * deflections
-    spring_scale = spring_units(robot)
+    units = spring_units(robot)
     load, multipliers, Y = _split_load(robot, motion, forces)
-    residual = matvec(Y, matvec(Y.swapaxes(1, 2), load))  # Y Y' load, which motors and loops cannot balance
+    unbalanced = matvec(Y, matvec(Y.swapaxes(1, 2), load))  # Y Y' load (T, f), elastic columns first
     loop_forces = matvec(motion.linearised.closures.swapaxes(1, 2), multipliers * loop_weights(robot))
-    spring_force = residual[:, : robot.n_e] / spring_scale - robot.stiffness * deflections
-    largest = float(np.abs(spring_force * spring_scale).max())
-    change = float(np.abs(residual).max()) / largest if largest > 0.0 else 0.0
-    return Forces((r - loop_forces)[:, robot.actuated], spring_force), change
+    spring_force = unbalanced[:, : robot.n_e] / units - robot.stiffness * deflections
+    largest = float(np.abs(spring_force * units).max())
+    residual = float(np.abs(unbalanced).max()) / largest if largest > 0.0 else 0.0
+    return Forces((r - loop_forces)[:, robot.actuated], spring_force), residual
 
 
 def deflection_slopes(robot: ParallelRobot, balance: LoadedBalance, orders: int) -> Array:

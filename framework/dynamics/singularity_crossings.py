@@ -114,7 +114,7 @@ def rigid_crossings(
         t, singular = crossed[int(stops.argmax())]
         raise NoLaw(
             f"{branch.robot.name}: the motion stands still on a Type 2 singularity at t = {t:.6g} s, s = "
-            f"{singular.s:.6g}: a stop on the locus can never be crossed; shift the path's end or the law"
+            f"{singular.s:.6g}: no law can rest on the locus; shift the path's end or the law"
         )
     # the samples are approximate poses, which are enough for the size of the forces
     q = np.vstack([*(singular.q for _, singular in crossed), branch.guess(s[0][-SAMPLES:])])

@@ -35,25 +35,28 @@ LEAST_COSINE = 0.8  # between neighbouring tangents
 
 
 class _CurvePoint(NamedTuple):
-    """A point of the curve with its unit tangent; both (n_e + 1,) in (v / size, log eps)."""
+    """A point of the curve with its unit tangent; both (n_e + 1,).
+
+    The coordinates are (v / (v_unit u), log eps), where u (n_e,) are the `spring_units`.
+    """
 
     coordinates: Array
     tangent: Array
 
 
 class _RestCurve(NamedTuple):
-    """The curve of deflections in balance at rest at s, with `size` as the unit of v."""
+    """The curve of deflections in balance at rest at s; `v_unit` scales v to unit size."""
 
     branch: Branch
     s: float
-    size: float = 1.0
+    v_unit: float = 1.0
 
     def _balance(self, coordinates: Array) -> LoadedBalance:
-        """Compute the balance at coordinates (n_e + 1,)."""
+        """Compute the balance at coordinates (n_e + 1,) of a `_CurvePoint`."""
         branch = self.branch
         s = np.array([self.s])
         compliance = np.exp(coordinates[-1])
-        deflections = compliance * self.size * coordinates[None, :-1] * spring_units(branch.robot)
+        deflections = compliance * self.v_unit * coordinates[None, :-1] * spring_units(branch.robot)
         x = branch.path(s)
         at_rest = DeflectedMotion(s, x, 0.0 * x, 0.0 * x, deflections, 0.0 * deflections, 0.0 * deflections)
         return evaluate_balance(
@@ -61,22 +64,24 @@ class _RestCurve(NamedTuple):
         )
 
     def residual(self, coordinates: Array) -> tuple[Array, Array]:
-        """Compute F (n_e,) and its slopes (n_e, n_e + 1) by the coordinates, over the largest load.
+        """Compute F (n_e,) and dF/d(coordinates) (n_e, n_e + 1), both divided by the largest load.
 
-        F = Y' (r + K l / eps) gives dF/dv = eps Y' dload/dl and dF/d(log eps) = eps Y' (dr/dl) v.
+        F = Y' load with load = r + K l / eps: r are the forces without springs, K is the stiffness, and the
+        columns of Y (f, n_e) are the motions that loops and locked motors allow (see `LoadedBalance`). With
+        l = eps v, K l / eps = K v does not depend on eps. So dF/dv = eps Y' dload/dl and dF/d(log eps) =
+        eps Y' (dr/dl) v. All deflections and their derivatives are in `spring_units`.
         """
         robot = self.branch.robot
         balance = self._balance(coordinates)
         compliance = np.exp(coordinates[-1])
-        load_slopes = deflection_slopes(robot, balance, 1)[0]  # (f, n_e) of r + K l / eps
-        r_slopes = load_slopes.copy()
-        r_slopes[range(robot.n_e), range(robot.n_e)] -= (
-            robot.stiffness * spring_units(robot) ** 2 / compliance
-        )
-        by_coordinates = np.column_stack([load_slopes, r_slopes @ coordinates[:-1]])
-        slopes = compliance * self.size * balance.Y[0].T @ by_coordinates
-        size = balance.size or 1.0  # without a load nothing deflects
-        return balance.F[0] / size, slopes / size
+        load_slopes = deflection_slopes(robot, balance, 1)[0]  # dload/dl (f, n_e) of the one pose
+        springs = range(robot.n_e)  # the first of the f rows
+        r_slopes = load_slopes.copy()  # dr/dl (f, n_e)
+        r_slopes[springs, springs] -= robot.stiffness * spring_units(robot) ** 2 / compliance
+        by_coordinates = np.column_stack([load_slopes, r_slopes @ coordinates[:-1]])  # (f, n_e + 1)
+        slopes = compliance * self.v_unit * balance.Y[0].T @ by_coordinates
+        largest_load = balance.size or 1.0  # without a load nothing deflects
+        return balance.F[0] / largest_load, slopes / largest_load
 
     def correct(self, coordinates: Array, along: Array) -> _CurvePoint | None:
         """Find the point of the curve nearest to coordinates, with the tangent towards `along`.
@@ -106,9 +111,9 @@ def find_static_fold(branch: Branch, s: float) -> float | None:
     if point is None:
         return None
     v = point.coordinates[:-1]
-    size = float(np.abs(v).max()) or 1.0
-    curve = _RestCurve(branch, s, size)
-    point = curve.correct(np.append(v / size, point.coordinates[-1]), softer)
+    v_unit = float(np.abs(v).max()) or 1.0
+    curve = _RestCurve(branch, s, v_unit)
+    point = curve.correct(np.append(v / v_unit, point.coordinates[-1]), softer)
     step = FIRST_STEP
     for _ in range(MAX_POINTS):
         if point is None or point.coordinates[-1] >= 0.0:

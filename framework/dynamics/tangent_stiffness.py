@@ -103,8 +103,10 @@ def tangent_stiffness(
 ) -> Array:
     """Compute the tangent stiffness (T, p, p) along steps (T, f, p) [N m] at q (T, nq).
 
-    It is steps' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) steps. The multipliers lambda are the
-    least-squares solution of J' lambda = forces.
+    It is steps' (d2V/dq2 - lambda . d2c/dq2 - w . d2x/dq2) steps with the potential V of springs and weight,
+    the loop equations c, and the wrench w on platform coordinates x. Weight and wrench are those of `load`,
+    multiplied by its share. The multipliers lambda are the least-squares solution of J' lambda = forces, with
+    J the scaled derivative of c along the f columns that move with locked motors.
     """
     columns = moving_columns(robot)
     J = scaled_loops(robot, linearised)[:, :, columns]

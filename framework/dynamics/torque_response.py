@@ -11,7 +11,7 @@ and torques depend on both changes. Where the loaded robot is singular, deflecti
 scalar of the law changes too (see `restoration`). Condition (8) of the loaded robot requires that this scalar
 does not change.
 
-Torques are those of `forces_in_balance`, regular at Type 2 as long as F = 0.
+Torques are those of `balancing_forces`, regular at Type 2 as long as F = 0.
 """
 
 from __future__ import annotations

@@ -47,8 +47,8 @@ START = (
     "start from the keyframe `reference`, where the loops are closed: "
     "mj_resetDataKeyframe(model, data, 0); at zero they are torn"
 )
-# the stiffest equality that MuJoCo can solve
-HARD = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
+# solver parameters of the stiffest equality that MuJoCo can solve
+HARD_EQUALITY = {"solref": f"{2 * TIME_STEP!r} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 CLOSING_POINT_DISTANCE = 0.1  # [robot lengths] between the points that close a hinge or a weld
 
 
@@ -146,34 +146,44 @@ def _add_body(robot: ParallelRobot, data: pin.Data, j: int, parent: Element, *, 
 
 
 def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, is_split: bool) -> None:
-    """Add joint j with motion subspace `screws` (6, k), or three hinges if `is_split`."""
+    """Add joint j of pinocchio: a hinge, a slide or a ball; instead of a ball three hinges if `is_split`.
+
+    Args:
+        screws: (6, k) motion subspace of the joint; of a hinge or slide, the axis is its one column.
+
+    Raises:
+        InvalidInput: a ball has a spring, which three hinges cannot represent, or dynamics that differ
+            between its axes, which a ball of MuJoCo cannot represent.
+    """
     name = str(robot.model.names[j])
     joint = robot.model.joints[j]
     columns = range(joint.idx_v, joint.idx_v + joint.nv)
     if is_split and robot.all_stiffness[columns].any():
         raise InvalidInput(f"{robot.name}: ball {name!r} has a spring, which three hinges cannot represent")
-    acting = [_acting_attributes(robot, column) for column in columns]
+    # armature, spring, damping and friction about or along each axis of the joint
+    dynamics = [_dynamic_attributes(robot, column) for column in columns]
     if is_split:
-        for axis, attributes in zip("xyz", acting, strict=True):
+        for axis, about_axis in zip("xyz", dynamics, strict=True):
             hinge = {"name": f"{name}_hinge_{axis}", "type": "hinge", "axis": vector_text(unit_vector(axis))}
-            SubElement(body, "joint", hinge | attributes)
+            SubElement(body, "joint", hinge | about_axis)
         return
-    if any(attributes != acting[0] for attributes in acting):
+    if any(about_axis != dynamics[0] for about_axis in dynamics):
         raise InvalidInput(
             f"{robot.name}: the dynamics of ball {name!r} differ between its axes, which a ball of MuJoCo "
             f"cannot represent; write it as hinges (--hinges)"
         ).advising({"hinges": True})
-    words = {"name": name, "type": "ball"}
+    attributes = {"name": name, "type": "ball"}
     if not is_ball(joint):
         linear, angular = np.split(screws.ravel(), 2)  # one of them is the axis, the other zero
-        words |= {"type": "hinge" if angular.any() else "slide", "axis": vector_text(linear + angular)}
+        attributes["type"] = "hinge" if angular.any() else "slide"
+        attributes["axis"] = vector_text(linear + angular)
     for limit in robot.limits:
         if limit.joint == name and name not in ranges_left_out(robot):
-            words |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
-    SubElement(body, "joint", words | acting[0])
+            attributes |= {"limited": "true", "range": vector_text([limit.lower, limit.upper])}
+    SubElement(body, "joint", attributes | dynamics[0])
 
 
-def _acting_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
+def _dynamic_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
     """Return armature, spring, damping and friction of a velocity coordinate as attributes."""
     armature = robot.model.armature.copy()
     armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
@@ -201,7 +211,11 @@ def _acceptable_inertia(inertia: Array) -> Array:
 
 
 def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> None:
-    """Add the equalities, and sites at the frames of the platform and the loops."""
+    """Add the equalities of closures and couplings, and sites at the frames of platform and closures.
+
+    A closure makes the origins of its two frames coincide. If it also locks turns, further points of both
+    frames coincide, each on one axis of the frame (`OFF_ORIGIN`).
+    """
     frames = {robot.model.frames[k].name: robot.model.frames[k] for k in robot.frames}
     for name, frame in frames.items():
         _add_site(bodies, name, frame, np.zeros(3))
@@ -210,20 +224,21 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> No
     for closure in robot.description.closures:
         _add_connect(equality, closure.name, *closure.frames)
         for axis in OFF_ORIGIN[axes[closure.name]]:
-            name = f"{closure.name}_{axis}"
+            name = f"{closure.name}_{axis}"  # of the equality, and the end of its sites' names
             offset = CLOSING_POINT_DISTANCE * robot.length * unit_vector(axis)
             for end in closure.frames:
                 _add_site(bodies, f"{end}_{name}", frames[end], offset)
             _add_connect(equality, name, *(f"{end}_{name}" for end in closure.frames))
     for coupling in robot.description.couplings:
         joints = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
+        # joint1 = offset + ratio joint2, as a polynomial of degree 4 in joint2
         polynomial = vector_text([coupling.offset, coupling.ratio, 0, 0, 0])
-        SubElement(equality, "joint", joints | {"polycoef": polynomial} | HARD)
+        SubElement(equality, "joint", joints | {"polycoef": polynomial} | HARD_EQUALITY)
 
 
 def _add_connect(equality: Element, name: str, site1: str, site2: str) -> None:
     """Add the equality of two sites that coincide."""
-    SubElement(equality, "connect", {"name": name, "site1": site1, "site2": site2} | HARD)
+    SubElement(equality, "connect", {"name": name, "site1": site1, "site2": site2} | HARD_EQUALITY)
 
 
 def _add_site(bodies: list[Element], name: str, frame: pin.Frame, offset: Array) -> None:
@@ -234,9 +249,8 @@ def _add_site(bodies: list[Element], name: str, frame: pin.Frame, offset: Array)
 
 def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
     """Return a placement as MuJoCo's attributes `pos` and `quat`."""
-    quaternion = np.roll(
-        pin.Quaternion(placement.rotation).coeffs(), 1
-    )  # pinocchio puts w last, MuJoCo first
+    # pinocchio puts w last, MuJoCo first
+    quaternion = np.roll(pin.Quaternion(placement.rotation).coeffs(), 1)
     return {"pos": vector_text(placement.translation), "quat": vector_text(quaternion)}
 
 

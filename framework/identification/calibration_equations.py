@@ -141,22 +141,23 @@ class ParameterEquations(NamedTuple):
 def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> ParameterEquations:
     """Compute the equations of the parameters at poses q (T, nq), with the poses eliminated.
 
-    After steps dp of the parameters and z along the free motions of the loops, the offsets over their noise
-    are r + A dp + B z. Least squares gives z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable
-    projection, Golub and Pereyra 1973).
+    Each of the p parameters is an elastic joint of the model. After steps dp of the parameters and z (T, f)
+    along the free motions of the loops, the offsets over their noise are r + A dp + B z. Least squares gives
+    z = -B^+ (r + A dp), and (1 - B B^+) (r + A dp) remains (variable projection, Golub and Pereyra 1973).
     """
     frames = frames_at(model, q)
     scale = model.column_scale[model.joints]  # (k,)
     loops = _solve_linear_loops(model, frames)
     measurements = measurement_offsets(model, measured, frames)
     slopes = measurements.slope / measured.noise[:, None]  # (T, m, nv) over the noise
-    by_joints = slopes[:, :, model.joints] * scale  # (T, m, k)
+    by_joints = slopes[:, :, model.joints] * scale  # (T, m, k) along the k joints of the robot itself
     r = measurements.offset / measured.noise + np.matvec(by_joints, loops.step)  # (T, m)
+    # the elastic columns of the model are the parameters; the joints follow them to close the loops
     A = slopes[:, :, model.elastic] + by_joints @ loops.follow  # (T, m, p)
     B = by_joints @ loops.free  # (T, m, f)
     B_inverse = np.linalg.pinv(B, rcond=RANK_ROUNDING)
-    minus_z = np.matvec(B_inverse, r)  # (T, f) at constant parameters
-    minus_z_slope = B_inverse @ A  # (T, f, p) along the parameters
+    minus_z = np.matvec(B_inverse, r)  # (T, f) -z at constant parameters, dp = 0
+    minus_z_slope = B_inverse @ A  # (T, f, p) -dz/dp
     return ParameterEquations(
         right=r - np.matvec(B, minus_z),
         matrix=A - B @ minus_z_slope,

@@ -83,17 +83,18 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     leading = effective[independent]
     dependent = np.delete(effective, independent)
 
-    # each dependent unit column is a combination of leading ones, with weights (rank, dependent)
+    # each dependent column of unit length is a combination of leading ones, with weights (rank, dependent)
     weights = np.linalg.lstsq(R[:, independent], np.delete(R, independent, axis=1), rcond=None)[0]
-    scaled_weights = weights * lengths[dependent] / lengths[leading, None]  # of the columns before scaling
-    largest = np.abs(scaled_weights).max(axis=0, initial=0.0)
-    weights[np.abs(scaled_weights) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
+    # parameters over their typical sizes make weights comparable, which shows which of them are rounding
+    weights_by_size = weights * lengths[dependent] / lengths[leading, None]
+    largest = np.abs(weights_by_size).max(axis=0, initial=0.0)
+    weights[np.abs(weights_by_size) <= COEFFICIENT_ROUNDING * np.maximum(largest, 1.0)] = 0.0
 
-    # the weights of unit columns become coefficients in the units of the parameters
-    unit_lengths = lengths / sizes
+    # coefficients are the weights of the regressor's own columns
+    regressor_lengths = lengths / sizes
     coefficients = np.zeros((rank, len(sizes)))
     coefficients[:, leading] = np.eye(rank)
-    coefficients[:, dependent] = weights * unit_lengths[dependent] / unit_lengths[leading, None]
+    coefficients[:, dependent] = weights * regressor_lengths[dependent] / regressor_lengths[leading, None]
     return Combinations(rank, values, leading, coefficients, without_effect=np.flatnonzero(~has_effect))
 
 

@@ -65,14 +65,18 @@ def driven_turns(robot: ParallelRobot) -> IntArray:
 
 @lru_cache(maxsize=16)
 def _driving_weights(robot: ParallelRobot) -> Array:
-    """Return G (k, nv) of k idle turns: damping, else armature, of the balls that each moves."""
+    """Return the diagonal of G for each idle turn, (k, nv).
+
+    It holds the damping of all balls if the turn moves a damped ball. Otherwise it holds their armature if
+    the turn moves a ball with armature, and zeros if not. The turn's motion is that at the reference.
+    """
     weights = np.zeros((len(robot.structure.idle), robot.nv))
     damping = _isotropic_ball_values(robot, robot.joint_damping)
     armature = _isotropic_ball_values(robot, robot.model.armature)
     if len(weights) and (damping.any() or armature.any()):
         motions = turn_motions(robot, linearised_at_reference(robot))[0]  # (nv, k)
         for k, motion in enumerate(motions.T):
-            if np.any(damping * motion):
+            if np.any(damping * motion):  # the turn moves a damped ball
                 weights[k] = damping
             elif np.any(armature * motion):
                 weights[k] = armature

@@ -24,7 +24,7 @@ from framework.kinematics.linearised_loops import ClosedStack, assembled_at
 from framework.kinematics.loop_matrices import find_near_type2
 from framework.kinematics.motion_rates import jacobian_rates, moving_rates
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.velocity_matrices import matrices_and_changes
+from framework.kinematics.velocity_matrices import matrices_and_derivatives
 from framework.numerics.arrays import Array, ArrayLike, IntArray, ReadOnlyArrays
 
 
@@ -93,8 +93,8 @@ def _pose_derivatives(robot: ParallelRobot, closed: ClosedStack, columns: IntArr
         gaps = linearised.closures[0][:, columns].T  # (k, m) rates at which these joints open the loops
         steps[:, robot.following] = -linearised.passive_factors.solve(gaps[:, None])[:, 0]
     copies = linearised.select(np.zeros(len(columns), dtype=np.intp))  # the same pose for each joint
-    jacobian_changes, _ = jacobian_rates(robot, copies, steps)
-    _, changes = matrices_and_changes(robot, copies, jacobian_changes)
+    jacobian_slopes, _ = jacobian_rates(robot, copies, steps)
+    _, slopes = matrices_and_derivatives(robot, copies, jacobian_slopes)
     twists = linearised.platform[0] @ steps.T  # (n, k)
     dx = np.linalg.solve(robot.platform.rate_matrix(closed.x)[0], twists)  # v = E dx
-    return PoseSlopes(steps.T, dx, *changes)
+    return PoseSlopes(steps.T, dx, *slopes)

@@ -37,9 +37,11 @@ CoordinateRates = tuple[Array, Array, Array]  # x and two time derivatives, or d
 class _Coordinates(ReadOnlyArrays):
     """Platform coordinates x (n,) with v = dx; the common part of both kinds."""
 
-    translations: BoolArray  # (n,) [m]; the others are turns [rad]
-    sliding: IntArray  # indices into x of translations of the frame's origin along base axes
-    along: IntArray  # the base axes of these translations, 0..2
+    translations: BoolArray  # (n,) mask of coordinates in m; the others are turns [rad]
+    # indices into x of the translations of the frame's origin, and the base axis 0..2 of each; empty if the
+    # coordinates are positions of joints
+    sliding: IntArray
+    along: IntArray
 
     @property
     def n(self) -> int:
@@ -82,13 +84,16 @@ class FramePlatform(_Coordinates):
 
     axes: IntArray  # (n,) 0..5 into the twist (linear, angular)
     units: Array  # (n, 6) unit forces and couples along these axes
-    turning: IntArray  # indices into x of the turns
+    turning: IntArray  # indices into x of the turns, which the chart describes together
     attitude: Attitude  # chart of the turns
 
     @staticmethod
     def from_axes(names: Names) -> FramePlatform:
-        """Return the coordinates along axes named x, y, z, rx, ry or rz."""
-        axes = np.array([AXES.index(name) for name in names])
+        """Return the platform whose coordinates belong to base axes named x, y, z, rx, ry or rz.
+
+        The names are in the order of x. Translations and turns may stand in any order.
+        """
+        axes = np.array([AXES.index(name) for name in names])  # 0..2 translations, 3..5 turns
         translations = axes < 3
         sliding, turning = np.flatnonzero(translations), np.flatnonzero(~translations)
         return FramePlatform(
@@ -161,11 +166,12 @@ class FramePlatform(_Coordinates):
         twists = frames.frame_jacobian(0)  # (T, 6, nv)
         return twists[:, self.axes] if self.constant else matmul(self.wrenches(frames), twists)
 
-    def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
+    def wrench_rates(self, motions: FrameMotions, screw_rates: Array) -> Array:
         """Compute two time derivatives (2, T, n, 6) of the unit wrenches about the base's origin.
 
         The moment of a unit force f at the origin p has the derivatives p' x f and p" x f. The first
-        derivative of the chart's couples is analytic; a complex step of it gives the second.
+        derivative of the chart's couples is analytic; a complex step of it gives the second. `screw_rates`
+        are used only by `JointPlatform`.
         """
         rates = np.zeros((2, len(motions.twist), self.n, 6))
         rates[..., 3:] = cross(motions.rates[1:, :, :1, 3], self.units[:, :3])
@@ -228,20 +234,20 @@ class FramePlatform(_Coordinates):
 class JointPlatform(_Coordinates):
     """Positions of joints of the tree, with the same methods as `FramePlatform`."""
 
-    columns: IntArray  # (n,) indices into pinocchio's velocity vector
-    places: IntArray  # (n,) indices into q
+    columns: IntArray  # (n,) indices of the joints into pinocchio's velocity vector
+    q_indices: IntArray  # (n,) indices of the joints into q
 
     @staticmethod
     def from_joints(names: Names, model: pin.Model) -> JointPlatform:
-        """Return the coordinates of named hinges and slides."""
+        """Return the platform whose coordinates are the positions of named hinges and slides."""
         joints = [model.joints[model.getJointId(name)] for name in names]
-        nothing = np.empty(0, dtype=np.intp)
+        nothing = np.empty(0, dtype=np.intp)  # no coordinate is a translation of the frame
         return JointPlatform(
             translations=np.array([is_slide(joint) for joint in joints]),
             sliding=nothing,
             along=nothing,
             columns=np.array([joint.idx_v for joint in joints]),
-            places=np.array([joint.idx_q for joint in joints]),
+            q_indices=np.array([joint.idx_q for joint in joints]),
         )
 
     def choose_chart(self, rotations: Array) -> JointPlatform:
@@ -250,11 +256,11 @@ class JointPlatform(_Coordinates):
 
     def coordinates(self, frames: FrameStack) -> Array:
         """Return the positions x (T, n) of the joints [rad, m]."""
-        return frames.q[:, self.places]
+        return frames.q[:, self.q_indices]
 
     def residual(self, frames: FrameStack, x: Array) -> Array:
         """Compute the offset (T, n) of the joints from x [rad, m], with hinges within half a turn."""
-        offset = frames.q[:, self.places] - x
+        offset = frames.q[:, self.q_indices] - x
         return np.where(self.translations, offset, wrap_angles(offset))
 
     def unwrap(self, x: Array, near: Array) -> Array:
@@ -267,14 +273,18 @@ class JointPlatform(_Coordinates):
         wrenches[:, ~self.translations, :3] = 0.0
         return wrenches
 
-    def wrench_rates(self, motions: FrameMotions, screws: Array) -> Array:
+    def wrench_rates(self, motions: FrameMotions, screw_rates: Array) -> Array:
         """Return two time derivatives (2, T, n, 6) of the unit wrenches about the base's origin.
 
-        They are the derivatives of the joints' axes. The moment of a force along a slide about the base's
-        origin has no power on the slide and is left out.
+        A wrench is a couple about the axis of a hinge or a force along the axis of a slide, so its
+        derivatives are those of the axis. A slide's force needs no moment about the base's origin: a moment
+        has no power on a slide.
+
+        Args:
+            screw_rates: two time derivatives (2, T, nv, 6) of the joints' screws (linear, angular).
         """
-        rates = screws[:, :, self.columns].copy()
-        rates[:, :, ~self.translations, :3] = 0.0
+        rates = screw_rates[:, :, self.columns].copy()
+        rates[:, :, ~self.translations, :3] = 0.0  # of a hinge only the couple
         return rates
 
     def joint_incidence(self, carried: Array) -> Array:

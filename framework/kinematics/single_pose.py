@@ -56,7 +56,10 @@ class SinglePose:
             self.jacobian += self._couplings
 
     def evaluate_motion(self, q: Array, v: Array) -> None:
-        """Compute residual, body twists and their rates at q (nq,) for joint rates v (nv,)."""
+        """Compute the residual and the twists of bodies at q (nq,) for joint rates v (nv,).
+
+        Pinocchio also computes the rates of the twists at zero joint accelerations, which `drift` reads.
+        """
         scratch = self.scratch
         pin.computeForwardKinematicsDerivatives(self.robot.model, scratch.data, q, v, np.zeros(len(v)))
         pin.updateFramePlacements(self.robot.model, scratch.data)

@@ -49,24 +49,29 @@ def matrices_and_rates(robot: ParallelRobot, motion: Motion) -> tuple[VelocityMa
     choice of rows adds R A, R B, R C to the rates, with one matrix R (m, m).
     """
     jacobian_rate, _ = jacobian_rates(robot, motion.linearised, motion.v)
-    return matrices_and_changes(robot, motion.linearised, jacobian_rate)
+    return matrices_and_derivatives(robot, motion.linearised, jacobian_rate)
 
 
-def matrices_and_changes(
-    robot: ParallelRobot, linearised: LinearisedLoops, changes: Array
+def matrices_and_derivatives(
+    robot: ParallelRobot, linearised: LinearisedLoops, jacobian_derivative: Array
 ) -> tuple[VelocityMatrices, VelocityMatrices]:
-    """Compute A, B, C and their derivatives for derivatives `changes` (T, n + m, nv) of dF/dq.
+    """Compute A, B, C and their derivatives along any parameter.
 
-    The equations are those of `matrices_and_rates`.
+    M, L and the choice of dL are those of `matrices_and_rates`, with derivatives along the parameter in place
+    of time derivatives.
+
+    Args:
+        jacobian_derivative: (T, n + m, nv) derivative of dF/dq along the parameter.
     """
     M = _dimensionless_jacobian(robot, linearised.jacobian)
-    dM = _dimensionless_jacobian(robot, changes)
-    N, passive = _left_null_space(robot, M), robot.following
-    dN = -N @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
-    dA, dB, dC = _combine(robot, dN, M)  # d(N M) = dN M + N dM, whereas A is a part of N alone
-    by_jacobian = _combine(robot, N, dM)
-    rates = VelocityMatrices(dA, dB + by_jacobian.B, dC + by_jacobian.C)
-    return _with_dimension(robot, _combine(robot, N, M)), _with_dimension(robot, rates)
+    dM = _dimensionless_jacobian(robot, jacobian_derivative)
+    L, passive = _left_null_space(robot, M), robot.following
+    dL = -L @ dM[:, :, passive] @ np.linalg.pinv(M[:, :, passive])
+    # B and C are columns of L M with d(L M) = dL M + L dM; A consists of columns of L itself
+    dA, dB, dC = _eliminate_passive_rates(robot, dL, M)
+    _, B_by_dM, C_by_dM = _eliminate_passive_rates(robot, L, dM)
+    derivatives = VelocityMatrices(dA, dB + B_by_dM, dC + C_by_dM)
+    return _with_dimension(robot, _eliminate_passive_rates(robot, L, M)), _with_dimension(robot, derivatives)
 
 
 def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) -> VelocityMatrices:
@@ -75,15 +80,15 @@ def dimensionless_matrices(robot: ParallelRobot, linearised: LinearisedLoops) ->
     A is a block of columns of a matrix with orthonormal rows, so its singular values are between 0 and 1.
     """
     M = _dimensionless_jacobian(robot, linearised.jacobian)
-    return _combine(robot, _left_null_space(robot, M), M)
+    return _eliminate_passive_rates(robot, _left_null_space(robot, M), M)
 
 
-def _combine(robot: ParallelRobot, N: Array, M: Array) -> VelocityMatrices:
-    """Return A, B, C of N [v; 0] = N M dq.
+def _eliminate_passive_rates(robot: ParallelRobot, L: Array, M: Array) -> VelocityMatrices:
+    """Return A, B, C of L [v; 0] = L M dq.
 
-    N is (T, m, n + m), M is (T, n + m, nv).
+    Rows of L (T, m, n + m) annihilate the passive columns of M (T, n + m, nv), so passive rates drop out.
     """
-    return VelocityMatrices(N[:, :, : robot.n], N @ M[:, :, robot.actuated], N @ M[:, :, robot.elastic])
+    return VelocityMatrices(L[:, :, : robot.n], L @ M[:, :, robot.actuated], L @ M[:, :, robot.elastic])
 
 
 def _dimensionless_jacobian(robot: ParallelRobot, jacobian: Array) -> Array:

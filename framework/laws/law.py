@@ -327,7 +327,7 @@ def _condition_rows(conditions: tuple[tuple[float, int], ...]) -> tuple[Array, A
 
 @lru_cache(maxsize=64)
 def _interior_values(size: int) -> Array:
-    """Return the matrix (2 size + 2, size) from Chebyshev coefficients to values inside (-1, 1)."""
+    """Return the matrix (2 size + 2, size) from `size` Chebyshev coefficients to values inside (-1, 1)."""
     return np.asarray(chebyshev.chebvander(nodes(2 * size + 4)[1:-1], size - 1))
 
 
@@ -343,11 +343,14 @@ def _search_samples(smoothness: int, size: int) -> Array:
 def _divide_out_ends(degree: int, smoothness: int) -> Array:
     """Return the matrix (size, degree + 1) from coefficients of s to coefficients of p.
 
-    p = s'(x) / (1 - x^2)^smoothness is fitted at nodes inside (-1, 1), where the division is possible.
+    p = s'(x) / (1 - x^2)^smoothness, with x in [-1, 1] for the time. Both s, of this degree, and p are
+    Chebyshev series in x. p is fitted by least squares at more than 2 size Chebyshev nodes, without the ends
+    x = -1 and 1, where the quotient is 0/0.
     """
-    size = max(degree - 2 * smoothness, 1)
+    size = max(degree - 2 * smoothness, 1)  # number of coefficients of p
     x = nodes(2 * size + 4)[1:-1]
-    slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)  # (2 size + 2, degree + 1)
+    # (2 size + 2, degree + 1) slopes s'(x) at the nodes for unit coefficients of s
+    slopes = chebyshev.chebvander(x, degree) @ derivative_matrix(degree + 1)
     quotients = slopes / (1 - x[:, None] ** 2) ** smoothness
     return np.linalg.pinv(_interior_values(size)) @ quotients
 

@@ -194,10 +194,11 @@ def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection
 def require_effect(
     branch: Branch, crossing: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """Return a condition that some s" meets or that always holds; refuse any other.
+    """Return `condition` unchanged; refuse a condition that no s" meets.
 
     Raises:
-        NoLaw, NotConverged: s" has no effect, as in `condition_at`.
+        NoLaw: s" has no effect on t_s . W_p (alpha = 0), so that no law can meet the condition.
+        NotConverged: s" has no effect with these deflections; with others it may have one.
     """
     robot = branch.robot
     if condition.holds_anyway or condition.alpha != 0.0:
@@ -208,7 +209,7 @@ def require_effect(
         raise NotConverged(
             f'{where} s" has no effect on t_s . W_p once the robot deflects: with these deflections the path '
             f"runs orthogonal to t_s; use stiffer springs, geometry rigid, or another direction",
-            residual=0.0,
+            residual=0.0,  # no iteration failed: the pose is exact, and alpha is 0
         )
     raise NoLaw(
         f'{where} the path runs orthogonal to t_s: s" has no effect on t_s . W_p there; cross in another '

@@ -95,23 +95,24 @@ def check_crossable(branch: Branch, singular: SingularPoint) -> None:
     """Refuse a singular point that no law can cross.
 
     Raises:
-        UncontrolledMotions, NoLaw: condition (8) does not apply there (see `check_kind`).
-        NoLaw: the path starts or ends there.
+        UncontrolledMotions: locked motors leave a motion free that condition (8) does not describe.
+        NoLaw: condition (8) does not apply there (see `check_kind`), or the path starts or ends there.
     """
     check_kind(branch.robot, singular)
-    if not stops_at(singular):
+    if not is_at_path_end(singular):
         return
     end = "starts" if singular.s < 0.5 else "ends"
     alpha, beta, gamma, _delta = coefficients_at(branch, undeformed_crossing(singular), deflection=None)
     unmet = UnmetCondition(singular.s, alpha, beta, gamma, stop=True)
     raise NoLaw(
-        f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; a stop on "
-        f"the locus can never be crossed: move the path's end",
-        proof=unmet if gamma else None,  # without gamma, rest meets the condition
+        f"{branch.robot.name}: at s = {singular.s:.6g} the path {end} on a Type 2 singularity; no law can "
+        f"rest on the locus: move the path's end",
+        # at rest condition (8) is gamma = 0; if it is met by chance, the refusal has no proof
+        proof=unmet if gamma else None,
     )
 
 
-def stops_at(singular: SingularPoint) -> bool:
+def is_at_path_end(singular: SingularPoint) -> bool:
     """Return whether the path starts or ends at a singular point."""
     return not SAME_PLACE < singular.s < 1.0 - SAME_PLACE
 

@@ -19,7 +19,7 @@ from framework.kinematics.continuation.tracking import Branch
 from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
 from framework.planning.condition import Condition8, coefficients_at, undeformed_crossing
-from framework.planning.crossing_points import PathToCross, stops_at
+from framework.planning.crossing_points import PathToCross, is_at_path_end
 from framework.planning.motion_scales import coordinate_sizes
 from framework.planning.request import Request
 from framework.planning.specification import specification_of
@@ -87,7 +87,7 @@ class Feasibility:
 
     @property
     def pace(self) -> float | None:
-        """The time (2 / |s"|)^(1/2) [s] in which the s" required by weight covers the path from rest.
+        """The duration (2 / |s"|)^(1/2) [s] of the path from rest at the constant s" required at s' = 0.
 
         None where s" has no effect, or without weight.
         """
@@ -118,6 +118,7 @@ class Feasibility:
     def short_sentence(self) -> str:
         """The acceleration that the condition requires, in one clause."""
         weight = "" if self.wrenches else f", with {100 * self.weight_share:.3g} % of the weight along t_s"
+        # weight sets a pace that no choice of the duration changes
         pace = "" if self.pace is None else f", which covers the path from rest in {self.pace:.3g} s"
         return f"condition (8) at s = {self.s:.6g}{weight}: {self._demand_text()}{pace}"
 
@@ -208,7 +209,7 @@ def is_crossable(searched: SearchedPath) -> bool:
     return not any(
         feasibility is None
         or singular.contact == "tangential"
-        or stops_at(singular)
+        or is_at_path_end(singular)
         or feasibility.forbids_every_law
         for singular, feasibility in zip(searched.points, feasibility_on_path(searched), strict=True)
     )

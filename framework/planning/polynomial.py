@@ -74,10 +74,11 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
-    """Compute the law of the undeformed robot without its torques and their proof.
+    """Compute the law of the undeformed robot; its torques are neither computed nor certified.
 
     Raises:
-        InvalidInput, NoAnswer: as `plan_crossing`, except UnboundedTorque and NotConverged.
+        InvalidInput: times or speeds of the request do not suit the path.
+        NoAnswer: no law meets the conditions and advances, see `plan_crossing`.
     """
     name = to_cross.branch.robot.name
     law = _solve_law(_undeformed_crossings(to_cross), timing_of(to_cross, request), request, name)

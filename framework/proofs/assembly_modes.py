@@ -134,7 +134,8 @@ def _modes_at_displacements(
             x = _platform_coordinates(robot, frames_at(robot, pose[None]))
             modes.append(AssemblyMode(pose, x, bool(proved)))
     modes.sort(key=lambda mode: distance_from_reference(robot, mode.q))
-    # where no joints are found for a displacement, the sampled conditions may not be those of the loops
+    # Leg conditions come from sampled poses. If the joints of a displacement are not found, the conditions
+    # may differ from the loops, and these modes are not proved to be all.
     status = solutions.status if len(modes) == len(solutions.R) else "at least"
     family = conditions.group.family
     method = f"homotopy in {family.name}: {solutions.count.sentence}"

@@ -151,10 +151,13 @@ class PathEnds(NamedTuple):
 
 
 def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> PathEnds:
-    """Find the ends of all paths from the start system to coefficients (K, M).
+    """Find the ends of all S paths from the start system to a target system.
 
-    `seed` chooses the paths. The endgame tracks again all paths that do not arrive or end far away, and
-    decides how they end.
+    The endgame tracks again all paths that do not arrive or that end far away, and decides how they end.
+
+    Args:
+        coefficients: (K, M) of the K quadrics of the target system, in M monomials.
+        seed: of the random phases of the start system, on which the paths depend.
     """
     rng = np.random.default_rng([PATH_SEED, seed])
     start_system = solve_start_system(family)
@@ -166,7 +169,8 @@ def find_path_ends(family: QuadricFamily, coefficients: Array, seed: int) -> Pat
 
     doubtful = np.flatnonzero(~arrived | (displacement_sizes(family, z) > MAX_FINITE_SIZE))
     endgame = _endgame(family, start, target, start_system.z[doubtful], rng)
-    has_arrived = arrived[doubtful]  # a path that arrived far away keeps its first solution
+    # a path that arrived far away keeps its solution; the endgame only decides whether it goes to infinity
+    has_arrived = arrived[doubtful]
     endgame.z[has_arrived] = z[doubtful[has_arrived]]
     endgame.arrived[has_arrived] = True
     endgame.multiple[has_arrived] = False

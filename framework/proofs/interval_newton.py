@@ -136,15 +136,16 @@ def enclose_bordered_solutions(P: Array, errors: Array, rounding: float) -> tupl
     """Enclose the solutions of the bordered systems of P (S, s, s) and P'.
 
     The bordered matrix is M = [P b; c' 0], with the singular vectors b (left) and c (right) of the least
-    singular value of P. With e the last unit vector, M z = e has the solution z = (eta, g), and M' z = e the
+    singular value of P. With e = (0, ..., 0, 1), M z = e has the solution z = (eta, g), and M' z = e the
     solution (psi, g). Where M is regular, P is singular if and only if g = 0 (Govaerts 2000).
 
     Returns:
-        The enclosures for P and for P'.
+        The enclosures of (eta, g) and of (psi, g).
 
     Args:
+        P: (S, s, s) matrices at the middles of S boxes.
         errors: (S, s, s) bounds on the change of the entries of P within a box.
-        rounding: bound on the error of these entries at the middle.
+        rounding: bound on the error of the entries of P as computed at the middle.
     """
     S, s = P.shape[:2]
     U, _, V_rows = np.linalg.svd(P)

@@ -59,7 +59,7 @@ def are_leg_solutions_complete(
         fixed = fixed.copy()
         fixed[platform.columns] = True
         q = q.copy()
-        q[platform.places] = x
+        q[platform.q_indices] = x
         x = None
     if not len(own):
         return len(candidates) > 0

@@ -151,23 +151,26 @@ def _combine_solutions(robot: ParallelRobot, solutions: list[Array]) -> Array:
 def _is_leg_complete(robot: ParallelRobot, leg: Leg, solutions: Array, q: Array, x: Array) -> bool:
     """Return whether a leg of k joints provably has no solutions besides `solutions` (s, k).
 
-    Solutions are offsets from the reference. The legs on which this leg depends are placed as in each of the
-    modes q (T, nq) in turn. Without modes, only a leg that depends on no other one can be proved, and only
-    for a platform without attitude.
+    Solutions are offsets from the reference [rad, robot lengths]. The legs on which this leg depends are
+    placed as in each of the modes q (T, nq) in turn, with the platform at x (n,). Without modes, T = 0, the
+    proof is that the leg has no solution at all: only for a leg that depends on no other one, and only for a
+    platform without attitude.
     """
     columns = robot.moving[leg.columns]
     previous = robot.moving[leg.needed]
-    fixed = np.ones(robot.model.nv, dtype=bool)
+    fixed = np.ones(robot.model.nv, dtype=bool)  # joints that the proof keeps where they are
     fixed[robot.moving] = False
     fixed[previous] = True
     if not len(q):
         if len(previous) or not robot.platform.is_point:
             return False
-        return are_leg_solutions_complete(robot, columns, fixed, robot.reference.q, solutions[:0], x)
+        no_solutions = solutions[:0]  # (0, k)
+        return are_leg_solutions_complete(robot, columns, fixed, robot.reference.q, no_solutions, x)
     offsets = _reference_offset(robot, q) / robot.column_scale
+    # modes with the same placement of the previous legs need one proof
     return all(
-        are_leg_solutions_complete(robot, columns, fixed, q[k], solutions - offsets[k, columns], x)
-        for k in distinct_rows(offsets[:, previous])
+        are_leg_solutions_complete(robot, columns, fixed, q[mode], solutions - offsets[mode, columns], x)
+        for mode in distinct_rows(offsets[:, previous])
     )
 
 

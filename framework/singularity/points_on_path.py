@@ -215,12 +215,14 @@ def _most_singular_s(type1: Measured, s: float) -> float:
 def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
     """Return the error for a measure that is not resolved at some s.
 
-    If two or more singular values of the matrix vanish at s, as many motions escape together. Otherwise the
-    error is `unresolved` itself.
+    Each singular value of the passive matrix that vanishes at s belongs to one escaping motion. If two or
+    more vanish, the error names their number. Otherwise the error is `unresolved` itself.
     """
     branch = passive.branch
     s = unresolved.s
-    values = singular_values(passive.matrix(passive.guess(np.array([s])))[0])
+    q = passive.guess(np.array([s]))  # (1, nq) interpolated: the loops need not close at a singularity
+    values = singular_values(passive.matrix(q)[0])
+    # with power 2 the matrix is P'P, whose singular values are squares
     count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
         return unresolved

@@ -94,7 +94,7 @@ def test_nothing_found_is_told_apart_from_nothing_there():
     assert "none found within 0.05 m" in far.status
     near = nearest_singular_pose(robot, at, within=0.04)
     assert near.at_least == pytest.approx(0.04)
-    assert "none within that" in near.status
+    assert "no singular pose in the ball searched" in near.status
 
 
 @pytest.mark.parametrize(

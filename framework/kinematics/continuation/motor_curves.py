@@ -199,7 +199,7 @@ def _end_at_turning_points(
     """Move the curves `rows` to the next Type 2 singularity ahead; return the rows that have one."""
     if not len(rows) or not len(robot.following):
         return rows[:0]
-    ahead = _motors_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
+    ahead = _find_turning_points(robot, curves.q[rows], curves.share[rows], turn[rows])
     found = np.flatnonzero(ahead.found)
     ending = rows[found]
     last = select(curves, ending)
@@ -213,18 +213,24 @@ def _end_at_turning_points(
     return ending
 
 
-def _motors_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
-    """Find the next Type 2 singularities ahead of q (T, nq) at a `share` (T,) of turns (T, nv)."""
-    columns, sizes = robot.following, equation_sizes(robot)[robot.n :]
+def _find_turning_points(robot: ParallelRobot, q: Array, share: Array, turn: Array) -> CurveEnds:
+    """Find the next Type 2 singularity of each of T curves, ahead of q (T, nq).
 
-    def evaluate(q: Array, share: Array) -> CurveEquations:
+    On a curve the m loop equations determine the passive joints at each share of the motor motion `turn`
+    (T, nv). At a Type 2 singularity the share has an extremum: the curve turns back. `share` (T,) is that of
+    q.
+    """
+    columns = robot.following
+    loop_sizes = equation_sizes(robot)[robot.n :]  # (m,)
+
+    def evaluate(q_on_curve: Array, _: Array) -> CurveEquations:
         """Compute the loop equations (T, m) and their derivatives [rad, robot lengths]."""
-        linearised = linearised_at(robot, q, None)
-        loops = independent_loops_matrix(robot, linearised)
+        linearised = linearised_at(robot, q_on_curve, None)
+        loops = independent_loops_matrix(robot, linearised)  # (T, m, nv)
         return CurveEquations(
             matrix=loops[:, :, columns],
             by_share=np.matvec(loops, turn / robot.column_scale),
-            residual=linearised.residual[:, robot.n :] / sizes,
+            residual=linearised.residual[:, robot.n :] / loop_sizes,
             linearised=linearised,
         )
 

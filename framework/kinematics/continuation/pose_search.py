@@ -282,25 +282,29 @@ class PoseSearch:
         return residual, jacobian * (self._lengths / self._row_sizes[:, None])
 
     def _evaluate(self, q: Array, near: Array, target: Array, range_forces: Array | float = 0.0) -> _Iterate:
-        """Compute the quadratic model at a pose q (nq,) with closed loops.
+        """Compute the quadratic model of |e|^2 / 2 at a pose q (nq,) with closed loops.
 
-        Derivatives are also evaluated at poses one `DIFFERENCE_STEP` away along each motion of Z, T = 1 + n
-        in all.
+        e is the error of x over its scale, and the columns of Z (f, n) are the motions of the f joints that
+        the m linearised loops allow. The Hessian needs derivatives of x and of the loops also at the poses
+        one `DIFFERENCE_STEP` away along each motion of Z; with q these are T = 1 + n poses.
 
         Args:
-            near: (n,) platform coordinates whose whole turns x continues.
-            range_forces: (f,) of the last step, which affect the multipliers of the loops.
+            near: (n,) platform coordinates; angles of x are taken within half a turn of them.
+            target: (n,) platform coordinates to reach.
+            range_forces: (f,) forces of joints at the ends of their ranges in the last step. They affect the
+                multipliers of the loops.
         """
-        Q, R = np.linalg.qr(self._equations(q)[1].T, mode="complete")
+        Q, R = np.linalg.qr(self._equations(q)[1].T, mode="complete")  # of the (m, f) loop Jacobian
         m = R.shape[1]  # number of loop equations
         Z = Q[:, m:]
         linearised = self._linearise_around(q, Z)
         x, X, loops = self._slopes(linearised, near)  # (T, n), (T, n, f), (T, m, f)
         e = (x[0] - target) / self.robot.platform_scale
+        # the multipliers (m,) that balance the gradient of the error in the least squares
         multipliers = np.linalg.solve(R[:m], Q[:, :m].T @ (e @ X[0] + range_forces))
-        gradients = e @ X - multipliers @ loops  # (1 + n, f)
+        gradients = e @ X - multipliers @ loops  # (1 + n, f) of the Lagrangian
         curvature = (gradients[1:] - gradients[0]) @ Z / DIFFERENCE_STEP
-        A = X[0] @ Z
+        A = X[0] @ Z  # (n, n) derivatives of x along Z
         room, room_slopes = self._bounds(q, X, loops, Z)
         return _Iterate(
             q=q,

@@ -144,27 +144,32 @@ class _Group:
 
 
 def _group_loops(mechanism: Mechanism, lower: Array, upper: Array) -> list[_Group]:
-    """Split the loops of a robot into groups that share no joint, springs at rest.
+    """Split the loop equations into groups that share no joint.
 
-    A group is a connected component of the graph whose edges are rows that share a joint.
+    A group is a connected component of the graph in which two of the m rows are joined if both depend on a
+    joint. Springs stay at rest, so their joints join no rows.
+
+    Args:
+        lower, upper: (nv,) limits of the joints as offsets from the reference [rad, robot lengths].
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    carried = scratch_of(mechanism).carried
-    depends = mechanism.rows.joint_signs(carried) != 0.0  # (m, nv) whether a row changes with a joint
+    carried = scratch_of(mechanism).carried  # (F, nv) 1 where a joint moves a frame
+    # (m, nv) whether a row depends on a joint, which then moves only one of the row's two bodies
+    depends = mechanism.rows.joint_signs(carried) != 0.0
     depends |= mechanism.rows.coupling_jacobian(mechanism.nv) != 0.0
     depends[:, mechanism.elastic] = False
-    pattern = csr_array(depends.astype(float))
-    count, label = connected_components(pattern @ pattern.T, directed=False)  # (m,) group of each row
+    shared = depends.astype(float) @ depends.T  # (m, m) number of joints on which two rows depend
+    count, label = connected_components(csr_array(shared), directed=False)  # (m,) group of each row
     groups, directions = [], mechanism.directions
     for k in range(count):
         rows = np.flatnonzero(label == k)
         columns = np.flatnonzero(depends[rows].any(axis=0))
         table = mechanism.rows.take(rows)
         closures = {name.rpartition(".")[0] for name in table.names}  # names of rows are closure.axis
-        own = np.flatnonzero([closure in closures for closure in directions.closures])
-        groups.append(_Group(mechanism, table, directions.take(own), columns, lower[columns], upper[columns]))
+        locked = directions.take(np.flatnonzero([closure in closures for closure in directions.closures]))
+        groups.append(_Group(mechanism, table, locked, columns, lower[columns], upper[columns]))
     return groups
 
 

@@ -388,7 +388,7 @@ def _choose_joints_to_hold(motions: _Motions, unwanted: Array, known: PartialRob
 
 
 def _check_driven(motions: _Motions, known: PartialRobot) -> None:
-    """Refuse a mechanism with motions that no motor determines; name joints to hold.
+    """Refuse a mechanism with motions that no motor determines; propose joints to lock.
 
     Raises:
         _UndrivenMotions: joints can be held. Either these joints have springs, or a body that all motors move
@@ -412,17 +412,16 @@ def _check_driven(motions: _Motions, known: PartialRobot) -> None:
     if not to_hold:
         raise RobotFileError(message)
     if all(name in description.joints and description.joints[name].stiffness for name in to_hold):
-        why = "springs that no motor drives, as if rigid; --motors says otherwise"
+        why = "springs that no motor drives, taken as rigid; --motors chooses other motors"
         raise _UndrivenMotions(message, motions, to_hold, why)
-    driven = motions.working @ np.linalg.pinv(
-        motions.rates(motors)
-    )  # (nv, n_a) joint rates for unit motor rates
+    # (nv, n_a) joint rates for unit motor rates
+    driven = motions.working @ np.linalg.pinv(motions.rates(motors))
     for _, twists in _frame_twists(motions, known.tree):
         speeds = np.linalg.norm(twists @ driven, axis=0)  # (n_a,) of the frame for a unit rate of each motor
         if np.all(speeds > FILE_ROUNDING) and np.abs(twists @ undriven).max() < FILE_ROUNDING:
             why = (
-                "no motor drives them, and what all motors move stands still when they turn; --motors says "
-                "otherwise"
+                "no motor drives them, and a body that all motors move rests when they turn; --motors "
+                "chooses other motors"
             )
             raise _UndrivenMotions(message, motions, to_hold, why)
     raise RobotFileError(message)

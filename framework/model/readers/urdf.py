@@ -300,10 +300,15 @@ def _find_loop_closures(file: Path) -> Mapping[str, Any]:
 
 
 def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
-    """Close the hinges in a loop_closures.yaml, stated in the base frame at zero joint positions."""
+    """Close the hinges listed in a loop_closures.yaml.
+
+    An entry names two links, and gives a point [m] and an axis in the base frame at zero joint positions.
+    Each link gets a frame at the point, and the hinge joins both frames.
+    """
     link = required(one_of("link", tree.links))
-    hinge = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
-    read = list_of(lambda where, given: read_table(where, given, hinge, others=None))
+    keys = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
+    # others=None: further keys are ignored
+    read = list_of(lambda where, given: read_table(where, given, keys, others=None))
     for i, entry in enumerate(read(f"{LOOP_CLOSURES}: closures", content.get("closures", []))):
         axis = np.array(entry["axis"])
         if not axis.any():

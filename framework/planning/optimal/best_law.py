@@ -191,4 +191,4 @@ def _make_best(search: SmoothSearch, speed: Speed) -> Best:
         y = program.space.adjust(y, program.conditions, duration)
     stretch = program.problem.task.stretch
     law = OptimalLaw(y, specification.smoothness, duration or 0.0, stretch.at, tuple(program.basis.cells))
-    return Best(law, search, program.speed(y)._replace(floor=speed.floor))
+    return Best(law, search, program.evaluate_speed(y)._replace(floor=speed.floor))

@@ -226,16 +226,19 @@ class DualProgram:
             draft.nonnegative.append(AffineRows({"t": -csr_array(norm[None])}, np.ones(1)))
 
     def _add_speed_limits(self, draft: _Draft) -> None:
-        """Add mu >= 0 (k, n) of motors with speed limits, and mu . k to the factor.
+        """Add mu >= 0 of motors with speed limits to cost and factor.
 
-        mu is constant on cells. Rows of the factor are multiplied by the width of their cell, and so is
-        mu . k.
+        The factor contains mu . k(s), with one entry for each of the n motors with speed limits, where
+        k(s) z <= 1 are the squared speeds over their limits. mu is constant on each cell; its unknowns are
+        ordered by motor, then by cell. Rows of the factor are multiplied by the width of their cell, and so
+        is mu . k.
         """
         width = self.series.width
-        squared_speed = self.series.squared_speed.coefficients
+        squared_speed = self.series.squared_speed.coefficients  # of k(s), (cells, DEGREE + 1, n)
         count, _, n = squared_speed.shape
-        terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]  # (k, SIZE, n)
-        columns = np.arange(count)[:, None]
+        # Bernstein coefficients (cells, SIZE, n) of k(s), elevated to the degree of the factor
+        terms = (_ELEVATED_SERIES @ squared_speed) * self._mu_unit * width[:, None, None]
+        columns = np.arange(count)[:, None]  # of the one unknown of each cell
         parts = [_block_rows(terms[..., motor, None], columns, count) for motor in range(n)]
         draft.factor["mu"] = hstack(parts, format="csr")
         draft.sizes["mu"] = n * count

@@ -37,8 +37,8 @@ from framework.planning.optimal.best_law import LIMIT_TIGHTENING, Best
 from framework.planning.optimal.elastic_balance import find_law_in_balance
 from framework.planning.optimal.optimal_task import (
     Task,
+    check_single_crossings,
     check_speeds,
-    check_unfolded,
     find_crossing_points,
     other_law,
 )
@@ -104,7 +104,7 @@ def optimal_motion(task: Task) -> OptimalMotion:
         NotConverged: deflections and law do not settle together, or the solver gave up.
         As `resolve`.
     """
-    check_unfolded(task)
+    check_single_crossings(task)
     points = find_crossing_points(task)
     robot = task.robot
     if robot.n_e and robot.is_damped and not task.follows_balance:
@@ -165,7 +165,7 @@ class _ElasticSearch:
     sampled: the demand on the motors of the undeformed robot.
     stages: of laws that are one series; if no such law exists, of spline laws, to which a series is fitted.
     stage: index of the stage of the next law.
-    share: of the least cost for smoothness, in place of the stage's.
+    share: of the least cost, by which a smooth law may exceed it; None for the stage's own.
     is_near_end: whether the next failure ends the search.
     last_law: the last law found.
     balance: of the last motion at this stage; None if `resolve` finds the deflections.
@@ -281,10 +281,14 @@ class _ElasticSearch:
         return law, dynamics
 
     def _find_law(self) -> Best:
-        """Find the law of this stage, near the last law."""
+        """Find the law of this stage by a search that resumes from the last law.
+
+        z is one series: of the degree of the response if torques are linearised about a motion, else of
+        SERIES_DEGREE. At stages of spline laws z is a spline.
+        """
         stage = self.stages[self.stage]
         task = self.next_task
-        if self._seeks_first_series:  # if there is none, spline laws are tried before a refusal is explained
+        if self._seeks_first_series:  # spline laws are tried next, so a refusal needs no explanation yet
             task = task._replace(to_cross=replace(task.to_cross, explained=False))
         problem = problem_of(task, self.points, self.speed_places)
         problem = problem._replace(sampled=self.sampled, response=self.response)
@@ -310,17 +314,23 @@ class _ElasticSearch:
         return cost < (1.0 - PEAK_TORQUE_MISMATCH) * _cost_of_motion(self.task, self.best_motion)
 
     def _choose_smoother(self, failure: NoAnswer) -> None:
-        """Proceed to the next stage; raise the failure if no smoother law can help, or no stage is left."""
+        """Proceed to the next stage after a failure.
+
+        If the first stage found no law that is one series, spline laws are tried from their first stage.
+
+        Raises:
+            NoAnswer: no smoother law can help, or no stage is left.
+        """
         if isinstance(failure, SearchEnded | SpringsTooSoft):
             raise failure
         self.first_failure = self.first_failure or failure
         self.balance = self.response = self.speed_places = None
         self.stage += 1
-        if self._seeks_first_series:  # no law within the limits is one series
+        if self._seeks_first_series:  # the search for a law that is one series has failed
             self.stages = SPLINE_STAGES
             self.stage = 0
             self.first_failure = None
-        if self.stage == 3:
+        if self.stage == 3:  # the fold of the springs is costly to find: only after three failed stages
             self._check_ends()
         if self.stage == len(self.stages):
             raise self.first_failure or failure from None

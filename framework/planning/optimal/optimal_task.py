@@ -12,7 +12,7 @@ from framework.kinematics.continuation.tracking import Branch, escape_error
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import Smoothstep, Stretch
 from framework.numerics.arrays import Array
-from framework.planning.condition import CrossingPoint, coefficients_at, crossing_point
+from framework.planning.condition import CrossingPoint, coefficients_at, undeformed_crossing
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.phase_plane import SquaredSpeed, crossing_rows
 from framework.planning.refusals.refusal_proofs import UnmetCondition
@@ -68,11 +68,8 @@ def other_law(task: Task) -> str:
 
 
 def find_crossing_points(task: Task) -> list[CrossingPoint]:
-    """Find the crossing points of the undeformed robot."""
-    return [
-        crossing_point(task.branch, target, None, target.s) if isinstance(target, SingularPoint) else target
-        for target in task.targets
-    ]
+    """Return the crossing points of the undeformed robot: singular points and points imposed by the user."""
+    return [undeformed_crossing(target) for target in task.targets]
 
 
 def conditions_at(
@@ -153,18 +150,17 @@ def _check_common_speed(task: Task, point: CrossingPoint, rows: Array) -> None:
         )
 
 
-def check_unfolded(task: Task) -> None:
-    """Raise NoLaw at a crossing that small deflections change in kind.
+def check_single_crossings(task: Task) -> None:
+    """Raise NoLaw at a point that deflections turn into two crossings or none.
 
-    If the path only touches the locus, or several motions escape at once, deflections leave two crossings or
-    none.
+    This happens where the path only touches the locus, or where several motions escape at once.
     """
     if not task.robot.n_e or task.geometry == "rigid":
         return
     for target in task.targets:
         if isinstance(target, SingularPoint) and (target.contact == "tangential" or target.corank > 1):
-            event = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions go at once"
+            event = "touches the locus" if target.corank == 1 else f"lets {target.corank} motions escape"
             raise NoLaw(
-                f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflections make two "
-                f"crossings of that or none: move the path off the locus or across it, or use geometry rigid"
+                f"{task.robot.name}: at s = {target.s:.6g} the path {event}; the deflected robot has two "
+                f"crossings there or none; move the path off the locus or across it, or use geometry rigid"
             )

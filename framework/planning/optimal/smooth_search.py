@@ -149,7 +149,7 @@ class SmoothSearch(NamedTuple):
         """Blend a quick and a slow speed to a duration [s]; return the slow one if that is not between."""
         if not quick.duration < duration < slow.duration:
             return slow
-        blend = self.program.speed(self.program.space.blend(quick.y, slow.y, duration))
+        blend = self.program.evaluate_speed(self.program.space.blend(quick.y, slow.y, duration))
         return blend._replace(floor=min(quick.floor, slow.floor))
 
     def _minimise_slow(self, quick: Speed, goal: str, bounds: Bounds, **options: Any) -> Speed | Unsolved:
@@ -166,7 +166,7 @@ class SmoothSearch(NamedTuple):
         share = (LIFTED_SHARE * z_quick - z) / (z_quick - z)
         largest_share = share[z < LIFTED_SHARE * z_quick].max()
         blend = slow.y + largest_share * (quick.y - slow.y)
-        return self.program.speed(blend)._replace(floor=slow.floor)
+        return self.program.evaluate_speed(blend)._replace(floor=slow.floor)
 
     def _find_slow(self, duration: float, quick: Speed, bounds: Bounds, floor: float) -> Speed | NoneFound:
         """Find a law that takes at least a duration [s], if possible smooth and waiting at its ends."""

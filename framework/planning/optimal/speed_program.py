@@ -183,10 +183,14 @@ class SpeedProgram:
         rows = motor_rows(self.problem, self.basis, self.conditions, xi)
         return replace(self, rows=self.rows.stack(rows), further_xi=np.append(self.further_xi, xi))
 
-    def speed(self, y: Array, value: float = np.nan) -> Speed:
-        """Compute the costs of coefficients y (n,).
+    def evaluate_speed(self, y: Array, value: float = np.nan) -> Speed:
+        """Compute duration, peaks and energy of the squared speed z with coefficients y (n,).
 
-        The duration is the integral of z^(-1/2) over sigma, the energy that of |torque|^2 z^(-1/2).
+        The duration is the integral of z^(-1/2) over sigma by the fine quadrature. The energy is the integral
+        of |torque|^2 z^(-1/2) at the points of the program, with torques over their reference.
+
+        Args:
+            value: the least duration [s] by the quadrature of the program; NaN for other goals.
         """
         fine_z, fine_weights = self.fine_quadrature
         z = fine_z @ y
@@ -257,7 +261,7 @@ class SpeedProgram:
         if len(conditions.offset):  # met to rounding by the nearest coefficients
             y = self.space.adjust(y, self.conditions)
         duration = float(self._inner_weights @ optimum["v"]) if goal == "time" else np.nan
-        return self.speed(y, duration * units.time)._replace(floor=floor)
+        return self.evaluate_speed(y, duration * units.time)._replace(floor=floor)
 
     def _sizes(self, *, timed: bool, powered: bool) -> dict[str, int]:
         """Return the number of unknowns of each name.

@@ -141,10 +141,12 @@ def _require_law(problem: LawProblem, result: Best | NoneFound) -> Best:
 
 
 def _tangent_error(problem: LawProblem, best: Best) -> float:
-    """Compute the largest error of linearised damping torques, over the peak torque of the law.
+    """Compute the largest error of linearised damping torques, divided by the peak torque of the law.
 
-    Damping d sqrt(z) is replaced by d (sqrt(z0) / 2 + z / (2 sqrt(z0))). Points beside crossings, where
-    torques have a pole, are left out: the final law meets condition (8) with the damping itself.
+    The program replaces damping torques d sqrt(z) by their tangent d (sqrt(z0) + z / sqrt(z0)) / 2 at the
+    squared speed z0. The error is taken at the points xi of the program, where sigma = stretch^-1(xi). Points
+    beside crossings, where torques have a pole, are left out: the final law meets condition (8) with the
+    damping itself. The first and the last point are left out because z0 = 0 there.
     """
     assert problem.z0 is not None
     xi = best.program.xi

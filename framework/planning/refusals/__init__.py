@@ -49,7 +49,7 @@ The polynomial law:
 The optimal law:
 
     NoLaw: deflections turn a tangential touch into two crossings, or into none
-        planning.optimal.optimal_task.check_unfolded
+        planning.optimal.optimal_task.check_single_crossings
     NoLaw: springs and damping with redundant motors or rigid geometry
         planning.optimal.optimal_motion.optimal_motion
     NoLaw: s" has no effect, and no speed meets condition (8)
