@@ -93,7 +93,7 @@ class SmoothSearch(NamedTuple):
         """
         duration = self.program.problem.specification.duration
         if similar is not None:  # with the costs of this program
-            similar = self.program.speed(similar.y)._replace(floor=similar.floor)
+            similar = self.program.evaluate_speed(similar.y)._replace(floor=similar.floor)
         if duration is not None:
             return self.find_lasting(duration, similar)
         return self._solve_above_floor(self.bounds, similar=similar)[0]
