@@ -211,7 +211,7 @@ def run_closed_loop(
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
-            monitor.check(ref.times[k], robots.platform(k, q, v), ref.x[k])
+            monitor.check(ref.times[k], robots.platform_coordinates(k, q, v), ref.x[k])
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         torque = delay_line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
@@ -266,8 +266,11 @@ class _VariedRobots(NamedTuple):
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
         return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
 
-    def platform(self, k: int, q: Array, v: Array) -> Array:
-        """Compute platform coordinates (R, n) at instant k, with angles near the planned ones."""
+    def platform_coordinates(self, k: int, q: Array, v: Array) -> Array:
+        """Compute platform coordinates (R, n) at instant k, with angles near the planned ones.
+
+        q (R, nq) and v (R, nv) are the configurations and joint rates of the R robots.
+        """
         x, _ = self.stepper.platform(q, v)
         return self.reference.robot.platform.unwrap(x, self.reference.x[k])
 
@@ -290,7 +293,7 @@ class _VariedRobots(NamedTuple):
         if sensors == "motors":
             return Measurement(angle, speed, state=None)
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
-        x = self.platform(k, q, v) + matvec(dx_dq, noise)
+        x = self.platform_coordinates(k, q, v) + matvec(dx_dq, noise)
         dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])
         return Measurement(angle, speed, RobotState(integrate(robot, q, noise), rates, x, dx))
 

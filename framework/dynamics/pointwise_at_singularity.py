@@ -76,7 +76,7 @@ def forces_through_singularity(
     half_panel = _half_panel_duration(robot, singular, jerk)
     if not np.isfinite(half_panel):
         raise SingularPose(
-            f"{place} the motion stands still on a Type 2 singularity: a stop there can never be crossed",
+            f"{place} the motion stands still on a Type 2 singularity: no law can rest on the locus",
             platform=x,
         )
 

@@ -199,7 +199,12 @@ def _balancing_scale(parameters: Array) -> Array:
 
 
 def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
-    """Return the robot's description with other parameters (u,) of links and motors."""
+    """Return the robot's description with other parameters of links and motors.
+
+    Args:
+        links: the layout of the parameters: a slice for each link, then one for the motors.
+        values: (u,) inertial parameters of the links; rotor inertia, damping and friction of each motor.
+    """
     description = robot.description
     urdf = fromstring(description.urdf_text)
     elements = elements_by_name(urdf, "link")

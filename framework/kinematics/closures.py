@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.frames import FrameMotions, FrameStack, move_frames, move_wrench
+from framework.kinematics.frames import FrameMotions, FrameStack, frame_velocities, move_wrench
 from framework.kinematics.mechanism import Mechanism
 from framework.model.loop_rows import LockedDirections, LoopRows
 from framework.numerics.arrays import Array, BoolArray
@@ -161,7 +161,7 @@ def direction_gap_derivatives(directions: LockedDirections, frames: FrameStack) 
     """Compute the derivatives (T, d, 3, nv) of `direction_gaps` along the joints."""
     first, second, axis, _ = directions
     twists = frames.screws[:, :, None] * frames.carried.T[..., None]  # (T, nv, F, 6)
-    slopes = move_frames(twists, frames.placements[:, None])  # (T, nv, F, 4, 3)
+    slopes = frame_velocities(twists, frames.placements[:, None])  # (T, nv, F, 4, 3)
     gap_slopes = slopes[:, :, second, axis] - slopes[:, :, first, axis]  # (T, nv, d, 3)
     return np.moveaxis(gap_slopes, 1, 3)
 

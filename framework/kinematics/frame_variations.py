@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.kinematics.closures import base_wrenches, wrench_changes
-from framework.kinematics.frames import FrameStack, move_frames
+from framework.kinematics.frames import FrameStack, frame_velocities
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.pinocchio_memory import carrying_joints
 from framework.model.loop_rows import LoopRows
@@ -77,7 +77,7 @@ def loop_force_changes(
     screws, placements = frames.screws, frames.placements[:, None]
     carried = (multipliers[..., None] * rows.joint_signs(frames.carried)).swapaxes(1, 2)  # (T, nv, m)
     steps = screws[:, None] * motions[..., None]  # (T, k, nv, 6) twists by the motion of each joint alone
-    frame_changes = move_frames(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
+    frame_changes = frame_velocities(frames.carried @ steps, placements)  # (T, k, F, 4, 3)
     changes = wrench_changes(rows, placements, frame_changes)  # (T, k, m, 6)
     by_wrenches = dot(carried[:, None] @ changes, screws[:, None])
     displacements = tree_columns(mechanism).precedes.T.astype(float) @ steps  # Phi (T, k, nv, 6)

@@ -66,8 +66,8 @@ class FrameMotions(NamedTuple):
         Axes move at c' = w x c, origins at c' = v + w x c. So c" = dw/dt x c + w x c', plus dv/dt for
         origins.
         """
-        velocity = move_frames(twist, placements)
-        acceleration = move_frames(twist_rate, placements) + turn_vectors(twist, velocity)
+        velocity = frame_velocities(twist, placements)
+        acceleration = frame_velocities(twist_rate, placements) + turn_vectors(twist, velocity)
         return FrameMotions(twist, twist_rate, np.stack([placements, velocity, acceleration]))
 
 
@@ -108,10 +108,15 @@ def turn_vectors(twist: Array, vectors: Array) -> Array:
     return cross(twist[..., None, 3:], vectors)
 
 
-def move_frames(twist: Array, placements: Array) -> Array:
-    """Compute velocities (..., F, 4, 3) of axes and origins for twists (..., F, 6)."""
+def frame_velocities(twist: Array, placements: Array) -> Array:
+    """Compute the velocities (..., F, 4, 3) of the axes and the origins of F frames.
+
+    Args:
+        twist: (..., F, 6) twists (linear, angular) of the frames' bodies at the base's origin.
+        placements: (..., F, 4, 3) the three axes of each frame, then its origin.
+    """
     velocities = turn_vectors(twist, placements)
-    velocities[..., 3, :] += twist[..., :3]
+    velocities[..., 3, :] += twist[..., :3]  # axes are directions, without linear velocity
     return velocities
 
 
@@ -198,10 +203,11 @@ def difference_jacobian(mechanism: Mechanism, start: Array, q: Array) -> Array:
 
 
 def forces_on_joints(mechanism: Mechanism, start: Array, q: Array, force: Array) -> Array:
-    """Compute the generalised forces (T, nv) of forces (T, nv) that act along `difference` from `start`.
+    """Compute the generalised forces (T, nv) on joint rates of forces conjugate to a difference.
 
-    They are D' force, with D the derivative of the difference at q (T, nq). D is the identity except on
-    balls, whose angular velocity is not the rate of the rotation vector.
+    Let d (T, nv) be the `difference` from `start` (nq,) to q (T, nq), and dd/dt = D v at joint rates v.
+    Forces (T, nv) with the power force . dd/dt are D' force as generalised forces. D is the identity except
+    on balls, whose angular velocity is not the rate of the rotation vector.
     """
     if not (mechanism.has_balls and force.any()):
         return force

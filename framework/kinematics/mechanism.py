@@ -32,7 +32,7 @@ from framework.model.documents import parse_xml, prefix_errors
 from framework.model.loop_rows import CoupledJoints, LockedDirections, LoopRows, locked_directions, loop_rows
 from framework.model.readers.recognise import parse_any
 from framework.model.urdf_edits import copy_without_shapes, insert_springs, make_continuous_joints_revolute
-from framework.model.urdf_elements import SEVERAL, coordinates_of
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
 from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays, read_only
 
 MAX_JOINTS = 250  # a `pin.Data` of so many joints takes 0.5 GB
@@ -302,7 +302,7 @@ def _anisotropic_balls(urdf: ElementTree.Element, description: RobotDescription)
     balls = []
     for joint in urdf.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
-        if kind not in SEVERAL:
+        if kind not in COORDINATE_SUFFIXES:
             continue
         turns = coordinates_of(name, kind)[-3:]  # without the slides of a floating joint
         parameters = {description.joints.get(turn, JointDynamics()) for turn in turns}

@@ -50,15 +50,25 @@ def platform_wrenches(robot: ParallelRobot, q: Array, W: Array) -> Array:
 
 
 def frame_origins(robot: ParallelRobot, poses: Array, frame: int) -> Array:
-    """Compute the origin (F, 3) of one of pinocchio's frames for poses of `joint_poses`."""
+    """Compute the origin (F, 3) [m] of one of pinocchio's frames at F configurations.
+
+    Args:
+        poses: (F, njoints, 7) positions and quaternions of the joints, see `joint_poses`.
+        frame: index of the frame in the model.
+    """
     placed = robot.model.frames[frame]
     joint = poses[:, placed.parentJoint]
     return joint[:, :3] + rotate_vector(joint[:, 3:], placed.placement.translation)
 
 
 def frame_positions(robot: ParallelRobot, poses: Array) -> Array:
-    """Compute all positions (m, 3) of joints, platform and loop frames, which a view has to show."""
+    """Compute all positions (m, 3) [m] of joints, platform and loop frames, which a view has to show.
+
+    Args:
+        poses: (F, njoints, 7) positions and quaternions of the joints, see `joint_poses`.
+    """
     ends = [frame_origins(robot, poses, frame) for frame in robot.frames]
+    # the positions of all joints but joint 0, the world
     return np.concatenate([poses[:, 1:, :3].reshape(-1, 3), *ends])
 
 

@@ -25,7 +25,7 @@ import pinocchio as pin
 
 from framework.errors import format_distinct
 from framework.model.placement import rotation_with_axis
-from framework.model.urdf_elements import SEVERAL
+from framework.model.urdf_elements import COORDINATE_SUFFIXES
 from framework.numerics.arrays import Array, IntArray, Names
 from framework.tolerances import SAME_PLACE
 
@@ -44,7 +44,7 @@ def tree_model(urdf: ElementTree.Element, as_declared: Collection[str]) -> pin.M
     """
     several = {}  # kind by name of each joint with several freedoms
     for joint in urdf.findall("joint"):
-        if (kind := joint.get("type", "")) in SEVERAL:
+        if (kind := joint.get("type", "")) in COORDINATE_SUFFIXES:
             several[joint.get("name", "")] = kind
             joint.set("type", "floating")  # the only kind with several freedoms that the parser knows
     model = pin.buildModelFromXML(ElementTree.tostring(urdf, encoding="unicode"))
@@ -143,10 +143,10 @@ def single_columns(model: pin.Model) -> frozenset[int]:
 
 
 def coordinate_names(model: pin.Model) -> Names:
-    """Return the name of each column, (nv,)."""
+    """Return the name of each velocity coordinate, (nv,): of the joint, with a suffix on balls."""
     names: list[str] = []
-    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
-        suffixes = SEVERAL["spherical"] if is_ball(joint) else ("",) * joint.nv
+    for name, joint in zip(model.names[1:], model.joints[1:], strict=True):  # without the world
+        suffixes = COORDINATE_SUFFIXES["spherical"] if is_ball(joint) else ("",) * joint.nv
         names += [f"{name}{suffix}" for suffix in suffixes]
     return tuple(names)
 

@@ -78,7 +78,7 @@ def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
 def _check_parameter_name(name: Any) -> None:
     """Refuse a name that is not an identifier, or that expressions use for a function or pi."""
     if not isinstance(name, str) or not name.isidentifier() or name in (*_FUNCTIONS, "pi"):
-        raise RobotFileError(f"parameters: {short(name)} is no name for a parameter: letters, digits and _")
+        raise RobotFileError(f"parameters: {short(name)} is not a parameter name: letters, digits and _")
 
 
 def _read_values(name: str, given: Any) -> list[float]:

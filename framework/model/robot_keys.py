@@ -31,7 +31,7 @@ from framework.model.description import (
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.model.frame_wrench import FrameWrench
-from framework.model.urdf_elements import SEVERAL, JointValues, Tree, check_inertia
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, JointValues, Tree, check_inertia
 from framework.numerics.fields import (
     Reader,
     Table,
@@ -237,7 +237,7 @@ _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
 
 def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
     """Return a reader of joint dynamics, by coordinate or whole joint."""
-    whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in SEVERAL]
+    whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in COORDINATE_SUFFIXES]
 
     def read(where: str, given: Any) -> JointValues:
         """Read the entries of joints as entries of coordinates.

@@ -22,10 +22,10 @@ from framework.model.description import Spring
 from framework.model.documents import child_element, read_axis, remove_children
 from framework.model.placement import placement, rotation_about, to_rpy, unit_vector
 from framework.model.urdf_elements import (
+    COORDINATE_SUFFIXES,
     ENTRIES,
     JOINT_TYPES,
     MOVING,
-    SEVERAL,
     Joint,
     add_endless_limit,
     read_tree,
@@ -180,7 +180,7 @@ def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
 
 def fix_joint(joint: Joint, *values: float) -> None:
     """Fix a joint at the values [rad, m] of its coordinates."""
-    if joint.kind in SEVERAL:
+    if joint.kind in COORDINATE_SUFFIXES:
         rotation_vector = np.array(values[-3:])
         translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has none
         motion = placement(pin.exp3(rotation_vector), translation)

@@ -35,8 +35,11 @@ MOVING = ("revolute", "continuous", "prismatic")  # types of joints with one deg
 # Types of joints with several degrees of freedom, with the suffixes of their coordinates: a translation [m]
 # and a rotation vector, both on the axes of the joint's origin. URDF itself has no spherical joint; URDF+ and
 # converters from SDF have one.
-SEVERAL = {"spherical": ("_rx", "_ry", "_rz"), "floating": ("_x", "_y", "_z", "_rx", "_ry", "_rz")}
-JOINT_TYPES = ("fixed", *MOVING, *SEVERAL)
+COORDINATE_SUFFIXES = {
+    "spherical": ("_rx", "_ry", "_rz"),
+    "floating": ("_x", "_y", "_z", "_rx", "_ry", "_rz"),
+}
+JOINT_TYPES = ("fixed", *MOVING, *COORDINATE_SUFFIXES)
 MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
 PACKAGE = "package://"
@@ -147,7 +150,7 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 def coordinates_of(name: str, kind: str) -> Names:
     """Return the names of a joint's coordinates, one for each freedom."""
-    suffixes = SEVERAL | dict.fromkeys(MOVING, ("",))
+    suffixes = COORDINATE_SUFFIXES | dict.fromkeys(MOVING, ("",))
     return tuple(f"{name}{suffix}" for suffix in suffixes.get(kind, ()))
 
 

@@ -362,7 +362,8 @@ class SingularBoxTest:
     def _meets_window(self, derivatives: Derivatives, radii: Array, errors: Array) -> BoolArray:
         """Return whether boxes may have poses in the window, (S,).
 
-        Angles are compared modulo whole turns. `errors` (S, R) are the remainders within `radii` (S, k).
+        The window (2, n) holds the least and the largest platform coordinates. Angles are compared modulo
+        whole turns. `errors` (S, R) bound the remainders of the R rows within `radii` (S, k).
         """
         robot = self.bounds.robot
         if self.window is None:

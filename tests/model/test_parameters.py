@@ -53,8 +53,8 @@ def test_whatever_else_stands_in_a_placeholder_is_refused(expression):
         ("parameters: {l1: []}", "needs 1 to"),
         ("parameters: {l1: [1, x]}", "parameters.l1: needs a number"),
         ("parameters: {l1: .inf}", "finite number"),
-        ("parameters: {2: 1}", "no name"),
-        ("parameters: {sin: 1}", "no name"),
+        ("parameters: {2: 1}", "not a parameter name"),
+        ("parameters: {sin: 1}", "not a parameter name"),
     ],
 )
 def test_what_is_no_parameter_is_refused(given, told):

@@ -34,7 +34,7 @@ from framework.model.urdf_edits import (
     vector_text,
     visual_element,
 )
-from framework.model.urdf_elements import SEVERAL, coordinates_of
+from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
 from framework.numerics.arrays import Array
 
 WORLD = "world"
@@ -93,7 +93,7 @@ class _Joint(NamedTuple):
     @property
     def has_one_freedom(self) -> bool:
         """Whether the joint has one degree of freedom."""
-        return self.kind not in SEVERAL
+        return self.kind not in COORDINATE_SUFFIXES
 
     def coordinates_at(self, qpos: Array) -> list[float]:
         """Convert the joint's part of qpos to its coordinates, which are 0 in MuJoCo's zero pose."""
@@ -102,7 +102,9 @@ class _Joint(NamedTuple):
             return list((qpos - zero).tolist())
         motion = invert_placement(_placement_of_qpos(zero)) @ _placement_of_qpos(qpos)
         coordinates = np.append(motion[:3, 3], pin.log3(motion[:3, :3]))
-        return list(coordinates[-len(SEVERAL[self.kind]) :].tolist())  # a ball has the rotation alone
+        return list(
+            coordinates[-len(COORDINATE_SUFFIXES[self.kind]) :].tolist()
+        )  # a ball has the rotation alone
 
     def urdf_joint(self, origin: Array) -> NewJoint:
         """Return the joint of the URDF at a placement (4, 4) in the parent link."""

@@ -20,8 +20,8 @@ from framework.model.documents import attribute, remove_children
 from framework.model.placement import placement, rotation_about, rotation_with_axis, unit_vector
 from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
+    COORDINATE_SUFFIXES,
     MAX_TREE_ELEMENTS,
-    SEVERAL,
     Complaints,
     Joint,
     Tree,
@@ -363,7 +363,7 @@ class UrdfTree(Tree):
         """
         axes = []
         for joint in chain(*self.moving_chains(first, second)):
-            if joint.kind in ("prismatic", *SEVERAL):
+            if joint.kind in ("prismatic", *COORDINATE_SUFFIXES):
                 return False
             axis = self.zero_pose(joint.child)[:3, :3] @ joint.axis
             axes.append(axis / np.linalg.norm(axis))
