@@ -1,8 +1,8 @@
 """Continue reached poses to their neighbours on a grid, in the same working mode.
 
 A pose is predicted from a neighbour along the tangent and corrected by Newton's method. It is accepted as
-part of the neighbour's branch only if the correction is small and no Type 1 singularity lies between. These
-are the rules of `continuation.predictor_corrector`, here for a stack of steps. Coarse poses are reached first, then the
+part of the neighbour's branch only if the correction is small and no Type 1 singularity lies between: rules
+of `predictor_corrector`, here for a stack of steps. Coarse poses are reached first, then the
 poses between them with half the stride, and so on: each pose is computed once, and stacks are long.
 """
 

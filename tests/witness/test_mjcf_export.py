@@ -317,7 +317,7 @@ def test_each_hinge_of_a_ball_has_the_damping_of_its_axis(tmp_path):
     damped = ParallelRobot.of(replace(robot, joint_damping=damping))
     hinged = mujoco.MjModel.from_xml_string(mjcf_text(damped, hinges=True))
     assert {1.0, 2.0, 3.0} <= set(hinged.dof_damping)
-    with pytest.raises(InvalidInput, match="dynamics of ball .* differ between its axes") as refusal:
+    with pytest.raises(InvalidInput, match=r"dynamics of ball .* differ between its axes") as refusal:
         mjcf_text(damped)
     assert refusal.value.remedy == {"hinges": True}
 

@@ -392,7 +392,8 @@ def test_a_lock_of_a_joint_that_leads_a_fixed_one_is_read(tmp_path):
     joints = (
         '<joint name="left_motor" type="revolute"><parent>world</parent><child>crank</child><axis/></joint>'
         '<joint name="left_elbow" type="revolute"><parent>crank</parent><child>rod</child><axis/></joint>'
-        f'<joint name="mark" type="fixed"><parent>rod</parent><child>dot</child><axis>{follower}</axis></joint>'
+        '<joint name="mark" type="fixed"><parent>rod</parent><child>dot</child>'
+        f"<axis>{follower}</axis></joint>"
     )
     links = "".join(f'<link name="{name}"/>' for name in ("crank", "rod", "dot"))
     file = tmp_path / "led.sdf"
