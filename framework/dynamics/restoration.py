@@ -39,16 +39,14 @@ MAX_MISFIT_RATIO_OF_OLD_SLOPES = 0.1  # misfit after a step over that before; ab
 MAX_MISFIT_OF_SLOPES = 1e-2  # of the state at which slopes are computed; above, they do not reveal truncation
 MAX_LINEAR_MISFIT_RATIO = 2.0  # misfit after a step over the predicted one; above, slopes are renewed
 SETTLED_MISFIT = 2e-14  # rounding
-ENOUGH_MISFIT = 1e-12  # below, neither further coefficients nor fresh slopes are worth their time
-MIN_LAST_GAIN = 10.0  # least gain for which coefficients are added to a misfit that is nearly enough
+ENOUGH_MISFIT = 1e-12  # fresh slopes would not be worth their time below
+MIN_LAST_GAIN = 10.0  # factor by which a small enough misfit must fall for further coefficients
 FIRST_COEFFICIENTS = 48
 COEFFICIENTS_PER_DEGREE = 1.25  # of an optimal law, at first
 MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH = 1.25, 2.0  # factors of the number, where it grows
 MAX_UNKNOWNS = 4000
 MAX_COEFFICIENTS = 400
-MAX_NEEDED_RATIO = (
-    1.5  # extrapolated number of coefficients for a misfit that is small enough, over the largest number
-)
+MAX_NEEDED_RATIO = 1.5  # extrapolated number of coefficients for a settled misfit, over the largest number
 MAX_STEPS = 12  # with the same number of coefficients
 MIN_STEP_SHARE = 1 / 16  # of a Gauss-Newton step in the line search
 MAX_STIFFENING = 32.0  # times the stiffness of the springs
@@ -214,24 +212,27 @@ def _gauss_newton(
 
 
 def _refine_series(equations: BalanceEquations, result: GaussNewtonResult, most: int) -> BalanceState:
-    """Add coefficients until the misfit is small enough, or `most` would not suffice."""
+    """Add coefficients until the misfit is settled, or `most` would not suffice.
+
+    A misfit that falls by less than MIN_LAST_GAIN counts as settled when it is small enough.
+    """
     state = result.state
     largest = min(most, MAX_UNKNOWNS // (equations.branch.robot.n_e * len(state.series)))
     count = state.series.shape[1]
-    while result.is_solved and state.misfit > ENOUGH_MISFIT and count < largest:
+    while result.is_solved and state.misfit > MIN_LAST_GAIN * SETTLED_MISFIT and count < largest:
         last_misfit, last_count = state.misfit, count
-        # a misfit that falls as e^(-r count) is small enough at count log(enough) / log(misfit)
-        growth = np.log(ENOUGH_MISFIT) / np.log(last_misfit)
+        # a misfit that falls as e^(-r count) is settled at count log(settled) / log(misfit)
+        growth = np.log(SETTLED_MISFIT) / np.log(last_misfit)
         growth = np.clip(growth, MIN_COEFFICIENT_GROWTH, MAX_COEFFICIENT_GROWTH)
         count = min(int(growth * count) + 1, largest)
         start = equations.evaluate(resize_series(state.series, count), state.scalars)
         result = _gauss_newton(equations, start, result)
         state = result.state
         gain = np.log(last_misfit / state.misfit)
-        is_nearly_enough = state.misfit <= MIN_LAST_GAIN * ENOUGH_MISFIT
-        if gain < np.log(MIN_LAST_GAIN if is_nearly_enough else 1.0 / MAX_MISFIT_RATIO):
+        least_ratio = MIN_LAST_GAIN if state.misfit <= ENOUGH_MISFIT else 1.0 / MAX_MISFIT_RATIO
+        if gain < np.log(least_ratio):
             break
-        needed = count + (count - last_count) * np.log(state.misfit / ENOUGH_MISFIT) / gain
+        needed = count + (count - last_count) * np.log(state.misfit / SETTLED_MISFIT) / gain
         if needed > MAX_NEEDED_RATIO * largest:
             break
     return state
