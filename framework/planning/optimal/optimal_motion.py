@@ -368,7 +368,8 @@ class _ElasticSearch:
         self.speed_places = [crossing.s for crossing in motion.dynamics.crossings]
         if self.balance is not None:
             self.response = respond_to_law(self.balance)
-            return
+            if excess <= 1.0 or not _has_predicted_peak(motion):
+                return  # else the linear torques are right, and limits are exceeded between the points
         scaled = self.next_task.specification.scale_limits((1.0 - LIMIT_TIGHTENING) / excess)
         self.next_task = self.next_task._replace(specification=scaled)
 

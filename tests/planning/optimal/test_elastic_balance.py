@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robots
-from framework import Line
+from framework import Line, plan_scene
 from framework.laws.exact_duration import SpeedSpace
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import _fit_series
@@ -35,3 +35,13 @@ def test_a_series_fitted_to_splines_keeps_duration_condition_and_speed(share):
     assert np.all(np.abs(rows(series.coefficients)) <= 1e-11 * terms)
     sigma = np.linspace(0.0, 1.0, 301)
     np.testing.assert_allclose(series.squared_speed(sigma), law.squared_speed(sigma), rtol=0.05)
+
+
+def test_a_limit_that_is_exceeded_between_points_still_has_a_law():
+    robot = robots.load("three_rrr", flexibility="flexible_joints")
+    plan = plan_scene(robot, "crossing", law="optimal", optimize="time", torque_limit=30.0, duration=None)
+    assert max(plan.peak_torque.values()) <= 30.0
+    rigid = plan_scene(
+        robots.load("three_rrr"), "crossing", law="optimal", optimize="time", torque_limit=30.0, duration=None
+    )
+    assert rigid.duration < plan.duration < 1.05 * rigid.duration
