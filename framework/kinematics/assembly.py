@@ -14,7 +14,7 @@ from framework.kinematics.frames import difference, frames_at, integrate_columns
 from framework.kinematics.mechanism import Mechanism, velocity_columns
 from framework.kinematics.mistaken_units import remark_on_turns
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, ReadOnlyArrays
-from framework.numerics.subspaces import split_row_space
+from framework.numerics.ordered_sums import split_row_space
 from framework.tolerances import BRANCHES_MEET, CLOSED_LOOP, RANK_ROUNDING, REFERENCE_MOVE
 
 MAX_NEWTON_STEP = 0.5  # [rad, robot lengths] largest motion of a joint in one Newton step

@@ -27,7 +27,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
 from framework.kinematics.platform import FramePlatform
 from framework.laws.path import NO_KNOTS
-from framework.model.frame_wrench import FrameWrench
+from framework.model.description import FrameWrench
 from framework.numerics.arrays import Array, ArrayLike, read_only
 from framework.numerics.ordered_sums import cross, matvec
 

@@ -20,8 +20,7 @@ from framework.kinematics.frames import frames_at
 from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.platform import PlatformCoordinates
 from framework.numerics.arrays import LEAST_DIVISOR, Array, IntArray, Names, ReadOnlyArrays
-from framework.numerics.ordered_sums import singular_values
-from framework.numerics.subspaces import split_row_space
+from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import BRANCHES_MEET, RANK_LOST, RANK_ROUNDING
 
 ODD_SIZE = 0.02  # rows are scaled to unit size if the largest entry is below this or above its inverse

@@ -1,17 +1,15 @@
 """The description of a robot. Open `description` first, whose records readers make and all packages use.
 
 The records
-    description         robot, closures, springs, scenes: frozen, without a file
+    description         robot, closures, springs, scenes, external wrenches: frozen, without a file
     loop_rows           closures as scalar loop equations
     placement           rigid placements as 4 x 4 matrices
     fidelity_levels     which parts of a robot a model keeps
-    frame_wrench        an external wrench at a frame, constant or tabulated
 
 The robot file (YAML)
-    robot_file          read a robot file and its URDF
+    robot_file          read a robot file and its URDF; write a description
     robot_keys          the keys of a robot file, one table a mapping
     parameters          named parameters, `${...}`
-    robot_file_writer   write a description
 
 The URDF
     urdf_elements       locate a URDF; read and check joints, links and inertias

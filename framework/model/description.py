@@ -1,22 +1,34 @@
-"""The content of a robot file as frozen records. This module reads no file and does not call pinocchio."""
+"""The content of a robot file as frozen records.
+
+This module opens no file and does not call pinocchio. Joints, links and frames have their URDF names.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
-from framework.errors import RobotFileError, check_choice, check_name
-from framework.numerics.arrays import Names
+import numpy as np
+
+from framework.errors import InvalidInput, RobotFileError, check_choice, check_name, finite_numbers, short
+from framework.numerics.arrays import Array, Names, ReadOnlyArrays
+from framework.numerics.fields import LARGEST_NUMBER, Table, anything, one_of, optional, read_table
 
 # Each level has all springs of the level before it, see `Spring.exists_in`.
 FLEXIBILITIES = ("rigid", "flexible_joints", "flexible_links")
 GOALS = ("time", "peak_torque", "energy")  # of an optimal law
-SMALLEST_LENGTH = 1e-30  # [m] powers of smaller lengths underflow to zero
+SMALLEST_LENGTH = 1.0 / LARGEST_NUMBER  # [m] powers of smaller lengths underflow to zero
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 Points = tuple[tuple[float, ...], ...]  # of a path, each in the platform's coordinates
+
+_WRENCH_TABLE: Table = {
+    "wrench": optional(anything),
+    "axes": optional(one_of("axes", ("base", "tool")), "base"),
+}
 
 # The axes that each kind of closure locks, in the frame of the first body, for a joint with axis z. A kind
 # that needs the closure's `length` has rows of `loop_rows.ROW_KINDS` instead.
@@ -212,6 +224,83 @@ def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str,
         elif coupling.joint in locked and coupling.of not in locked and coupling.ratio:
             positions[coupling.of] = (locked[coupling.joint] - coupling.offset) / coupling.ratio
     return positions
+
+
+@dataclass(frozen=True, eq=False)
+class FrameWrench(ReadOnlyArrays):
+    """An external wrench on the body of one frame, at the origin of the frame.
+
+    `rows` is a constant (force, moment) (6,) [N, N m], or a table (K, 7) of rows (s, force, moment) at
+    ascending path coordinates s from 0 to 1. A cubic spline interpolates the table, since elastic robots need
+    a continuous second derivative. Through fewer than four rows it is of lower degree.
+    """
+
+    frame: str
+    rows: Array
+    axes: str  # of force and moment: "base", or "tool" for the axes of the frame
+
+    def __call__(self, s: Array) -> Array:
+        """Compute the wrench (T, 6) [N, N m] at path coordinates s (T,), along `axes`."""
+        if self.rows.ndim == 1:
+            return np.broadcast_to(self.rows, (len(s), 6))
+        return self._spline(s)
+
+    def times(self, factor: float) -> FrameWrench:
+        """Return the wrench multiplied by a number."""
+        rows = self.rows.copy()
+        rows[..., -6:] *= factor  # force and moment; a row of a table has s before them
+        return replace(self, rows=rows)
+
+    @property
+    def knots(self) -> Array:
+        """Path coordinates in (0, 1) where the third derivative of the wrench jumps."""
+        # a spline with not-a-knot ends has no knots at the first two and the last two rows
+        return np.empty(0) if self.rows.ndim == 1 else self.rows[2:-2, 0]
+
+    @property
+    def turns(self) -> bool:
+        """Whether the wrench turns with the frame, on axes of the tool."""
+        return self.axes == "tool"
+
+    @property
+    def document(self) -> Any:
+        """Wrench as written in a robot file or plan.json."""
+        numbers = self.rows.tolist()
+        return {"wrench": numbers, "axes": self.axes} if self.turns else numbers
+
+    @cached_property
+    def _spline(self) -> Any:
+        """Cubic spline (s -> (6,)) through the rows of the table, with not-a-knot ends."""
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(self.rows[:, 0], self.rows[:, 1:])
+
+    @staticmethod
+    def of(frame: str, given: Any, where: str = "wrenches") -> FrameWrench:
+        """Read a wrench: 6 numbers, a table, or {wrench: ..., axes: base or tool}.
+
+        Args:
+            frame: frame of the URDF.
+            given: the wrench as in a robot file or a request.
+            where: the mapping of wrenches by frame, as messages name it.
+
+        Raises:
+            InvalidInput: `given` is none of these, or s does not ascend from 0 to 1.
+        """
+        name = f"{where}: {frame}"
+        axes = "base"
+        if isinstance(given, Mapping):
+            values = read_table(name, dict(given), _WRENCH_TABLE)
+            given, axes = values["wrench"], values["axes"]
+        # an array without dimensions is an ndarray, but is not iterable
+        is_list = isinstance(given, list | tuple | np.ndarray) and np.iterable(given)
+        if not (is_list and any(map(np.iterable, given))):
+            return FrameWrench(frame, finite_numbers(name, given, 6), axes)
+        rows = finite_numbers(f"{name}: each row of the table (s, force, moment)", given, 7, stacks=True)
+        s = rows[:, 0]
+        if len(s) < 2 or np.any(np.diff(s) <= 0) or s[0] != 0.0 or s[-1] != 1.0:
+            raise InvalidInput(f"{name}: s of the rows must ascend from 0 to 1, got {short(s.tolist())}")
+        return FrameWrench(frame, rows, axes)
 
 
 @dataclass(frozen=True)

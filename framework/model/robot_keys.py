@@ -20,6 +20,7 @@ from framework.model.description import (
     Actuator,
     Closure,
     Coupling,
+    FrameWrench,
     JointDynamics,
     KeptLevel,
     Platform,
@@ -30,7 +31,6 @@ from framework.model.description import (
     locked_axes,
 )
 from framework.model.fidelity_levels import LEVELS_BY_NAME
-from framework.model.frame_wrench import FrameWrench
 from framework.model.urdf_elements import COORDINATE_SUFFIXES, JointValues, Tree, check_inertia
 from framework.numerics.fields import (
     Reader,

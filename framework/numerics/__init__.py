@@ -4,13 +4,14 @@ The modules do not build on one another much; any can be read alone. Open `cheby
 represent all functions of time.
 
 * `arrays`: types of arrays, frozen objects; `rotations`: rotation vectors and the left Jacobian of SO(3);
-* `ordered_sums`: products of stacks in which each item is computed as if it were alone, to the last bit;
+* `ordered_sums`: linear algebra of stacks, in which each item is computed as if it were alone, to the last
+  bit; row space and null space of a matrix;
 * `banded_lu`: factorisation of sparse matrices in a band; `krylov`: linear systems given by products alone;
-  `polytope`: zonotopes and slabs; `subspaces`: row spaces and null spaces;
+  `polytope`: zonotopes and slabs;
 * `chebyshev`: functions of time as Chebyshev series on panels; `peaks`: their largest values;
   `bernstein`: bounds of functions on cells;
 * `cone_program`: second-order cone programs in named unknowns, the only access to the solver;
-* `tasks`, `workers`, `kept`: many independent computations on the cores of this machine or of a cluster, in
+* `tasks`, `kept`: many independent computations on the cores of this machine or of a cluster, in
   chunks whose results do not depend on where they are computed, stored as they finish;
 * `input`, `output`: files read within limits, and written together or not at all; `fields`: typed values
   from documents; `interruption`: Ctrl-C and SIGTERM; `time_limit`: searches that end with their best result.

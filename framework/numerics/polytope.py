@@ -14,8 +14,7 @@ from itertools import combinations, product
 import numpy as np
 
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
-from framework.numerics.ordered_sums import singular_values
-from framework.numerics.subspaces import split_row_space
+from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import RANK_ROUNDING, SAME_PLACE
 
 

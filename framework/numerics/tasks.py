@@ -1,17 +1,34 @@
-"""Run tasks on any `concurrent.futures.Executor`, and yield their results as they are finished."""
+"""Run tasks in parallel: in processes of this machine or on dask workers; results as they are finished.
+
+`Workers` is an executor of processes of which any may be killed, and which end with their parent, however it
+ends. `concurrent.futures.ProcessPoolExecutor` gives up all tasks when one of its processes is killed, and
+leaves its processes running when the parent is killed. Here each thread of the parent sends its tasks to a
+process through a pipe. A broken pipe shows which task was lost, and that task starts again. A worker process
+whose parent has ended ends itself.
+"""
 
 from __future__ import annotations
 
+import os
+import pickle
+import signal
+import threading
+import traceback
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from typing import Any, NamedTuple, TypeVar
 
-from framework.errors import InvalidInput
-from framework.numerics.workers import Workers
+from framework.errors import InvalidInput, LostWorkers, whole_number
+from framework.numerics import MAX_WORKERS
 
 SIGNAL_INTERVAL = 0.1  # [s] between two checks for Ctrl-C
 DASK_TIMEOUT = "10s"  # for a dask scheduler to answer
+MAX_TRIES = 3  # number of processes that may be lost over one task
+PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)
 K = TypeVar("K")
 R = TypeVar("R")
 
@@ -80,3 +97,147 @@ def _dask_client(address: str) -> Iterator[Any]:
                 f"worker {address}"
             ) from None
         yield client
+
+
+# ------------------------------------------------------------------ worker processes
+
+
+class _Worker(NamedTuple):
+    """A worker process with the parent's end of its pipe."""
+
+    process: SpawnProcess
+    pipe: Connection
+
+
+class Workers(Executor):
+    """An executor of `count` processes, 1 or more; tasks and results must be picklable.
+
+    If an exception, Ctrl-C included, leaves the `with` block, processes are killed and waiting tasks dropped.
+
+    Raises:
+        InvalidInput: an invalid number of processes.
+    """
+
+    def __init__(self, count: int) -> None:
+        """Prepare a thread for each process; a process starts with its first task."""
+        self._threads = ThreadPoolExecutor(whole_number("workers", count, 1, MAX_WORKERS))
+        self._lock = threading.Lock()
+        self._alive: set[SpawnProcess] = set()
+        self._idle: list[_Worker] = []
+        self._stopped = False  # whether no process may start any more
+
+    def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
+        """Submit a call; the future raises `LostWorkers` if MAX_TRIES processes are lost."""
+        return self._threads.submit(self._call_in_worker, fn, args, kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Accept no more tasks; wait for accepted tasks, or drop tasks that have not begun."""
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        while self._idle:
+            self._end_process(self._idle.pop())
+
+    def stop(self) -> None:
+        """Kill all processes and drop all tasks."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        with self._lock:
+            self._stopped = True
+            for process in self._alive:
+                process.kill()
+        self.shutdown()
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        """Wait for all tasks; stop the processes after an error, also one during the wait."""
+        if kind is not None:
+            self.stop()
+            return
+        try:
+            self.shutdown()
+        except BaseException:
+            self.stop()
+            raise
+
+    def _call_in_worker(self, *call: Any) -> Any:
+        """Return the result of a call in a worker process, or raise its error."""
+        message = pickle.dumps(call)
+        for _ in range(MAX_TRIES):
+            with self._lock:
+                idle = self._idle.pop() if self._idle else None
+            try:
+                worker = idle or self._start_process()
+            except OSError as error:
+                raise LostWorkers(f"no worker process can be started: {error}") from None
+            try:
+                worker.pipe.send_bytes(message)
+                answer = worker.pipe.recv_bytes()
+            except (EOFError, OSError):
+                self._end_process(worker)
+                continue
+            self._idle.append(worker)
+            has_succeeded, result = pickle.loads(answer)
+            if has_succeeded:
+                return result
+            raise result
+        raise LostWorkers(
+            f"{MAX_TRIES} worker processes were killed one after the other over the same task, for want "
+            f"of memory perhaps; take fewer --workers"
+        )
+
+    def _start_process(self) -> _Worker:
+        """Start a process; raise LostWorkers after `stop`."""
+        context = get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve_calls, args=(theirs,), daemon=True)
+        with self._lock:
+            if self._stopped:
+                raise LostWorkers("the worker processes were stopped")
+            resource_tracker.ensure_running()  # first, as its start unblocks SIGINT
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited: Ctrl-C is for the parent
+            process.start()
+            self._alive.add(process)
+        theirs.close()  # otherwise the pipe would not break when the process ends
+        return _Worker(process, ours)
+
+    def _end_process(self, worker: _Worker) -> None:
+        """End a process by closing its pipe, and wait for its end."""
+        worker.pipe.close()
+        worker.process.join()
+        with self._lock:
+            self._alive.discard(worker.process)
+
+
+def _serve_calls(pipe: Connection) -> None:
+    """Answer calls in a worker process until the pipe breaks."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        try:
+            call = pipe.recv_bytes()
+        except EOFError:
+            return
+        pipe.send_bytes(_answer_call(call))
+
+
+def _answer_call(call: bytes) -> bytes:
+    """Return the pickled answer to a pickled call: (True, result) or (False, error)."""
+    try:
+        fn, args, kwargs = pickle.loads(call)
+        return pickle.dumps((True, fn(*args, **kwargs)))
+    except Exception as error:  # noqa: BLE001 - an executor returns all errors of tasks
+        error.add_note(f"in a worker process:\n{traceback.format_exc()}")
+        return pickle.dumps((False, _picklable_error(error)))
+
+
+def _picklable_error(error: Exception) -> Exception:
+    """Return an error, as a RuntimeError with the same message if pickling fails."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except PICKLING_ERRORS:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the parent process, then end this one at once."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)

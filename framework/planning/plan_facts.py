@@ -14,7 +14,7 @@ from framework.errors import point
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.optimal_law import OptimalLaw
-from framework.model.frame_wrench import FrameWrench
+from framework.model.description import FrameWrench
 from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.result import CrossingPlan

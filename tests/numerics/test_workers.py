@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from framework import InvalidInput, LostWorkers, NotAssembled, errors
-from framework.numerics.workers import MAX_TRIES, Workers
+from framework.numerics.tasks import MAX_TRIES, Workers
 from tests.numerics import chores
 from tests.watchdog import PATIENCE, wait_for
 
@@ -111,7 +111,7 @@ def test_leaving_by_an_error_ends_processes_and_tasks_at_once(tmp_path):
 def test_a_process_ends_with_the_one_that_began_it(tmp_path):
     note = tmp_path / "note"
     program = (
-        "import sys; from framework.numerics.workers import Workers; from tests.numerics import chores\n"
+        "import sys; from framework.numerics.tasks import Workers; from tests.numerics import chores\n"
         "if __name__ == '__main__': Workers(1).submit(chores.sleep, sys.argv[1]).result()"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -27,8 +27,7 @@ from framework.kinematics.mechanism import Mechanism
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES
 from framework.numerics.arrays import Array, Names
-from framework.numerics.ordered_sums import singular_values
-from framework.numerics.subspaces import split_row_space
+from framework.numerics.ordered_sums import singular_values, split_row_space
 from framework.tolerances import FILE_ROUNDING, NEARLY_AT_REST
 
 PROPOSED_AXES_CLEARANCE = 0.02  # least singular value of proposed axes [lengths of the robot, rad]
