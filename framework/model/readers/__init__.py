@@ -6,7 +6,7 @@ Dialects
     urdf                URDF with loops, in several syntaxes
     gepetto             a YAML of loops beside a URDF
     mjcf, mujoco_model  MuJoCo's models, compiled by MuJoCo itself
-    sdf                 SDFormat
+    sdf, sdf_scope      SDFormat: its joints, and its nested names and poses
 
 Shared by all readers
     urdf_tree           a URDF that readers edit, with lists of loops, motors and forces

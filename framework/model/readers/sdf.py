@@ -13,41 +13,45 @@ stands in that frame, so loops may be open in the poses of the file. Loops are c
 properties such as a limit, which a closure cannot have. Joints that a plugin names are likely motors. The
 file says nothing about the platform.
 
-Source: sdformat.org, "Pose frame semantics".
+Source: sdformat.org, the specification of each element.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from framework.errors import RobotFileError, check_choice, check_name, choose_from
+from framework.errors import RobotFileError, check_name
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.documents import (
     attribute,
-    child_element,
     parse_numbers,
-    parse_xml,
     prefix_errors,
-    remove_children,
 )
-from framework.model.placement import from_quaternion, from_rpy, invert_placement, placement
+from framework.model.placement import invert_placement
 from framework.model.readers.describe import Options, describe
+from framework.model.readers.sdf_scope import (
+    MODEL,
+    TRUE,
+    WORLD,
+    Scope,
+    add_models,
+    end_name,
+    read_placement,
+    scoped_name,
+)
 from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, merge_overlapping
 from framework.model.urdf_edits import NewJoint, chain_elements, inertial_element, visual_element
-from framework.model.urdf_elements import ENTRIES, local_name, symmetric_matrix
+from framework.model.urdf_elements import ENTRIES, symmetric_matrix
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
-from framework.numerics.input import read_text
 
-WORLD, MODEL = "world", "__model__"
 UNLIMITED = 1e15  # [rad, m] limits of this size or more mean no limit
 _KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal", "screw")} | {
     "continuous": "revolute",
@@ -63,52 +67,11 @@ _MOTIONS = {
 }
 _NOT_READ = ("gearbox",)
 _UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
-BALL_CONSTRAINT = "ball_constraint"
-_CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # types of joints by Drake's elements
 _OWN = ("dynamics", "limit", "mimic")  # properties that joints of the tree can have, and closures cannot
 _DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")
 _INERTIA = {"mass": "1"} | {f"inertia/{key}": value for key, value in zip(ENTRIES, "111000", strict=True)}
 _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 _VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the model
-
-
-@dataclass
-class Scope:
-    """The links, joints and frames of all models by scoped name."""
-
-    version: float
-    relative: dict[str, tuple[str, Array]] = field(  # base frame and placement (4, 4) in it, of each frame
-        default_factory=lambda: {MODEL: (WORLD, np.eye(4))}
-    )
-    attached: dict[str, str] = field(default_factory=dict)  # link or frame on which each frame is
-    links: dict[str, Element] = field(default_factory=dict)
-    joints: dict[str, Element] = field(default_factory=dict)  # with the prefix of the model as `scope`
-
-    def placement_of(self, name: str, depth: int = 0) -> Array:
-        """Compute the placement (4, 4) of a frame in the world, as in the file.
-
-        Raises:
-            InvalidInput: there is no such frame, or it is relative to itself.
-        """
-        if name == WORLD:
-            return np.eye(4)
-        check_choice("frame", name, self.relative)
-        if depth > len(self.relative):
-            raise RobotFileError(f"frame {name!r}: is relative to itself")
-        base, pose = self.relative[name]
-        return self.placement_of(base, depth + 1) @ pose
-
-    def link_of(self, name: str, depth: int = 0) -> str:
-        """Return the link that carries a frame.
-
-        Raises:
-            RobotFileError: there is no such frame, or it is attached to itself.
-        """
-        if name in self.links or name == WORLD:
-            return name
-        if name not in self.attached or depth > len(self.attached):
-            raise RobotFileError(choose_from("link or frame", name, [*self.links, *self.attached]))
-        return self.link_of(self.attached[name], depth + 1)
 
 
 class _Joint(NamedTuple):
@@ -144,7 +107,7 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
     (version,) = parse_numbers("<sdf> version", root.get("version", "1.4"), 1)
     scope = Scope(version)
     for parent in (root, *root.findall("world")):
-        _add_models(scope, parent, file.parent, "", WORLD)
+        add_models(scope, parent, file.parent, "", WORLD)
     joints = _joints_of_main_part(scope)
     tree_names = _choose_tree_joints(scope, joints)
     tree = UrdfTree(_make_urdf(scope, joints, tree_names, file.stem))
@@ -193,11 +156,6 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
         tree.remarks.append(f"not read: {', '.join(apart)}, which no joint joins with the mechanism")
 
 
-def _scope_name(prefix: str, name: str) -> str:
-    """Return the scoped name of a name in the model with a prefix."""
-    return name if name == WORLD else prefix + name
-
-
 def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> list[float]:
     """Read the number at each path below an element, or the path's default."""
     values: list[float] = []
@@ -205,161 +163,6 @@ def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> l
         tag = path.rsplit("/", 1)[-1]
         values += parse_numbers(f"{where}: <{tag}>", element.findtext(path, default), 1)
     return values
-
-
-# ------------------------------------------------------------------ models and frames
-
-
-def _add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add the models in an element, and the models in files that the element includes."""
-    for model in parent.findall("model"):
-        _add_model(scope, model, folder, prefix, base)
-    for include in parent.findall("include"):
-        uri = (include.findtext("uri") or "").removeprefix("model://").removeprefix("file://")
-        file = folder / uri
-        if not file.exists():
-            file = folder.parent / uri
-        if file.is_dir():
-            file = file / "model.sdf"
-        if not file.is_file():
-            continue  # scenery, such as a ground plane; a joint to it would raise an error
-        with prefix_errors(f"<include> {uri}"):
-            document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
-            model = child_element(document, "<sdf>", "model")
-        model.set("name", include.findtext("name") or model.get("name") or "")
-        if poses := include.findall("pose"):
-            remove_children(model, "pose")
-            model.extend(poses)
-        add = add_content if include.get("merge") in ("true", "1") else _add_model
-        add(scope, model, file.parent, prefix, base)
-
-
-def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add a model to the scope.
-
-    The names in the first model have no prefix; the names in all others begin with the name of the model.
-    """
-    name = attribute(model, "<model>", "name")
-    scoped = f"{prefix}{name}"
-    model_frame = f"{scoped}::{MODEL}"
-    is_first = base == WORLD and not prefix and not scope.links
-    inner = "" if is_first else f"{scoped}::"
-    relative_to, pose = _read_pose(model, prefix, base, f"model {name!r}")
-    scope.relative[model_frame] = (relative_to, pose)
-    if is_first:
-        scope.relative[MODEL] = (model_frame, np.eye(4))
-    add_content(scope, model, folder, inner, model_frame)
-
-    links = [link for link in scope.links if link.startswith(inner)]
-    if links:
-        canonical = model.get("canonical_link")
-        link = f"{inner}{canonical}" if canonical else links[0]
-        scope.attached |= dict.fromkeys((model_frame, f"{inner}{MODEL}", scoped), link)
-        scope.relative.setdefault(scoped, (model_frame, np.eye(4)))
-    if frame := model.get("placement_frame"):  # the pose is that of this frame, not of the model
-        in_model = invert_placement(scope.placement_of(model_frame)) @ scope.placement_of(f"{inner}{frame}")
-        scope.relative[model_frame] = (relative_to, pose @ invert_placement(in_model))
-
-
-def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
-    """Add the links, frames, joints and models of a model whose frame is `base`.
-
-    Raises:
-        RobotFileError: an element has no name or that of another one; a pose, a constraint or the end of a
-            joint is malformed; an included file is broken.
-        InvalidInput: a placement frame does not exist.
-    """
-    elements = list(model)
-    for number, element in enumerate(model):
-        kind = local_name(element.tag)
-        if kind in _CONSTRAINTS:
-            elements += _constraint_elements(element, kind, f"{kind}_{number}")
-    for element in elements:
-        tag = element.tag
-        if tag not in ("link", "frame", "joint"):
-            continue
-        name = prefix + attribute(element, f"<{tag}>", "name")
-        if name in (scope.joints if tag == "joint" else scope.relative):
-            raise RobotFileError(f"duplicate {tag} {name!r}")
-        relative_to = base  # of a pose that does not say so itself
-        if tag == "link":
-            scope.links[name] = element
-        elif tag == "frame":
-            if attached_to := element.get("attached_to"):
-                relative_to = _scope_name(prefix, attached_to)
-            scope.attached[name] = relative_to
-        else:
-            element.set("scope", prefix)
-            scope.joints[name] = element
-            relative_to = _end_name(element, "child")
-            scope.attached.setdefault(name, relative_to)
-        pose = _read_pose(element, prefix, relative_to, f"{tag} {name!r}")
-        if tag == "joint":  # a joint may have the name of a link or frame
-            scope.relative[f"joint {name}"] = pose
-        scope.relative.setdefault(name, pose)
-    _add_models(scope, model, folder, prefix, base)
-
-
-def _constraint_elements(element: Element, kind: str, name: str) -> Iterator[Element]:
-    """Yield two frames and a joint that stand for Drake's constraint of two bodies.
-
-    In SDF the children of the constraint state their values as text, in a URDF as an attribute.
-    """
-    parts: dict[str, str] = {}
-    for child in element:
-        text = child.text or child.get("name") or child.get("value") or ""
-        parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
-    joint = Element("joint", name=name, type=_CONSTRAINTS[kind])
-    default_point = "" if kind == BALL_CONSTRAINT else "0 0 0"
-    for end, body_part, point_part in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
-        body = parts.get(end) or parts.get(body_part)
-        point = parts.get(point_part) or default_point
-        if not body:
-            raise RobotFileError(f"<{kind}>: {body_part} is missing")
-        if not point:
-            raise RobotFileError(f"<{kind}>: {point_part} is missing")
-        parse_numbers(f"<{kind}> {point_part}", point, 3)
-        frame = Element("frame", name=f"{name}_at_{end}", attached_to=body)
-        SubElement(frame, "pose").text = f"{point} 0 0 0"
-        SubElement(joint, end).text = frame.get("name")
-        yield frame
-    yield joint
-
-
-def _end_name(joint: Element, end: str) -> str:
-    """Return the scoped name of a joint's parent or child."""
-    name = (joint.findtext(end) or "").strip()
-    if not name:
-        raise RobotFileError(f"joint {joint.get('name')!r}: <{end}> is missing")
-    return _scope_name(joint.get("scope", ""), name)
-
-
-def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
-    """Read the pose of an element: a frame, and the placement (4, 4) in this frame.
-
-    The frame is `default` unless the pose names another one in the model with the `prefix`.
-    """
-    pose = element.find("pose")
-    relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
-    frame = _scope_name(prefix, relative_to) if relative_to else default
-    return frame, _read_placement(pose, where)
-
-
-def _read_placement(pose: Element | None, where: str) -> Array:
-    """Read the placement (4, 4) in a `<pose>`; the identity without one."""
-    if pose is None:
-        return np.eye(4)
-    has_quaternion = pose.get("rotation_format") == "quat_xyzw"
-    count = 7 if has_quaternion else 6
-    numbers = parse_numbers(f"{where}: <pose>", pose.text or " 0" * count, count)
-    position, orientation = numbers[:3], numbers[3:]
-    if has_quaternion:
-        x, y, z, w = orientation
-        rotation = from_quaternion(w, x, y, z)
-    else:
-        in_degrees = pose.get("degrees") in ("true", "1")
-        rotation = from_rpy(np.radians(orientation) if in_degrees else orientation)
-    return placement(rotation, position)
 
 
 # ------------------------------------------------------------------ joints
@@ -372,7 +175,7 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
     kind = attribute(joint, where, "type")
     check_name(where, "type", kind, (*_KINDS, *_NOT_READ))
     with prefix_errors(where):
-        first, second = (scope.link_of(_end_name(joint, end)) for end in ("parent", "child"))
+        first, second = (scope.link_of(end_name(joint, end)) for end in ("parent", "child"))
     if first == second:
         raise RobotFileError(f"{where}: joins {first!r} with itself")
     return first, second
@@ -383,7 +186,7 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     on_child = scope.placement_of(f"joint {name}")  # both placements are in the world
-    parent = _end_name(element, "parent")
+    parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
     on_parent = scope.placement_of(parent) if is_frame else on_child
     placements = (
@@ -418,10 +221,10 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
         raise RobotFileError(f"{where}: the axis is zero")
     xyz = joint.find(f"{tag}/xyz")
     expressed_in = None if xyz is None else xyz.get("expressed_in")
-    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in ("true", "1")
+    in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in TRUE
     if not expressed_in and not in_model and scope.version >= _VERSION_OF_JOINT_AXES:
         return axis
-    frame = _scope_name(joint.get("scope", ""), expressed_in or MODEL)
+    frame = scoped_name(joint.get("scope", ""), expressed_in or MODEL)
     to_world = scope.placement_of(frame)[:3, :3]
     from_joint = scope.placement_of(f"joint {name}")[:3, :3]
     return from_joint.T @ to_world @ axis
@@ -534,7 +337,7 @@ def _make_link(scope: Scope, name: str) -> Element:
     if inertial is None:
         inertial = Element("inertial")
     mass, *moments = _read_values(inertial, where, _INERTIA)
-    origin = _read_placement(inertial.find("pose"), where)
+    origin = read_placement(inertial.find("pose"), where)
     axes = origin[:3, :3]
     link.append(inertial_element(mass, origin[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
     for visual in element.findall("visual"):
@@ -542,7 +345,7 @@ def _make_link(scope: Scope, name: str) -> Element:
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
                 sizes = {key: (geometry.findtext(key) or "1").strip() for key in keys}
-                origin = _read_placement(visual.find("pose"), where)
+                origin = read_placement(visual.find("pose"), where)
                 link.append(visual_element(shape, sizes, origin))
     return link
 

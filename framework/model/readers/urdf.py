@@ -65,7 +65,8 @@ from framework.model.documents import (
 )
 from framework.model.placement import invert_placement, placement
 from framework.model.readers.describe import Options, describe
-from framework.model.readers.sdf import BALL_CONSTRAINT, WORLD, Scope, add_content, close_joint
+from framework.model.readers.sdf import close_joint
+from framework.model.readers.sdf_scope import BALL_CONSTRAINT, TRUE, WORLD, Scope, add_content
 from framework.model.readers.urdf_tree import UrdfTree
 from framework.model.urdf_elements import MOVING
 from framework.numerics.arrays import Array
@@ -225,7 +226,7 @@ def read_urdf(
     independent = [  # before UrdfTree removes the attribute
         joint.get("name", "")
         for joint in root.findall("joint")
-        if joint.get("independent", "").lower() in ("true", "1")
+        if joint.get("independent", "").lower() in TRUE
     ]
     tree = UrdfTree(root, (*_ELEMENTS, BALL_CONSTRAINT))
     beside_independent = list_of(text)(f"{LOOP_CLOSURES}: independent", beside.get("independent", []))

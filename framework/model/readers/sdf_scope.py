@@ -1,0 +1,268 @@
+"""The links, joints and frames of an SDF document: names, poses, and the links that carry frames.
+
+Models may be nested, and may be included from other files. Names in nested models are `a::b`. A pose is
+relative to another frame (`relative_to`), which the file may declare later. So all frames are collected
+first, and placements are computed when all of them are known.
+
+Source: sdformat.org, "Pose frame semantics".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from framework.errors import RobotFileError, check_choice, choose_from
+from framework.model.documents import (
+    attribute,
+    child_element,
+    parse_numbers,
+    parse_xml,
+    prefix_errors,
+    remove_children,
+)
+from framework.model.placement import from_quaternion, from_rpy, invert_placement, placement
+from framework.model.urdf_elements import local_name
+from framework.numerics.arrays import Array
+from framework.numerics.input import read_text
+
+WORLD, MODEL = "world", "__model__"  # SDF's names of the world's frame and of a model's own frame
+TRUE = ("true", "1")  # texts of true
+BALL_CONSTRAINT = "ball_constraint"
+_CONSTRAINTS = {"weld_constraint": "fixed", BALL_CONSTRAINT: "ball"}  # types of joints by Drake's elements
+
+
+@dataclass
+class Scope:
+    """The links, joints and frames of all models by scoped name."""
+
+    version: float  # of SDF
+    # of each frame the frame to which its pose is relative, and the pose as a placement (4, 4)
+    relative: dict[str, tuple[str, Array]] = field(default_factory=lambda: {MODEL: (WORLD, np.eye(4))})
+    attached: dict[str, str] = field(default_factory=dict)  # the link or frame that carries each frame
+    links: dict[str, Element] = field(default_factory=dict)
+    joints: dict[str, Element] = field(default_factory=dict)  # the attribute `scope` is the model's prefix
+
+    def placement_of(self, name: str, depth: int = 0) -> Array:
+        """Compute the placement (4, 4) of a frame in the world, as in the file.
+
+        `depth` counts the recursions, which do not end where frames are relative to one another.
+
+        Raises:
+            InvalidInput: there is no such frame, or it is relative to itself.
+        """
+        if name == WORLD:
+            return np.eye(4)
+        check_choice("frame", name, self.relative)
+        if depth > len(self.relative):
+            raise RobotFileError(f"frame {name!r}: is relative to itself")
+        base, pose = self.relative[name]
+        return self.placement_of(base, depth + 1) @ pose
+
+    def link_of(self, name: str, depth: int = 0) -> str:
+        """Return the link that carries a frame; `depth` as in `placement_of`.
+
+        Raises:
+            RobotFileError: there is no such frame, or it is attached to itself.
+        """
+        if name in self.links or name == WORLD:
+            return name
+        if name not in self.attached or depth > len(self.attached):
+            raise RobotFileError(choose_from("link or frame", name, [*self.links, *self.attached]))
+        return self.link_of(self.attached[name], depth + 1)
+
+
+def scoped_name(prefix: str, name: str) -> str:
+    """Return the scoped name of a name in the model with a prefix."""
+    return name if name == WORLD else prefix + name
+
+
+def end_name(joint: Element, end: str) -> str:
+    """Return the scoped name of a joint's end, "parent" or "child".
+
+    Raises:
+        RobotFileError: the joint does not state this end.
+    """
+    name = (joint.findtext(end) or "").strip()
+    if not name:
+        raise RobotFileError(f"joint {joint.get('name')!r}: <{end}> is missing")
+    return scoped_name(joint.get("scope", ""), name)
+
+
+# ------------------------------------------------------------------ models
+
+
+def add_models(scope: Scope, parent: Element, folder: Path, prefix: str, base: str) -> None:
+    """Add the models in an element, and the models in files that the element includes.
+
+    Args:
+        folder: of the file, from which paths of included files start.
+        prefix: of scoped names, such as "a::" in model a; empty in the world.
+        base: frame to which a model's pose is relative by default.
+
+    Raises:
+        RobotFileError, InvalidInput: see `add_content`.
+    """
+    for model in parent.findall("model"):
+        _add_model(scope, model, folder, prefix, base)
+    for include in parent.findall("include"):
+        uri = (include.findtext("uri") or "").removeprefix("model://").removeprefix("file://")
+        file = folder / uri
+        if not file.exists():
+            file = folder.parent / uri
+        if file.is_dir():
+            file = file / "model.sdf"
+        if not file.is_file():
+            continue  # scenery, such as a ground plane; a joint to it would raise an error
+        with prefix_errors(f"<include> {uri}"):
+            document = parse_xml(read_text(file, "cannot read it", error=RobotFileError))
+            model = child_element(document, "<sdf>", "model")
+        # name and pose of the <include> override those of the included model
+        model.set("name", include.findtext("name") or model.get("name") or "")
+        if poses := include.findall("pose"):
+            remove_children(model, "pose")
+            model.extend(poses)
+        add = add_content if include.get("merge") in TRUE else _add_model
+        add(scope, model, file.parent, prefix, base)
+
+
+def _add_model(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
+    """Add a model and its content; arguments as of `add_models`.
+
+    The names in the first model have no prefix; the names in all others begin with the name of the model.
+    """
+    name = attribute(model, "<model>", "name")
+    scoped = f"{prefix}{name}"
+    model_frame = f"{scoped}::{MODEL}"
+    is_first = base == WORLD and not prefix and not scope.links
+    inner = "" if is_first else f"{scoped}::"  # prefix of the model's content
+    relative_to, pose = _read_pose(model, prefix, base, f"model {name!r}")
+    scope.relative[model_frame] = (relative_to, pose)
+    if is_first:
+        scope.relative[MODEL] = (model_frame, np.eye(4))
+    add_content(scope, model, folder, inner, model_frame)
+
+    links = [link for link in scope.links if link.startswith(inner)]
+    if links:  # one of them carries the frame of the model
+        canonical = model.get("canonical_link")
+        link = f"{inner}{canonical}" if canonical else links[0]
+        scope.attached |= dict.fromkeys((model_frame, f"{inner}{MODEL}", scoped), link)
+        scope.relative.setdefault(scoped, (model_frame, np.eye(4)))
+    if frame := model.get("placement_frame"):  # the pose is that of this frame, not of the model
+        in_model = invert_placement(scope.placement_of(model_frame)) @ scope.placement_of(f"{inner}{frame}")
+        scope.relative[model_frame] = (relative_to, pose @ invert_placement(in_model))
+
+
+# ------------------------------------------------------------------ content of a model
+
+
+def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: str) -> None:
+    """Add the links, frames, joints and models of a model whose frame is `base`.
+
+    Args:
+        folder, prefix: as of `add_models`.
+
+    Raises:
+        RobotFileError: an element has no name or that of another one; a pose, a constraint or the end of a
+            joint is malformed; an included file is broken.
+        InvalidInput: a placement frame does not exist.
+    """
+    elements = list(model)
+    for number, element in enumerate(model):
+        kind = local_name(element.tag)
+        if kind in _CONSTRAINTS:
+            elements += _constraint_elements(element, kind, f"{kind}_{number}")
+    for element in elements:
+        if element.tag in ("link", "frame", "joint"):
+            _add_element(scope, element, prefix, base)
+    add_models(scope, model, folder, prefix, base)
+
+
+def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None:
+    """Add a link, frame or joint of the model whose frame is `base`."""
+    tag = element.tag
+    name = prefix + attribute(element, f"<{tag}>", "name")
+    if name in (scope.joints if tag == "joint" else scope.relative):
+        raise RobotFileError(f"duplicate {tag} {name!r}")
+    relative_to = base  # of a pose that does not say so itself
+    if tag == "link":
+        scope.links[name] = element
+    elif tag == "frame":
+        if attached_to := element.get("attached_to"):
+            relative_to = scoped_name(prefix, attached_to)
+        scope.attached[name] = relative_to
+    else:
+        element.set("scope", prefix)
+        scope.joints[name] = element
+        relative_to = end_name(element, "child")
+        scope.attached.setdefault(name, relative_to)
+    pose = _read_pose(element, prefix, relative_to, f"{tag} {name!r}")
+    if tag == "joint":  # a joint may have the name of a link or frame
+        scope.relative[f"joint {name}"] = pose
+    scope.relative.setdefault(name, pose)
+
+
+def _constraint_elements(element: Element, kind: str, name: str) -> Iterator[Element]:
+    """Yield two frames and a joint that stand for Drake's constraint of two bodies.
+
+    In SDF the children of the constraint state their values as text, in a URDF as an attribute.
+
+    Args:
+        kind: one of _CONSTRAINTS.
+        name: of the joint, with which the names of the frames begin.
+    """
+    parts: dict[str, str] = {}
+    for child in element:
+        text = child.text or child.get("name") or child.get("value") or ""
+        parts[local_name(child.tag).removeprefix(f"{BALL_CONSTRAINT}_")] = text.strip()
+    joint = Element("joint", name=name, type=_CONSTRAINTS[kind])
+    default_point = "" if kind == BALL_CONSTRAINT else "0 0 0"
+    for end, body_part, point_part in (("parent", "body_A", "p_AP"), ("child", "body_B", "p_BQ")):
+        body = parts.get(end) or parts.get(body_part)
+        point = parts.get(point_part) or default_point
+        for part, value in ((body_part, body), (point_part, point)):
+            if not value:
+                raise RobotFileError(f"<{kind}>: {part} is missing")
+        parse_numbers(f"<{kind}> {point_part}", point, 3)
+        frame = Element("frame", name=f"{name}_at_{end}", attached_to=str(body))
+        SubElement(frame, "pose").text = f"{point} 0 0 0"
+        SubElement(joint, end).text = frame.get("name")
+        yield frame
+    yield joint
+
+
+# ------------------------------------------------------------------ poses
+
+
+def _read_pose(element: Element, prefix: str, default: str, where: str) -> tuple[str, Array]:
+    """Read the pose of an element: a frame, and the placement (4, 4) in this frame.
+
+    The frame is `default` unless the pose names another one in the model with the `prefix`.
+    """
+    pose = element.find("pose")
+    relative_to = None if pose is None else pose.get("relative_to") or pose.get("frame")
+    frame = scoped_name(prefix, relative_to) if relative_to else default
+    return frame, read_placement(pose, where)
+
+
+def read_placement(pose: Element | None, where: str) -> Array:
+    """Read the placement (4, 4) in a `<pose>`; the identity without one.
+
+    Raises:
+        RobotFileError: the pose is malformed; the message names the element `where`.
+    """
+    if pose is None:
+        return np.eye(4)
+    has_quaternion = pose.get("rotation_format") == "quat_xyzw"
+    count = 7 if has_quaternion else 6
+    numbers = parse_numbers(f"{where}: <pose>", pose.text or " 0" * count, count)
+    position, orientation = numbers[:3], numbers[3:]
+    if has_quaternion:
+        x, y, z, w = orientation
+        return placement(from_quaternion(w, x, y, z), position)
+    in_degrees = pose.get("degrees") in TRUE
+    return placement(from_rpy(np.radians(orientation) if in_degrees else orientation), position)
