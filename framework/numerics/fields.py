@@ -228,7 +228,6 @@ def number(where: str, raw: Any) -> float:
     return value
 
 
-truth = _instance_of(bool, "true or false")
 text_or_empty = _instance_of(str, "a text")
 text = _restrict(text_or_empty, bool, "needs a text")
 integer = _restrict(

@@ -18,7 +18,7 @@ from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-REPEAT_INTERVAL = 0.01  # [s] until a lost signal is repeated: long enough for a callback to end
+SIGNAL_INTERVAL = 0.1  # [s] until a lost signal is repeated, and between two checks for signals in a wait
 
 
 class Terminated(KeyboardInterrupt):
@@ -80,7 +80,7 @@ def interruptible() -> Iterator[Heard]:
 
     def repeat(number: int) -> None:
         """Send the signal to the main thread once more, unless the block has ended."""
-        if not ended.wait(REPEAT_INTERVAL):
+        if not ended.wait(SIGNAL_INTERVAL):
             signal.pthread_kill(main_thread, number)
 
     main_thread = threading.get_ident()

@@ -1,10 +1,12 @@
-"""Products of stacks in which each item is the same, to the last bit, as when computed alone.
+"""Linear algebra of stacks, in which each item is the same, to the last bit, as when computed alone.
 
 BLAS chooses its kernels by shapes and addresses, and numpy chooses the order of a sum by the layout of an
 array. So the same numbers may be rounded differently in another stack. Here each sum runs in the order of its
 index, and all other operations are element by element. So the result of an item depends neither on the stack
 nor on the BLAS. A study needs this to reproduce a single run from its seed. `np.linalg.solve`, `inv` and
 `svd` have the same property, as they pass each matrix of a stack to LAPACK by itself.
+
+`split_row_space` is about one matrix.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from framework.numerics.arrays import Array
 
-# a x b is the difference of the first three and the last three products a[_FIRST] b[_SECOND]
+# indices of factors: a x b is the difference of the first and the last three products a[_FIRST] b[_SECOND]
 _FIRST, _SECOND = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
 SMALL_STACK = 300  # numbers in both arguments, below which the calls of numpy take most of the time
 
@@ -31,7 +33,7 @@ def dot(a: Array, b: Array) -> Array:
         for k in range(1, terms.shape[-1]):
             total = total + terms[..., k]
         return total
-    # as little memory as possible: one term at a time
+    # in place, since fresh memory for each term takes longer than the sum
     total = np.asarray(a[..., 0] * b[..., 0])
     term = np.empty_like(total)
     for k in range(1, a.shape[-1]):
@@ -51,13 +53,21 @@ def matmul(a: Array, b: Array) -> Array:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Solve systems (R, n, n) with right sides (R, n) or (R, n, k); infinite where singular."""
+    """Solve systems (R, n, n) with right sides (R, n) or (R, n, k); inf where singular to the last bit."""
     if right.ndim < matrix.ndim:
         return solve(matrix, right[..., None])[..., 0]
     try:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
         return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
+
+
+def _solve_one(matrix: Array, right: Array) -> Array:
+    """Solve one system; return infinite values if the matrix is singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.full_like(right, np.inf)
 
 
 def singular_values(matrices: NDArray[Any]) -> Array:
@@ -73,26 +83,17 @@ def solve_or_fit(matrices: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
         return np.array([np.linalg.lstsq(m, r, rcond=None)[0] for m, r in zip(matrices, right, strict=True)])
 
 
-def _solve_one(matrix: Array, right: Array) -> Array:
-    """Solve one system; return infinite values if the matrix is singular."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right))
-    except np.linalg.LinAlgError:
-        return np.full_like(right, np.inf)
-
-
 def cross(a: Array, b: Array) -> Array:
-    """Compute cross products (..., 3) over the last axis, several times faster than np.cross."""
+    """Compute cross products (..., 3) over the last axis.
+
+    Several times faster than np.cross for small stacks.
+    """
     if a.size + b.size < SMALL_STACK:
         products = a.take(_FIRST, -1) * b.take(_SECOND, -1)
         return products[..., :3] - products[..., 3:]
     a1, a2, a3 = np.moveaxis(a, -1, 0)
     b1, b2, b3 = np.moveaxis(b, -1, 0)
-    product = np.empty(np.broadcast(a, b).shape, np.result_type(a, b))
-    np.subtract(a2 * b3, a3 * b2, out=product[..., 0])
-    np.subtract(a3 * b1, a1 * b3, out=product[..., 1])
-    np.subtract(a1 * b2, a2 * b1, out=product[..., 2])
-    return product
+    return np.stack([a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1], axis=-1)
 
 
 def split_row_space(
@@ -103,11 +104,13 @@ def split_row_space(
     The rank r counts the singular values above `level` times the largest one.
 
     Args:
+        matrix: (m, c).
+        level: least singular value that counts, over the largest one.
         scale: range to which the largest singular value is clipped first; (1, 1) makes the level absolute.
         at_least: least dimension of the null space, even if more singular values are above the level.
     """
-    _, values, right = np.linalg.svd(matrix)
+    _, values, V_rows = np.linalg.svd(matrix)
     lower, upper = scale
     reference = min(values.max(initial=lower), upper)
-    rank = min(np.count_nonzero(values > level * reference), len(right) - at_least)
-    return right[:rank], right[rank:]
+    rank = min(np.count_nonzero(values > level * reference), len(V_rows) - at_least)
+    return V_rows[:rank], V_rows[rank:]

@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from framework.numerics.interruption import defer_signals
 PACKAGES = ("parallel-singularity-crossing", "pin", "numpy", "scipy")
 
 Document = dict[str, Any]  # a JSON object, or what becomes one
-UNFINISHED = ".crossing-unfinished-"  # prefix of temporary folders, which this program may remove
+UNFINISHED = ".crossing-unfinished-"  # prefix of names of temporary folders, which this program may remove
 
 
 @contextmanager
@@ -36,9 +36,11 @@ def written_together(
 ) -> Iterator[Path]:
     """Yield a temporary folder whose files move into `folder` if the block ends without an error.
 
-    Before the block runs, it is checked that `folder` can be written and contains no foreign `document`.
+    Missing folders are made first, and removed again if nothing is written. Before the block runs, it is
+    checked that `folder` can be written and contains no foreign `document`.
 
     Args:
+        folder: where the files are to be.
         document: name of the JSON file about a robot that is written with the others and marks them as files
             of this program. If `folder` has no such file, existing files of the same names are foreign and
             are not overwritten.
@@ -52,35 +54,29 @@ def written_together(
     """
     complaint = f"{option}: cannot write {f'into {folder}' if file is None else file}"
     new_folders = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
-    locked: tuple[Path, int] | None = None
     try:
         try:
-            with defer_signals():  # an interruption waits until the temporary folder is known
-                folder.mkdir(parents=True, exist_ok=True)
-                _remove_abandoned(folder)
-                temporary, _ = locked = _make_locked_folder(folder)
-        except ValueError as error:
+            folder.mkdir(parents=True, exist_ok=True)
+        except ValueError as error:  # not the name of a folder
             raise OutputError(f"{complaint}: {error}") from None
-        if document is not None:
-            _check_overwritten(folder, [document], document, complaint)
-        yield temporary
-        files = sorted(temporary.iterdir())
-        names = [written.name for written in files]
-        _check_overwritten(folder, names, document, complaint)
-        replaces = document is not None and os.path.lexists(folder / document)
-        with defer_signals():
-            for written in files:
-                os.replace(written, folder / written.name)
-            for outdated in set(beside) - set(names) if replaces else ():
-                (folder / outdated).unlink(missing_ok=True)
-            _remove_locked_folder(locked)
-            locked = None
+        with _temporary_folder(folder) as temporary:
+            if document is not None:
+                _check_overwritten(folder, [document], document, complaint)
+            yield temporary
+
+            files = sorted(temporary.iterdir())
+            names = [written.name for written in files]
+            _check_overwritten(folder, names, document, complaint)
+            replaces = document is not None and os.path.lexists(folder / document)
+            with defer_signals():
+                for written in files:
+                    os.replace(written, folder / written.name)
+                for outdated in set(beside) - set(names) if replaces else ():
+                    (folder / outdated).unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(f"{complaint}: {_error_words(error)}") from None
+        raise OutputError(f"{complaint}: {error.strerror or error}") from None
     finally:
         with defer_signals():
-            if locked is not None:
-                _remove_locked_folder(locked)
             _remove_empty(new_folders)
 
 
@@ -98,40 +94,51 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
         )
 
 
-def _remove_locked_folder(locked: tuple[Path, int]) -> None:
-    """Remove a temporary folder, and close the descriptor of its lock."""
-    temporary, lock = locked
-    shutil.rmtree(temporary, ignore_errors=True)
-    os.close(lock)
+@contextmanager
+def _temporary_folder(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder in `folder`, locked until it is removed at the end.
 
-
-def _make_locked_folder(folder: Path) -> tuple[Path, int]:
-    """Make a temporary folder, locked while this process lives; return also the lock's descriptor."""
-    while True:
-        temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
-        with suppress(FileNotFoundError):  # another process removed the folder before it was locked
-            lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
-            with suppress(OSError):  # the file system has no locks
-                fcntl.flock(lock, fcntl.LOCK_EX)
-            if temporary.exists():
-                return temporary, lock
-            os.close(lock)
-
-
-def _remove_abandoned(folder: Path) -> None:
-    """Remove the unlocked temporary folders of processes that were killed while writing."""
-    for temporary in folder.glob(f"{UNFINISHED}*"):
-        with suppress(OSError):  # the folder is locked, or another process has removed it
-            lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    A lock ends with its process. So unlocked temporary folders, which processes left that were killed while
+    writing, can be removed here.
+    """
+    with ExitStack() as locks:
+        with defer_signals(), _lock(folder):  # no other process removes the new folder before it is locked
+            for abandoned in folder.glob(f"{UNFINISHED}*"):
+                with suppress(OSError), _lock(abandoned, is_patient=False):  # fails if the folder is in use
+                    shutil.rmtree(abandoned, ignore_errors=True)
+            temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
+            locks.enter_context(_lock(temporary))
+        try:
+            yield temporary
+        finally:
+            with defer_signals():
                 shutil.rmtree(temporary, ignore_errors=True)
-            finally:
-                os.close(lock)
+
+
+@contextmanager
+def _lock(folder: Path, *, is_patient: bool = True) -> Iterator[None]:
+    """Lock a folder against other processes for the duration of the block.
+
+    If another process has the lock, wait for it with `is_patient`, else raise BlockingIOError. On a file
+    system without locks, do without the lock with `is_patient`, else raise OSError.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX if is_patient else fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            if not is_patient:
+                raise
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def plain(value: Any) -> Any:
-    """Convert a value for JSON: arrays become lists, numbers that are not finite become null."""
+    """Convert a value for JSON: arrays become lists, numbers that are not finite become null.
+
+    Mappings, lists and tuples are converted with all that they contain.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -142,7 +149,7 @@ def plain(value: Any) -> Any:
 
 
 def select_fields(record: object, *names: str) -> Document:
-    """Return some attributes of a record, by name."""
+    """Return the attributes of a record that have these names, by name."""
     return {name: getattr(record, name) for name in names}
 
 
@@ -152,7 +159,11 @@ def json_text(document: Mapping[str, Any]) -> str:
 
 
 def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray) -> None:
-    """Write rows over time below a header of `time` and GROUP_NAME for each name in a group."""
+    """Write rows (T, 1 + number of names) over time below a header of `time` and GROUP_NAME.
+
+    Args:
+        groups: names of columns by group, in the order of the columns behind the time [s].
+    """
     names = ["time", *(f"{group}_{name}" for group, members in groups.items() for name in members)]
     np.savetxt(file, rows, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
@@ -183,11 +194,6 @@ def _is_ours(document: Path) -> bool:
     except (InvalidInput, ValueError, RecursionError):
         return False
     return isinstance(content, dict) and "robot" in content
-
-
-def _error_words(error: Exception) -> str:
-    """Return the operating system's description of an error."""
-    return getattr(error, "strerror", None) or str(error)
 
 
 def _remove_empty(folders: list[Path]) -> None:

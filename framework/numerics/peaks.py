@@ -1,4 +1,4 @@
-"""The largest absolute values of functions of time, also between samples."""
+"""The largest absolute values of functions of time, between samples included."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Callable
 import numpy as np
 
 from framework.numerics.arrays import Array
-from framework.numerics.chebyshev import nodes
+from framework.numerics.chebyshev import TimeGrid
 
-NODE_RATIO = 4  # number of samples over number of coefficients, on each panel
+NODE_RATIO = 4  # number of samples over number of Chebyshev coefficients, on each panel
 CANDIDATE_RATIO = 0.99  # of the largest sample: smaller local maxima are not refined
-ZOOMS = 3  # number of parabolas about a maximum, on ever shorter intervals
-ZOOM_RATIO = 1.0 / 16.0  # length of an interval over that of the one before
+# distances between the three points of the parabolas about a maximum, over the distance between samples
+ZOOM_STEPS = (1.0, 1.0 / 16.0, 1.0 / 256.0)
 
 
 def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
     """Compute the largest |value| (k,) of each component of a function of time.
 
     The result is exact to rounding if the function is smooth. The function is sampled, and its largest local
-    maxima are refined: each maximum moves `ZOOMS` times to the vertex of the parabola through three points
-    about it, which are closer together each time.
+    maxima are refined: each maximum moves to the vertex of the parabola through three points about it, again
+    and again, with points that are closer together each time (ZOOM_STEPS).
 
     Args:
         function: returns values (T, k) at t (T,) [s].
@@ -28,30 +28,29 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
         size: number of coefficients of the function's series on each panel.
     """
     start, end = edges[0], edges[-1]
-    half_widths = 0.5 * np.diff(edges)[:, None]
-    t = (edges[:-1, None] + half_widths * (nodes(NODE_RATIO * size) + 1.0)).ravel()
-    t = np.clip(t, start, end)  # (T,)
+    t = TimeGrid(edges, NODE_RATIO * size).times  # (T,)
     values = np.abs(function(t))  # (T, k)
     peaks = values.max(axis=0)
+
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
     # sample and component (m,) of the m local maxima to refine
     sample, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * peaks))
     middle = t[sample]
-    # the first step is the longer one of those to both neighbours
-    step = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))[sample]
+    # distance between samples: the longer one of those to both neighbours
+    spacing = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))[sample]
 
     def sizes_at(instants: Array) -> Array:
         """Return |value| (..., m) of each maximum's component at instants (..., m) [s]."""
         sizes = np.abs(function(instants.ravel())).reshape(*instants.shape, -1)
         return sizes[..., np.arange(len(component)), component]
 
-    for _ in range(ZOOMS):
+    for zoom_step in ZOOM_STEPS:
+        step = zoom_step * spacing
         points = np.clip([middle - step, middle, middle + step], start, end)  # (3, m)
         sizes = sizes_at(points)
         np.maximum.at(peaks, component, sizes.max(axis=0))
-        middle = np.clip(points[1] + step * _parabola_vertex(*sizes), start, end)
-        step = step * ZOOM_RATIO
+        middle = np.clip(middle + step * _parabola_vertex(*sizes), start, end)
     np.maximum.at(peaks, component, sizes_at(middle))
     return peaks
 

@@ -24,8 +24,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from framework.errors import InvalidInput, LostWorkers, whole_number
 from framework.numerics import MAX_WORKERS
+from framework.numerics.interruption import SIGNAL_INTERVAL
 
-SIGNAL_INTERVAL = 0.1  # [s] between two checks for Ctrl-C
 DASK_TIMEOUT = "10s"  # for a dask scheduler to answer
 MAX_TRIES = 3  # number of processes that may be lost over one task
 PICKLING_ERRORS = (pickle.PicklingError, AttributeError, TypeError)
@@ -36,10 +36,17 @@ R = TypeVar("R")
 def iterate_results(
     task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
 ) -> Iterator[tuple[K, R]]:
-    """Yield each chunk with its result, in the order in which the results are finished.
+    """Yield each chunk with its result `task(chunk)`, in the order in which the results are finished.
 
-    Without an executor the results are computed in this process. An executor must be able to pickle the task.
     If the iteration ends early, waiting chunks are cancelled.
+
+    Args:
+        task: must be picklable for an executor of processes.
+        chunks: arguments of the task.
+        executor: computes the results; None computes them in this process, in the order of the chunks.
+
+    Raises:
+        Exception: what the task raises.
     """
     if executor is None:
         for chunk in chunks:
@@ -61,6 +68,7 @@ def executor_of(*, workers: int = 1, dask: str | None = None) -> Iterator[Execut
     """Yield an executor of processes or of a dask scheduler; None, for this process, with one worker.
 
     Args:
+        workers: number of processes.
         dask: the scheduler's address; `workers` then has no effect.
 
     Raises:
@@ -103,7 +111,7 @@ def _dask_client(address: str) -> Iterator[Any]:
 
 
 class _Worker(NamedTuple):
-    """A worker process with the parent's end of its pipe."""
+    """A worker process with the parent's end of its pipe, which carries calls there and answers back."""
 
     process: SpawnProcess
     pipe: Connection
@@ -112,7 +120,9 @@ class _Worker(NamedTuple):
 class Workers(Executor):
     """An executor of `count` processes, 1 or more; tasks and results must be picklable.
 
-    If an exception, Ctrl-C included, leaves the `with` block, processes are killed and waiting tasks dropped.
+    A thread of the parent takes a task, sends it to an idle process, or to a new one if none is idle, and waits
+    for the answer. If an exception, Ctrl-C included, leaves the `with` block, processes are killed and waiting
+    tasks dropped.
 
     Raises:
         InvalidInput: an invalid number of processes.
@@ -121,9 +131,9 @@ class Workers(Executor):
     def __init__(self, count: int) -> None:
         """Prepare a thread for each process; a process starts with its first task."""
         self._threads = ThreadPoolExecutor(whole_number("workers", count, 1, MAX_WORKERS))
-        self._lock = threading.Lock()
-        self._alive: set[SpawnProcess] = set()
-        self._idle: list[_Worker] = []
+        self._lock = threading.Lock()  # of the next three attributes
+        self._alive: set[SpawnProcess] = set()  # all processes
+        self._idle: list[_Worker] = []  # processes without a task
         self._stopped = False  # whether no process may start any more
 
     def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
@@ -157,7 +167,11 @@ class Workers(Executor):
             raise
 
     def _call_in_worker(self, *call: Any) -> Any:
-        """Return the result of a call in a worker process, or raise its error."""
+        """Return the result of a call (function, args, kwargs) in a worker process, or raise its error.
+
+        Raises:
+            LostWorkers: no process can be started, or MAX_TRIES processes were lost over the call.
+        """
         message = pickle.dumps(call)
         for _ in range(MAX_TRIES):
             with self._lock:
@@ -169,7 +183,7 @@ class Workers(Executor):
             try:
                 worker.pipe.send_bytes(message)
                 answer = worker.pipe.recv_bytes()
-            except (EOFError, OSError):
+            except (EOFError, OSError):  # the process was killed
                 self._end_process(worker)
                 continue
             self._idle.append(worker)
