@@ -21,7 +21,8 @@ from framework.numerics.arrays import Array, BoolArray, read_only
 
 # degree of the polynomials; number of nodes of a cell, which is even so that no node is in the middle
 DEGREE, NODES = 3, 6
-# a function is resolved if its last two Chebyshev coefficients sum up to less than this share of the largest
+# A function is resolved if its last two Chebyshev coefficients sum up to less than this share of the largest:
+# twice the last one, if each coefficient is half of the one before.
 MAX_TAIL = 2.0 ** (1 - DEGREE - 2)
 VALUE_ROUNDING = 1e-11  # error of values at nodes, relative to the largest coefficient
 
@@ -47,7 +48,7 @@ def cell_nodes() -> Array:
 def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return a mask (k,) of resolved cells.
 
-    The Chebyshev series through all nodes is truncated after `DEGREE`. The error bound is the sum of three
+    A cell is resolved if all components of the function are. The Chebyshev series through all nodes is truncated after `DEGREE`. The error bound is the sum of three
     parts: the truncated coefficients; the last two coefficients, which bound those that are not computed, see
     `Bernstein`; and rounding.
     """
@@ -59,6 +60,7 @@ def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     last_two = np.abs(series[:, -2:]).sum(axis=1)
     error = truncated + last_two + VALUE_ROUNDING * largest
     coefficients = _from_chebyshev() @ series[:, : DEGREE + 1]
+
     is_resolved = (last_two <= MAX_TAIL * largest).all(axis=1)
     function = Bernstein(coefficients.reshape(count, DEGREE + 1, *shape), error.reshape(count, *shape))
     return function, is_resolved
@@ -88,7 +90,8 @@ def product_weights(m: int, n: int) -> Array:
     """
     weights = np.zeros((m + n + 1, m + 1, n + 1))
     for i, j in np.ndindex(m + 1, n + 1):
-        weights[i + j, i, j] = comb(m, i) * comb(n, j) / comb(m + n, i + j)
+        k = i + j
+        weights[k, i, j] = comb(m, i) * comb(n, j) / comb(m + n, k)
     return read_only(weights)
 
 

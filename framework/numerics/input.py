@@ -24,6 +24,8 @@ def read_text(
 ) -> str:
     """Read the text of a regular file of at most `largest` bytes, in UTF-8.
 
+    Line ends of other systems become line feeds.
+
     Raises:
         InvalidInput: or another `error`. The message is `complaint` and the reason: the file is missing, is
             no regular file, is too large, cannot be read, or is not UTF-8 text.

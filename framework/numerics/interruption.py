@@ -37,9 +37,12 @@ def _signal_of(stop: KeyboardInterrupt) -> signal.Signals:
 
 @dataclass
 class Heard:
-    """The interruption that has arrived, if any, even if other code has replaced its exception."""
+    """A record of the interruption that has arrived, if any.
 
-    stop: KeyboardInterrupt | None = None
+    Other code may catch the exception and raise another one instead; the record shows that it was raised.
+    """
+
+    stop: KeyboardInterrupt | None = None  # Terminated after SIGTERM
 
     def check(self) -> None:
         """Raise the interruption once more, if one has arrived."""
@@ -52,14 +55,14 @@ def interruptible() -> Iterator[Heard]:
     """Let the first SIGINT or SIGTERM in the block raise KeyboardInterrupt.
 
     Further signals are ignored, and so are signals that were ignored before the block. Outside the main
-    thread the block has no effect on signals.
+    thread the block has no effect on signals. The yielded record shows whether a signal has arrived.
     """
     heard = Heard()
     if threading.current_thread() is not threading.main_thread():
         yield heard
         return
-    heeded = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    handlers = {number: signal.getsignal(number) for number in heeded}
+    all_handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    handlers = {number: old for number, old in all_handlers.items() if old is not signal.SIG_IGN}
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         """Ignore further signals; raise `Terminated` or KeyboardInterrupt for this one."""
@@ -100,7 +103,7 @@ def interruptible() -> Iterator[Heard]:
 
 @contextmanager
 def defer_signals() -> Iterator[None]:
-    """Defer SIGINT and SIGTERM until the block ends."""
+    """Defer SIGINT and SIGTERM until the block ends; then raise the first one that has arrived."""
     if threading.current_thread() is not threading.main_thread():  # signals interrupt the main thread alone
         yield
         return

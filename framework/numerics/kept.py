@@ -52,7 +52,13 @@ class KeptChunks:
 
     @staticmethod
     def of(out: Path, document: Mapping[str, Any], *parts: str) -> KeptChunks:
-        """Return the store in the folder `out` of the computation that a document describes."""
+        """Return the store of the computation that a document describes.
+
+        Args:
+            out: folder of the results, which contains the store.
+            document: everything on which the results depend.
+            parts: names of subfolders of the store, outermost first.
+        """
         text = json.dumps(document, sort_keys=True)
         name = f"{PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:16]}"
         return KeptChunks(out.joinpath(name, *parts))
@@ -87,7 +93,7 @@ def complete_chunks(
     keeper: KeptChunks | None,
     progress: Callable[[Collection[str]], None],
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of all tasks, joined in order; compute chunks that are not stored.
+    """Return the arrays of all tasks by name, joined in order; compute chunks that are not stored.
 
     Args:
         compute: computes the arrays of a task.
@@ -106,6 +112,7 @@ def complete_chunks(
         if keeper is not None:
             keeper.keep(name, chunk)
         progress(chunks)
+
     in_order = [chunks[name] for name in tasks]
     return {key: np.concatenate([chunk[key] for chunk in in_order]) for key in in_order[0]}
 
@@ -119,6 +126,12 @@ def compute_rows(
     """Compute a chunk of tasks: arrays by column, with a row for each task.
 
     The row of a refused task has NaN as numbers and the reason in the column `why`.
+
+    Args:
+        compute: returns the numbers of a task by column.
+        columns: names of all columns of numbers.
+        refusals: exceptions by which `compute` refuses a task.
+        tasks: the tasks of the chunk, in the order of the rows.
     """
     rows = []
     for task in tasks:

@@ -22,7 +22,7 @@ STAGNATION_PRODUCTS, STAGNATION_RATIO = 12, 0.9
 def gmres(
     product: Callable[[Array], Array], right: Array, *, tolerance: float, max_products: int, cutoff: float
 ) -> Array:
-    """Find x (n,) of least |right - A x| in the Krylov space of A and `right`.
+    """Find x (n,) of least |right - A x| in the Krylov space of A (n, n) and `right`.
 
     Arnoldi's method makes an orthonormal basis V of the vectors right, A right, A A right, ... with
     A V = V_next H and H of Hessenberg form. Then x = V w, where w minimises | |right| e_1 - H w |.

@@ -72,17 +72,19 @@ class Polytope(ReadOnlyArrays):
 def zonotope(centre: Array, generators: Array) -> Polytope:
     """Return the zonotope of centre (n,) plus generators (m, n), each times a factor in [-1, 1].
 
-    The half-space along a unit normal N has the offset N . centre + sum of |N . generator|. If the generators
+    The facets have the normals that `_facet_normals` finds within the span of the generators. The half-space along a unit normal N has the offset N . centre + sum of |N . generator|. If the generators
     do not span all n dimensions, normals orthogonal to them make the zonotope flat.
     """
     span, across = split_row_space(generators, RANK_ROUNDING)  # (r, n), (n - r, n)
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
-    normals = np.concatenate([across, *facet_normals])
-    normals = _remove_repeated(np.concatenate([normals, -normals]))
+    half_of_normals = np.concatenate([across, *facet_normals])
+    normals = _remove_repeated(np.concatenate([half_of_normals, -half_of_normals]))
+
     widths = np.abs(normals @ generators.T).sum(axis=1)
     is_across = np.abs(normals @ span.T).max(axis=1, initial=0.0) < RANK_ROUNDING
     widths[is_across] = 0.0  # exactly, without rounding
     offsets = normals @ centre + widths
+
     points = _remove_repeated(centre + _sign_combinations(len(generators)) @ generators)
     vertices = _select_vertices(points, normals, offsets)
     return Polytope(normals, offsets, vertices, free=np.empty((0, len(centre))))
@@ -129,7 +131,7 @@ def _sign_combinations(count: int) -> Array:
 
 
 def _facet_normals(generators: Array) -> list[Array]:
-    """Return the unit normal (n,) of each set of n - 1 independent generators (m, n).
+    """Return the unit normal (n,) of each set of n - 1 independent generators out of (m, n).
 
     Each set has two opposite normals, of which one is returned.
     """
@@ -149,7 +151,8 @@ def _remove_repeated(points: Array) -> Array:
     size = np.abs(points).max(initial=0.0)
     if not size:
         return points[:1]
-    rounded = np.round(points / size, 9) + 0.0  # + 0.0 turns -0.0 into 0.0
+    # points that agree to nine digits of the largest coordinate are equal; + 0.0 turns -0.0 into 0.0
+    rounded = np.round(points / size, 9) + 0.0
     _, first_occurrences = np.unique(rounded, axis=0, return_index=True)
     return points[np.sort(first_occurrences)]
 

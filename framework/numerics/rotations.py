@@ -63,17 +63,22 @@ def rotation_vector(rotation: Array) -> Array:
 def left_jacobian_coefficients(square: Array) -> Array:
     """Compute coefficients a, b of the left Jacobian and their derivatives in t^2, (2, 2, T).
 
-    The left Jacobian of SO(3) for a rotation by the angle t is a combination of the identity and powers of
-    the cross-product matrix with a = (1 - cos t) / t^2 and b = (t - sin t) / t^3; `square` (T,) is t^2. The
-    first axis of the result selects a or b, the second the order of the derivative. Below one radian
-    cancellation spoils the closed forms, and power series are used.
+    The left Jacobian of SO(3) for a rotation vector v of length t is 1 + a [v]x + b [v]x [v]x with
+    a = (1 - cos t) / t^2 and b = (t - sin t) / t^3. Below one radian cancellation spoils these closed forms,
+    and power series are used.
+
+    Args:
+        square: t^2 (T,) [rad^2].
+
+    Returns:
+        The first axis selects a or b, the second the value or the derivative with respect to t^2.
     """
     is_small = square < 1.0
     # Horner's rule: a matrix product would round differently in stacks of different length
     series: Array = polynomial.polyval(np.where(is_small, square, 0.0), _SERIES)
     if is_small.all():
         return series
-    t = np.sqrt(np.where(is_small, 1.0, square))
+    t = np.sqrt(np.where(is_small, 1.0, square))  # 1 stands for small angles, whose results are not used
     sine = np.sin(t)
     versine = 1 - np.cos(t)
     excess = t - sine

@@ -120,9 +120,9 @@ class _Worker(NamedTuple):
 class Workers(Executor):
     """An executor of `count` processes, 1 or more; tasks and results must be picklable.
 
-    A thread of the parent takes a task, sends it to an idle process, or to a new one if none is idle, and waits
-    for the answer. If an exception, Ctrl-C included, leaves the `with` block, processes are killed and waiting
-    tasks dropped.
+    A thread of the parent takes a task and sends it to an idle process, or to a new one if none is idle. Then
+    it waits for the answer. If an exception, Ctrl-C included, leaves the `with` block, processes are killed
+    and waiting tasks are dropped.
 
     Raises:
         InvalidInput: an invalid number of processes.
