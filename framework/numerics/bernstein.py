@@ -48,9 +48,9 @@ def cell_nodes() -> Array:
 def fit_bernstein(values: Array) -> tuple[Bernstein, BoolArray]:
     """Fit polynomials to values (k, NODES, ...) at `cell_nodes`; return a mask (k,) of resolved cells.
 
-    A cell is resolved if all components of the function are. The Chebyshev series through all nodes is truncated after `DEGREE`. The error bound is the sum of three
-    parts: the truncated coefficients; the last two coefficients, which bound those that are not computed, see
-    `Bernstein`; and rounding.
+    A cell is resolved if all components of the function are. The Chebyshev series through all nodes is
+    truncated after `DEGREE`. The error bound is the sum of three parts: the truncated coefficients; the last
+    two coefficients, which bound those that are not computed, see `Bernstein`; and rounding.
     """
     count, _, *shape = values.shape
     polynomials = chebyshev.chebvander(2.0 * cell_nodes() - 1.0, NODES - 1)  # T_j at the nodes

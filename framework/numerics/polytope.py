@@ -72,8 +72,9 @@ class Polytope(ReadOnlyArrays):
 def zonotope(centre: Array, generators: Array) -> Polytope:
     """Return the zonotope of centre (n,) plus generators (m, n), each times a factor in [-1, 1].
 
-    The facets have the normals that `_facet_normals` finds within the span of the generators. The half-space along a unit normal N has the offset N . centre + sum of |N . generator|. If the generators
-    do not span all n dimensions, normals orthogonal to them make the zonotope flat.
+    The facets have the normals that `_facet_normals` finds within the span of the generators. The half-space
+    along a unit normal N has the offset N . centre + sum of |N . generator|. If the generators do not span
+    all n dimensions, normals orthogonal to them make the zonotope flat.
     """
     span, across = split_row_space(generators, RANK_ROUNDING)  # (r, n), (n - r, n)
     facet_normals = [normal[None] @ span for normal in _facet_normals(generators @ span.T)]
