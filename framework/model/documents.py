@@ -1,6 +1,6 @@
 """Parse XML and YAML from untrusted files within limits; read attributes and children of an XML element.
 
-In all functions `where` names the element in messages.
+In all functions `where` names the element in messages, such as "joint 'hip': <axis>".
 """
 
 from __future__ import annotations
@@ -29,16 +29,18 @@ LEADING_BLANKS = "\ufeff \t\r\n"  # characters that may precede the first elemen
 MAX_XML_ELEMENTS = 200_000
 MAX_YAML_CHARACTERS = 500_000
 MAX_YAML_VALUES = 20_000  # with aliases expanded
+# patterns that mend XML which other parsers accept
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])")  # of an element or attribute
-_TAG = re.compile(r"<[A-Za-z_][\w.:-]*")
+_TAG = re.compile(r"<[A-Za-z_][\w.:-]*")  # the first match begins the root element
 
 
 @contextmanager
 def prefix_errors(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Iterator[None]:
-    """Prefix errors in a file's content with the file's name; raise `kind`.
+    """Prefix the errors of the block with the name of the file in which they are.
 
-    Content that is nested too deeply for Python counts as an error of the content.
+    InvalidInput becomes an error of this `kind`; MissingPackage stays one. Content that is nested too deeply
+    for Python counts as an error of the content.
     """
     try:
         yield
@@ -60,7 +62,7 @@ def parse_xml(text: str) -> Element:
     text = text.lstrip(LEADING_BLANKS)
     try:
         return _build_tree(text)
-    except RobotFileError:
+    except RobotFileError:  # which is a ValueError
         raise
     except (ParseError, ValueError) as error:
         try:
@@ -167,15 +169,16 @@ class _Loader(Composer, CSafeLoader):
 
 
 def _alias_error() -> RobotFileError:
-    """Return the error for too many values with aliases expanded."""
+    """Return the error for more than MAX_YAML_VALUES values."""
     return RobotFileError(f"aliases: more than {MAX_YAML_VALUES} values when written out, or endless")
 
 
 def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Count the values below a node, aliases expanded.
+    """Count a node and the values below, aliases expanded.
 
-    `counted` stores the count of each finished node by id. While a node is being counted, its entry exceeds
-    the limit, so that a node that contains itself is refused: it has endlessly many values.
+    `counted` has the count of each finished node by id, and receives further ones. While a node is being
+    counted, its entry exceeds the limit, so that a node that contains itself is refused: it has endlessly
+    many values.
     """
     if id(node) in counted:
         return counted[id(node)]
@@ -195,7 +198,11 @@ def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
 def parse_numbers(
     where: str, text: str | None, count: int, *, largest: float = LARGEST_NUMBER
 ) -> tuple[float, ...]:
-    """Parse an attribute's text as `count` finite numbers, of magnitude up to `largest`."""
+    """Parse a text as `count` finite numbers, of magnitude up to `largest`.
+
+    Raises:
+        RobotFileError: the text is missing or is something else.
+    """
     try:
         values = tuple(map(float, (text or "").split()))
     except ValueError:
@@ -213,14 +220,28 @@ def parse_numbers(
 
 
 def read_number(element: Element, where: str, key: str, default: str | None = None) -> float:
-    """Parse the number in an attribute; the attribute is required without `default`."""
+    """Parse the number in the attribute `key`, else in the text `default`.
+
+    Raises:
+        RobotFileError: this is no finite number, or the attribute is missing and there is no default.
+    """
     text = attribute(element, where, key) if default is None else element.get(key, default)
     place_of_number = where if key == "value" else f"{where} {key}"  # `value` is the only attribute
-    return parse_numbers(place_of_number, text, 1)[0]
+    (number,) = parse_numbers(place_of_number, text, 1)
+    return number
 
 
 def check_parts(element: Element, where: str, children: Collection[str], attributes: Collection[str]) -> None:
-    """Refuse unknown and repeated children, and attributes that resemble a valid one."""
+    """Refuse unknown and repeated children, and attributes that resemble a valid one.
+
+    Args:
+        element: of a URDF or one of its dialects.
+        children: valid tags.
+        attributes: valid names of attributes. Others that resemble none of these belong to other programs.
+
+    Raises:
+        RobotFileError: a child is unknown or repeated, or an attribute is probably a misspelling.
+    """
     tags = [child.tag for child in element]
     for tag in tags:
         check_name(where, "element", tag, children)
@@ -232,7 +253,7 @@ def check_parts(element: Element, where: str, children: Collection[str], attribu
 
 
 def child_element(element: Element, where: str, tag: str) -> Element:
-    """Return the child with this tag; raise RobotFileError if missing."""
+    """Return the first child with this tag; raise RobotFileError if missing."""
     child = element.find(tag)
     if child is None:
         tags = ", ".join(f"<{other.tag}>" for other in element) or "nothing"
@@ -257,7 +278,11 @@ def remove_children(element: Element, *tags: str) -> None:
 
 
 def read_origin(element: Element | None, where: str) -> Array:
-    """Read the placement (4, 4) of an `<origin xyz rpy>`; the identity without one."""
+    """Read the placement (4, 4) of an `<origin xyz rpy>` [m, rad]; the identity without one.
+
+    Raises:
+        RobotFileError: the element has other parts, or its numbers are malformed.
+    """
     if element is None:
         return np.eye(4)
     check_parts(element, where, (), ("xyz", "rpy"))
@@ -267,7 +292,11 @@ def read_origin(element: Element | None, where: str) -> Array:
 
 
 def read_axis(element: Element, where: str) -> Array:
-    """Read the direction (3,) of an `<axis xyz>`, which must not be zero."""
+    """Read the direction (3,), of any length above zero, of an `<axis xyz>`.
+
+    Raises:
+        RobotFileError: the axis is zero or malformed.
+    """
     check_parts(element, where, (), ("xyz",))
     axis = np.array(parse_numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
     if np.abs(axis).max() < SMALLEST_LENGTH:

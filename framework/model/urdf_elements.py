@@ -1,7 +1,7 @@
 """Locate a URDF; read and check its joints and links: names, numbers, tree.
 
 Pinocchio's parser prints to the console and explains little, so this module finds the errors first. Messages
-name the element; the caller prefixes the file.
+name the element (`where`); the caller prefixes the file.
 """
 
 from __future__ import annotations
@@ -52,16 +52,16 @@ Complaints = list[tuple[str, str]]  # the name of a link or joint, and what is i
 class Joint:
     """A joint of the tree, with its XML element.
 
-    `origin` (4, 4) is the placement in the parent link at position zero, `axis` (3,) is in the joint's frame.
+    Readers of other dialects change joints; then they change the element, too.
     """
 
     element: Element
     name: str
-    kind: str
-    parent: str
-    child: str
-    origin: Array
-    axis: Array
+    kind: str  # one of JOINT_TYPES
+    parent: str  # link
+    child: str  # link
+    origin: Array  # (4, 4) placement in the parent link at position zero
+    axis: Array  # (3,) in the joint's frame, of any length; x where the joint has no axis
 
     @property
     def moves(self) -> bool:
@@ -76,13 +76,14 @@ class Joint:
 
 @dataclass
 class Tree:
-    """Links and joints of a URDF by name; `base` is the root link."""
+    """Links and joints of a URDF by name, in the order of the file."""
 
     links: list[str]
     joints: dict[str, Joint]
-    base: str
+    base: str  # the root link
 
     def __post_init__(self) -> None:
+        """Find the joint that carries each link, the root aside."""
         self.parent_joint = {joint.child: joint for joint in self.joints.values()}
 
     @property
@@ -149,7 +150,7 @@ def locate_urdf(folder: Path, reference: str) -> Path:
 
 
 def coordinates_of(name: str, kind: str) -> Names:
-    """Return the names of a joint's coordinates, one for each freedom."""
+    """Return the names of the coordinates of a joint of a `kind` (JOINT_TYPES), one for each freedom."""
     suffixes = COORDINATE_SUFFIXES | dict.fromkeys(MOVING, ("",))
     return tuple(f"{name}{suffix}" for suffix in suffixes.get(kind, ()))
 
@@ -158,7 +159,7 @@ def read_tree(root: Element, impossible: Complaints | None = None) -> Tree:
     """Read and check the links and joints below `<robot>`.
 
     Impossible inertias of links and impossible limits of joints are errors. With a list `impossible` they are
-    removed instead, and the list receives the name of the link or joint and the complaint.
+    removed from `root` instead, and the list receives the name of the link or joint and the complaint.
 
     Raises:
         RobotFileError: the elements are not a tree of known joints and possible bodies, or are too many.
@@ -170,19 +171,17 @@ def read_tree(root: Element, impossible: Complaints | None = None) -> Tree:
     if count > MAX_TREE_ELEMENTS:
         raise RobotFileError(f"<robot>: {count} links or joints; at most {MAX_TREE_ELEMENTS} are read")
 
-    joints: dict[str, Joint] = {}
     link_names = set(links)
-    for element in root.findall("joint"):
-        joint = read_joint(element, link_names, impossible)
-        joints[joint.name] = joint
-    for joint in joints.values():
+    all_joints = [read_joint(element, link_names, impossible) for element in root.findall("joint")]
+    joints = {joint.name: joint for joint in all_joints}
+    for joint in all_joints:
         for coordinate in joint.coordinates:
             if coordinate in joints and coordinate != joint.name:
                 raise RobotFileError(
                     f"joint {joint.name!r}: its coordinate {coordinate!r} has the name of another joint"
                 )
 
-    extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in joints.values()), default=0.0)
+    extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in all_joints), default=0.0)
     for link in root.findall("link"):
         for visual in link.findall("visual"):
             read_origin(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
@@ -198,10 +197,10 @@ def read_tree(root: Element, impossible: Complaints | None = None) -> Tree:
 
 def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
     """Find the root of the tree of links; refuse joints that do not make a tree."""
-    parents: dict[str, str] = {}
     for joint in joints.values():
         if joint.child == joint.parent:
             raise RobotFileError(f"joint {joint.name!r}: joins {joint.child!r} with itself")
+    parents: dict[str, str] = {}  # the parent link of each link
     for joint in joints.values():
         if joint.child in parents:
             raise RobotFileError(
@@ -212,6 +211,7 @@ def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         raise RobotFileError(f"needs exactly one root link, got {', '.join(roots[:5]) or 'none'}")
+    (root,) = roots
     for link in links:
         depth = 0
         ancestor = link
@@ -222,7 +222,7 @@ def _find_root(links: list[str], joints: Mapping[str, Joint]) -> str:
                 raise RobotFileError(f"link {link!r} hangs in a circle of joints without a root")
         if depth > MAX_TREE_DEPTH:
             raise RobotFileError(f"<robot>: more than {MAX_TREE_DEPTH} joints in a row")
-    return roots[0]
+    return root
 
 
 def unique_names(root: Element, tag: str) -> list[str]:
@@ -234,7 +234,17 @@ def unique_names(root: Element, tag: str) -> list[str]:
 
 
 def read_joint(element: Element, links: set[str], impossible: Complaints | None = None) -> Joint:
-    """Read and check a joint between two links; remove children that mean nothing for its type."""
+    """Read and check a joint between two links; remove children that mean nothing for its type.
+
+    Args:
+        element: the `<joint>`.
+        links: names of all links.
+        impossible: receives the complaint about an impossible limit, as in `read_tree`.
+
+    Raises:
+        RobotFileError: a part is missing, malformed or of no known type; the limit is impossible, and there
+            is no list `impossible`.
+    """
     name = str(element.get("name"))
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
@@ -244,6 +254,7 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
         link = attribute(child_element(element, where, end), f"{where}: <{end}>", "link")
         check_name(f"{where}: {end}", "link", link, links)
         ends.append(link)
+    parent, child = ends
 
     axis = element.find("axis")
     direction = unit_vector("x")
@@ -262,7 +273,6 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
         add_endless_limit(element)
     element.attrib.pop("independent", None)  # a hint of URDF+, which its reader has read already
     origin = read_origin(element.find("origin"), f"{where}: <origin>")
-    parent, child = ends
     return Joint(element, name, kind, parent, child, origin, direction)
 
 
@@ -272,7 +282,7 @@ def add_endless_limit(joint: Element) -> Element:
 
 
 def _check_limit(joint: Element, where: str, *, is_needed: bool) -> None:
-    """Check the numbers of a joint's <limit>; if needed, also keys, order and signs."""
+    """Refuse a <limit> without finite numbers; if needed, also missing keys, wrong order and signs."""
     limit = child_element(joint, where, "limit") if is_needed else joint.find("limit")
     if limit is None:
         return
@@ -296,6 +306,10 @@ def check_inertial(link: Element, extent: float) -> None:
 
     `extent` [m] is the length of the longest joint offset in the robot. It tells which inertias are
     negligible: those of bodies that are a point with respect to the robot.
+
+    Raises:
+        RobotFileError: the mass or a principal moment is negative, one moment exceeds the sum of the others,
+            or a part is missing or malformed.
     """
     where = f"link {link.get('name')!r}"
     inertial = link.find("inertial")
@@ -348,7 +362,11 @@ def check_inertia(where: str, matrix: ArrayLike, *, negligible: float = 0.0) -> 
 
 
 def declared_dynamics(root: Element) -> JointValues:
-    """Return positive damping and dry friction of <dynamics>, by coordinate."""
+    """Return positive damping and dry friction of <dynamics>, by coordinate.
+
+    Raises:
+        RobotFileError: a value is negative or malformed.
+    """
     declared = {}
     for joint in root.findall("joint[dynamics]"):
         name = joint.get("name", "")
@@ -373,6 +391,9 @@ def declared_couplings(root: Element, locked: Iterable[str] = ()) -> list[Coupli
     """Remove each <mimic> from a URDF; return the couplings.
 
     A <mimic> is q = multiplier q_leader + offset. The leader may be one of the `locked` joints.
+
+    Raises:
+        RobotFileError: the leader is not a joint that can move, or a number is malformed.
     """
     movable = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in MOVING]
     couplings = []

@@ -50,7 +50,7 @@ def test_whatever_else_stands_in_a_placeholder_is_refused(expression):
     ("given", "told"),
     [
         ("parameters: [1, 2]", "a mapping"),
-        ("parameters: {l1: []}", "needs 1 to"),
+        ("parameters: {l1: []}", "needs a number or a list"),
         ("parameters: {l1: [1, x]}", "parameters.l1: needs a number"),
         ("parameters: {l1: .inf}", "finite number"),
         ("parameters: {2: 1}", "not a parameter name"),
