@@ -9,25 +9,17 @@ from framework.model.description import RobotDescription
 from framework.model.documents import remove_children
 from framework.model.urdf_elements import read_tree
 
-BODIES = ("none", "payload", "all")
-
 
 @dataclass(frozen=True)
 class Level:
-    """One model of a robot: its bodies with mass, its springs and its geometry.
-
-    bodies: which bodies have mass: none, the payload, or all. Rotors always have their inertia.
-    flexibility: which springs exist.
-    geometry: rigid if forces are computed on the undeformed robot, deformed if on the deformed robot.
-    elastic_inertia: whether the rates of deflections cause inertia forces.
-    """
+    """One model of a robot: its bodies with mass, its springs and its geometry."""
 
     name: str  # in robot files, tables and JSON
     summary: str
-    bodies: str = "all"
-    flexibility: str = "rigid"
-    geometry: str = "rigid"
-    elastic_inertia: bool = True
+    bodies: str = "all"  # that have mass: none, payload or all; rotors always have their inertia
+    flexibility: str = "rigid"  # says which springs exist, see `description.FLEXIBILITIES`
+    geometry: str = "rigid"  # of the robot on which forces are computed: rigid or deformed
+    elastic_inertia: bool = True  # whether the rates of deflections cause inertia forces
 
 
 LEVELS = (
@@ -54,13 +46,13 @@ LEVELS_BY_NAME = {level.name: level for level in LEVELS}
 
 
 def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
-    """Return the robot with mass in no body, in the payload or in all.
+    """Return the robot with mass in no body ("none"), in the payload ("payload") or in all ("all").
 
     The payload is the inertia of the platform's link. If that link has no inertia of its own, the payload is
     the moving body that carries the platform's frame, as in `control.variation`. A robot without any mass
     has no joint dynamics either: only its rotors cause forces.
     """
-    if bodies == BODIES[-1]:
+    if bodies == "all":
         return description
     root = fromstring(description.urdf_text)
     with_mass = _payload_links(description, root) if bodies == "payload" else []

@@ -123,7 +123,9 @@ class LoopRows(ReadOnlyArrays):
         """Return which of a row's two bodies each joint carries, as signs (m, nv).
 
         The sign is 1 if the joint carries only the second body, -1 if only the first, 0 if both or neither.
-        `carried` (F, nv) is 1 where the joint carries the frame, else 0.
+
+        Args:
+            carried: (F, nv), 1 where the joint of a velocity coordinate carries a frame, else 0.
         """
         return carried[self.second] - carried[self.first]
 
@@ -162,7 +164,10 @@ class CoupledJoints(NamedTuple):
 def loop_rows(
     closures: Sequence[Closure], frames: Sequence[str], couplings: Sequence[CoupledJoints] = ()
 ) -> LoopRows:
-    """Make a row for each locked axis and each coupling, on a mechanism's frames."""
+    """Make a row for each locked axis of the closures, then one for each coupling.
+
+    `frames` are the names of the mechanism's frames; rows refer to their indices.
+    """
     rows: list[tuple[Any, ...]] = []  # the fields of LoopRows in their order
     no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)  # from `coupled` to `offset`
     for closure in closures:
@@ -180,7 +185,7 @@ def loop_rows(
 
 
 class _RowProduct(NamedTuple):
-    """The product of one row, in the fields of `LoopRows`."""
+    """The product of one row: fields of `LoopRows`, in their order there."""
 
     square: bool = False
     rotation: bool = False
@@ -191,10 +196,11 @@ class _RowProduct(NamedTuple):
 
 
 def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
-    """Return the product that locks one axis of a closure."""
+    """Return the product that locks one axis of a closure: of AXES, or a kind in ROW_KINDS."""
     if closure.length is not None and axis in ROW_KINDS:
-        product, coefficients, _, axes = ROW_KINDS[axis]
-        return _RowProduct(product == "d.d", product == "u.w", *axes, *coefficients(closure.length))
+        kind = ROW_KINDS[axis]
+        weight_and_constant = kind.coefficients(closure.length)
+        return _RowProduct(kind.product == "d.d", kind.product == "u.w", *kind.axes, *weight_and_constant)
     k = "xyz".index(axis[-1])
     if axis.startswith("r"):
         return _perpendicular_axes(k, closure)
@@ -202,7 +208,7 @@ def _product_of_axis(closure: Closure, axis: str) -> _RowProduct:
 
 
 def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:
-    """Return the product of two axes that locks a rotation.
+    """Return the product of two axes that locks the rotation about `locked_axis` (0..2) of a closure.
 
     Let the locked axis be i, with i, j, k cyclic. Let R = 1 + [phi]x be a small rotation of the second frame
     with axes R x_0, R x_1, R x_2 from the first with axes x_0, x_1, x_2. Then x_j . (R x_k) = -phi_i and
@@ -210,13 +216,14 @@ def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:
     """
     following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
     free = _free_turns(closure)
-    axes = following, preceding
+    axes = following, preceding  # of the first frame, of the second frame
     if free == [following]:  # the second frame carries the free axis
         axes = preceding, following
     elif len(free) == 2:  # a universal joint: its first axis on the first frame, its second on the second
         axes = free[0], free[1]
     weight = -1.0 if axes == (following, preceding) else 1.0
-    return _RowProduct(False, True, *axes, weight)
+    first_axis, second_axis = axes
+    return _RowProduct(rotation=True, first_axis=first_axis, second_axis=second_axis, weight=weight)
 
 
 def _free_turns(closure: Closure) -> list[int]:
@@ -239,8 +246,11 @@ class LockedDirections(NamedTuple):
 
 
 def locked_directions(closures: Sequence[Closure], frames: Sequence[str]) -> LockedDirections:
-    """Return the axes kept parallel: one if two rotations are locked, two if all."""
-    pairs, names = [], []
+    """Return the axes that closures keep parallel: one if two rotations are locked, two if all.
+
+    `frames` are the names of the mechanism's frames.
+    """
+    pairs, names = [], []  # of each pair of axes: both frames and the axis; the closure
     for closure in closures:
         free = _free_turns(closure)
         if len(free) > 1:

@@ -1,6 +1,8 @@
 """The keys of a robot file: for each mapping a table from its keys to their readers.
 
-Functions named `_x_reader` return a reader that knows the names in the URDF.
+Functions named `_x_reader` return a reader that knows the names in the URDF. As all readers, it is called
+with the place `where` in the file and the value there, see `framework.numerics.fields`. It raises
+InvalidInput, or RobotFileError if the value contradicts the URDF.
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ from framework.numerics.fields import (
 
 VERSION = 1
 PATH_KINDS = {"line": 2, "arc": 3, "spline": 2, "polyline": 3}  # least number of points
-_OPEN_KINDS = ("spline", "polyline")  # kinds that may have more points
+_OPEN_KINDS = ("spline", "polyline")  # paths through any number of points from the least one on
 
 
 def _read_version(where: str, given: Any) -> int:
@@ -80,7 +82,10 @@ TREE: Table = {
 
 
 def added_frame_reader(urdf: Tree) -> Reader[dict[str, Any]]:
-    """Return a reader of an added frame, with mass [kg] and inertia if stated."""
+    """Return a reader of a frame to add, with mass [kg] and inertia [kg m^2] if stated.
+
+    The values are the arguments of `urdf_edits.add_frame`, with `xyz` and `rpy` for the origin.
+    """
     table = {
         "name": required(text),
         "parent": required(one_of("link", urdf.links)),
@@ -112,8 +117,10 @@ def _read_moments(where: str, given: Any) -> tuple[float, float, float]:
 def robot_table(urdf: Tree, *, is_coupled: bool, locked: Iterable[str]) -> Table:
     """Return the keys that describe the robot on a URDF's tree.
 
-    With `is_coupled` the robot has couplings, and needs no closures. Keys that name joints also accept
-    `locked` joints.
+    Args:
+        urdf: links and joints, in which locked joints are fixed.
+        is_coupled: whether the robot has couplings, and so needs no closures.
+        locked: names of locked joints, which keys may name all the same.
     """
     movable = [*urdf.movable, *locked]
     coordinates = [*urdf.coordinates, *locked]
@@ -264,7 +271,7 @@ def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
 
 
 def merge_joint_dynamics(declared: JointValues, overriding: JointValues) -> dict[str, JointDynamics]:
-    """Merge the URDF's joint dynamics with overriding ones, by coordinate."""
+    """Merge the `declared` joint dynamics of a URDF with overriding values, by coordinate."""
     return {
         name: JointDynamics(**{**declared.get(name, {}), **overriding.get(name, {})})
         for name in dict.fromkeys([*declared, *overriding])
@@ -277,7 +284,11 @@ def _read_motion(where: str, given: Any) -> tuple[str, ...]:
 
 
 def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[str, Any]]:
-    """Return a reader of a spring: a virtual joint, or a spring that acts along a URDF joint."""
+    """Return a reader of a spring: a virtual joint, or a spring that acts along a URDF joint.
+
+    The former becomes a Spring. The latter becomes its values (joint, stiffness, rest), since it is part of
+    the joint's dynamics.
+    """
     virtual = {
         "name": required(text),
         "part": required(one_of("part", ("joint", "link"))),
@@ -332,6 +343,10 @@ _MOTION: Table = {
 
 def select_path(where: str, paths: Mapping[str, Any]) -> tuple[str, Points, float | None]:
     """Return kind, points and blend [m] of the only path in the values of PATHS.
+
+    Args:
+        where: place of the path in the file.
+        paths: value of each key of PATHS, None if not given.
 
     Raises:
         InvalidInput: no path or several; too few or too many points; a polyline without a blend, or another
