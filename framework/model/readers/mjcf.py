@@ -24,7 +24,7 @@ from framework.errors import RobotFileError
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.placement import from_quaternion, invert_placement, placement
 from framework.model.readers.describe import Options, describe
-from framework.model.readers.mujoco_model import compile_mjcf
+from framework.model.readers.mujoco_model import compile_mjcf, member_name
 from framework.model.readers.urdf_tree import MAX_LOOPS, Transmission, UnreadElement, UrdfTree
 from framework.model.urdf_edits import (
     NewJoint,
@@ -38,19 +38,26 @@ from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
 from framework.numerics.arrays import Array
 
 WORLD = "world"
-_KINDS = ("floating", "spherical", "prismatic", "continuous")  # by mjtJoint
-_SHAPES = {2: "sphere", 3: "cylinder", 5: "cylinder", 6: "box"}  # by mjtGeom; a capsule is drawn without ends
-_EQUALITIES = ("connect", "weld", "joint", "tendon")  # by mjtEq; more are of flexible bodies
-_ACTING = (
-    "armature",
-    "damping",
-    "frictionloss",
-    "stiffness",
-)  # of joints and tendons; order of JointDynamics
-_JOINT_MOTORS = (0, 1)  # mjTRN_JOINT, mjTRN_JOINTINPARENT
-_ON_TENDON, _OF_JOINT, _SITE = 3, 1, 6  # mjTRN_TENDON, mjWRAP_JOINT, mjOBJ_SITE
-_MOTOR_GAINS = (0, 1, 6)  # mjtGain: fixed, affine, user; a muscle is no motor
-_MOTOR_DYNAMICS = (0, 1, 2, 3)  # mjtDyn: none, integrator, filters; not muscle and user
+# Members of MuJoCo's enumerations, by name. Joints in terms of a URDF:
+_KINDS = {
+    "mjJNT_FREE": "floating",
+    "mjJNT_BALL": "spherical",
+    "mjJNT_SLIDE": "prismatic",
+    "mjJNT_HINGE": "continuous",
+}
+# geoms in terms of a URDF; a capsule is drawn without its ends
+_SHAPES = {
+    "mjGEOM_SPHERE": "sphere",
+    "mjGEOM_CAPSULE": "cylinder",
+    "mjGEOM_CYLINDER": "cylinder",
+    "mjGEOM_BOX": "box",
+}
+_EQUALITIES = ("connect", "weld", "joint", "tendon")  # behind mjEQ_; others are of flexible bodies
+_JOINT_MOTORS = ("mjTRN_JOINT", "mjTRN_JOINTINPARENT")
+_MOTOR_GAINS = ("mjGAIN_FIXED", "mjGAIN_AFFINE", "mjGAIN_USER")  # a muscle is no motor
+_MOTOR_DYNAMICS = ("mjDYN_NONE", "mjDYN_INTEGRATOR", "mjDYN_FILTER", "mjDYN_FILTEREXACT")
+# MuJoCo's fields of joints and tendons, in the order of JointDynamics
+_ACTING = ("armature", "damping", "frictionloss", "stiffness")
 
 
 def read_mjcf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -87,8 +94,8 @@ class _Joint(NamedTuple):
     """A joint's name and kind in the URDF, and MuJoCo's view of the joint."""
 
     name: str
-    kind: str
-    view: Any
+    kind: str  # one of the values of _KINDS
+    view: Any  # has the joint's part of each array of the compiled model
 
     @property
     def has_one_freedom(self) -> bool:
@@ -96,15 +103,13 @@ class _Joint(NamedTuple):
         return self.kind not in COORDINATE_SUFFIXES
 
     def coordinates_at(self, qpos: Array) -> list[float]:
-        """Convert the joint's part of qpos to its coordinates, which are 0 in MuJoCo's zero pose."""
+        """Convert the joint's part of qpos to coordinates of the URDF, [rad, m] from MuJoCo's zero pose."""
         zero = self.view.qpos0
         if self.has_one_freedom:
             return list((qpos - zero).tolist())
         motion = invert_placement(_placement_of_qpos(zero)) @ _placement_of_qpos(qpos)
-        coordinates = np.append(motion[:3, 3], pin.log3(motion[:3, :3]))
-        return list(
-            coordinates[-len(COORDINATE_SUFFIXES[self.kind]) :].tolist()
-        )  # a ball has the rotation alone
+        coordinates = np.append(motion[:3, 3], pin.log3(motion[:3, :3])).tolist()
+        return list(coordinates[-len(COORDINATE_SUFFIXES[self.kind]) :])  # a ball has the rotation alone
 
     def urdf_joint(self, origin: Array) -> NewJoint:
         """Return the joint of the URDF at a placement (4, 4) in the parent link."""
@@ -116,28 +121,33 @@ class _Joint(NamedTuple):
 
 
 def _placement_of_qpos(qpos: Array) -> Array:
-    """Return the placement (4, 4) of a free joint's or a ball's qpos."""
-    return placement(from_quaternion(*qpos[-4:]), qpos[:-4] if len(qpos) == 7 else np.zeros(3))
+    """Return the placement (4, 4) of the qpos of a free joint (7,) or a ball (4,), whose quaternion is last."""
+    position, quaternion = qpos[:-4], qpos[-4:]
+    return placement(from_quaternion(*quaternion), position if len(position) else np.zeros(3))
 
 
 class _Model:
-    """A compiled model with named bodies and joints, and its URDF tree."""
+    """A compiled model with named bodies and joints, and the URDF tree that its `read_` methods fill.
+
+    Numbers k of bodies, equalities, motors and tendons, and j of joints, are those of the compiled model.
+    """
 
     def __init__(self, compiled: Any, name: str) -> None:
         """Name all bodies and joints: unnamed ones body_<k> and <body>_joint, <body>_joint_2."""
         self.compiled = compiled
-        names = [self.name("body", k) for k in range(1, compiled.nbody)]
-        taken = {self.name("body", 0), *names, ""}
-        self.bodies = [WORLD]
-        for k, body in enumerate(names, start=1):
-            self.bodies.append(body or free_name(f"body_{k}", taken))
+        names = [self.name("body", k) for k in range(compiled.nbody)]  # the first is the world
+        taken = {*names, ""}
+        self.bodies = [name or free_name(f"body_{k}", taken) for k, name in enumerate(names)]
+
         self.joints: list[_Joint] = []
-        for j, kind in enumerate(compiled.jnt_type):
+        for j, number in enumerate(compiled.jnt_type):
             k = compiled.jnt_bodyid[j]
             rank = j - compiled.body_jntadr[k]  # among the joints of the body
             default = f"{self.bodies[k]}_joint" + (f"_{rank + 1}" if rank else "")
-            self.joints.append(_Joint(self.name("joint", j) or default, _KINDS[kind], compiled.joint(j)))
+            kind = _KINDS[member_name("mjtJoint", number)]
+            self.joints.append(_Joint(self.name("joint", j) or default, kind, compiled.joint(j)))
         self.all_joints = tuple(joint.name for joint in self.joints)
+
         self.tree = UrdfTree(self._make_urdf(name, taken))
         self.tree.gravity = tuple(compiled.opt.gravity.tolist())
         self.sites: list[str] = []
@@ -150,7 +160,10 @@ class _Model:
         return str(getattr(self.compiled, kind)(number).name)
 
     def leave_out(self, text: str, acts_on: Iterable[str], *, is_decisive: bool = False) -> None:
-        """Report an unread element that acts on some bodies or joints."""
+        """Report an unread element that acts on some bodies or joints.
+
+        With `is_decisive` the file is refused if one of them moves, see `UnreadElement`.
+        """
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
     def _make_urdf(self, name: str, taken: set[str]) -> Element:
@@ -175,12 +188,17 @@ class _Model:
                 inertia = axes @ np.diag(model.body_inertia[k]) @ axes.T
                 links[k].append(inertial_element(model.body_mass[k], model.body_ipos[k], inertia))
         for k, origin in enumerate(_placements(model.geom_pos, model.geom_quat)):
-            if shape := _SHAPES.get(model.geom_type[k]):
+            if shape := _SHAPES.get(member_name("mjtGeom", model.geom_type[k])):
                 links[model.geom_bodyid[k]].append(_make_visual(shape, model.geom_size[k], origin))
         return root
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
-        """Return the moment arms d length / d q, by joint; None for a spatial tendon."""
+        """Return the moment arms d length / d q of a joint or tendon, by joint; None if spatial.
+
+        Args:
+            kind: "joint" or "tendon".
+            number: of the joint or tendon.
+        """
         model = self.compiled
         if number < 0:  # MuJoCo's number for no second joint or tendon
             return {}
@@ -188,7 +206,7 @@ class _Model:
             return {self.joints[number].name: 1.0}
         start = model.tendon_adr[number]
         parts = slice(start, start + model.tendon_num[number])
-        if (model.wrap_type[parts] != _OF_JOINT).any():
+        if any(member_name("mjtWrap", part) != "mjWRAP_JOINT" for part in model.wrap_type[parts]):
             return None
         names = [self.joints[j].name for j in model.wrap_objid[parts]]
         return dict(zip(names, model.wrap_prm[parts].tolist(), strict=True))
@@ -199,9 +217,9 @@ class _Model:
         """Read closures and couplings into the tree; fix joints that an equality fixes."""
         model = self.compiled
         for k in np.flatnonzero(model.eq_active0).tolist():
-            kind = _EQUALITIES[model.eq_type[k]] if model.eq_type[k] < len(_EQUALITIES) else "flex"
+            kind = member_name("mjtEq", model.eq_type[k]).removeprefix("mjEQ_").lower()
             name = self.name("equality", k) or f"{kind}_{k + 1}"
-            if kind == "flex":
+            if kind not in _EQUALITIES:
                 self.leave_out(f"equality {name!r}: of flexible bodies", self.all_joints, is_decisive=True)
             elif kind in ("joint", "tendon"):
                 self._read_joint_equality(k, name, kind)
@@ -209,33 +227,36 @@ class _Model:
                 self._close_loop(k, name, kind)
 
     def _close_loop(self, k: int, name: str, kind: str) -> None:
-        """Close a loop by a connect or a weld of sites or bodies."""
+        """Close a loop by equality k, a connect or a weld (`kind`) of two sites or two bodies."""
         model = self.compiled
-        # connect: anchor in the first body, anchor in the second
-        # weld: anchor in the second body, pose of the second body in the first, torque scale
-        data = model.eq_data[k]
-        first = second = np.eye(4)
-        frames = self.sites if model.eq_objtype[k] == _SITE else self.bodies
-        if frames is self.bodies and kind == "connect":
-            first = placement(None, data[:3])
-            second = placement(None, data[3:6])
-        elif frames is self.bodies:
-            first = placement(from_quaternion(*data[6:10]), data[3:6])
-            second = placement(None, data[:3])
+        # MuJoCo's data are, of a connect: anchor in the first body, anchor in the second; of a weld: anchor
+        # in the second body, position and quaternion of the second body in the first, torque scale
+        points = model.eq_data[k, :6].reshape(2, 3)
+        quaternion = model.eq_data[k, 6:10]
+        torque_scale = model.eq_data[k, 10]
+        is_of_sites = member_name("mjtObj", model.eq_objtype[k]) == "mjOBJ_SITE"
+        frames = self.sites if is_of_sites else self.bodies
+        if is_of_sites:
+            first = second = np.eye(4)
+        elif kind == "connect":
+            first, second = (placement(None, point) for point in points)
+        else:
+            first = placement(from_quaternion(*quaternion), points[1])
+            second = placement(None, points[0])
         ends = [("1", frames[model.eq_obj1id[k]], first), ("2", frames[model.eq_obj2id[k]], second)]
-        locks_rotation = kind == "weld" and data[10]  # with the torque scale 0 it does not
+        locks_rotation = kind == "weld" and torque_scale  # with the torque scale 0 it does not
         self.tree.close(name, locked_axes("fixed" if locks_rotation else "spherical"), ends)
 
     def _read_joint_equality(self, k: int, name: str, kind: str) -> None:
-        """Read an equality of joints or tendons, as a coupling or a fixed joint.
+        """Read equality k of joints or tendons (`kind`), as a coupling or a fixed joint.
 
-        The lengths, measured from the zero pose, satisfy first = offset + ratio * second. In moment arms this
-        is sum(arm q) = offset.
+        The lengths, measured from the zero pose, satisfy first = offset + ratio * second, besides higher
+        powers, which are not read. In moment arms this is sum(arm q) = offset.
         """
         model = self.compiled
         tree = self.tree
         where = f"{kind} equality {name!r}"
-        polynomial = model.eq_data[k, :5]
+        polynomial = model.eq_data[k, :5]  # coefficients of the powers 0 to 4 of the second length
         offset, ratio = polynomial[:2].tolist()
         first = self._moment_arms(kind, int(model.eq_obj1id[k]))
         second = self._moment_arms(kind, int(model.eq_obj2id[k]))
@@ -256,7 +277,7 @@ class _Model:
             self.leave_out(f"{where}: {problem}", all_arms, is_decisive=True)
         elif len(arms) == 2:
             self._couple(name, arms, offset)
-        if len(arms) == 1:
+        if len(arms) == 1:  # also if a problem is reported
             ((joint, arm),) = arms.items()
             tree.fix(tree.joints[joint], offset / arm)
 
@@ -306,17 +327,21 @@ class _Model:
         name = self.name("actuator", k)
         acts_on = self.all_joints
         arms: Mapping[str, float] | None = None
-        if model.actuator_trntype[k] in _JOINT_MOTORS:
+        transmission = member_name("mjtTrn", model.actuator_trntype[k])
+        if transmission in _JOINT_MOTORS:
             joint = self.joints[target]
             name = name or joint.name
             acts_on = (joint.name,)
             arms = {joint.name: 1.0} if joint.has_one_freedom else None
-        elif model.actuator_trntype[k] == _ON_TENDON:
+        elif transmission == "mjTRN_TENDON":
             arms = self._moment_arms("tendon", target)
             acts_on = tuple(arms or acts_on)
         where = f"motor {name or f'actuator_{k + 1}'!r}"
-        is_motor = model.actuator_gaintype[k] in _MOTOR_GAINS and model.actuator_dyntype[k] in _MOTOR_DYNAMICS
-        if not is_motor:
+        gain = member_name("mjtGain", model.actuator_gaintype[k])
+        if (
+            gain not in _MOTOR_GAINS
+            or member_name("mjtDyn", model.actuator_dyntype[k]) not in _MOTOR_DYNAMICS
+        ):
             self.leave_out(f"{where}: a muscle, or an actuator of another program", acts_on)
         elif not arms or not gear:
             self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
@@ -338,15 +363,16 @@ class _Model:
         self.tree.transmissions.append(Transmission(where, arms, 1.0, dynamics, is_motor=False))
 
     def _force_limit(self, k: int, gear: float) -> float | None:
-        """Return the least symmetric force limit [N m, N] of motor k; None without one."""
+        """Return the least symmetric force limit [N m, N] of motor k, before its gear; None without one."""
         model = self.compiled
         joint = int(model.actuator_trnid[k, 0])
         ranges = [model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
-        # force = gain * control, without bias and without dynamics of its own
+        # the zeros of the enumerations: force = gain * control, without bias and without dynamics of its own
         is_plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
         if model.actuator_ctrllimited[k] and is_plain:
             ranges.append(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0])
-        if model.actuator_trntype[k] in _JOINT_MOTORS and model.jnt_actfrclimited[joint]:
+        is_on_joint = member_name("mjtTrn", model.actuator_trntype[k]) in _JOINT_MOTORS
+        if is_on_joint and model.jnt_actfrclimited[joint]:
             ranges.append(model.jnt_actfrcrange[joint] / abs(gear))
         symmetric = [float(abs(high)) for low, high in ranges if high and low == -high]
         return min(symmetric, default=None)
@@ -400,7 +426,7 @@ class _Model:
 def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics:
     """Return joint dynamics from values in the order of _ACTING.
 
-    If the position `rest` is None, the dynamics have no spring.
+    `rest` is the position [rad, m] where a spring is at rest; without one (None) the stiffness is left out.
     """
     dynamics = JointDynamics(*map(float, values))
     if rest is None:

@@ -65,12 +65,25 @@ def compile_mjcf(file: Path) -> tuple[Any, list[UnreadElement], Counter[str]]:
         raise RobotFileError(_reorder_error(str(error))) from None
 
 
+def member_name(enumeration: str, number: int) -> str:
+    """Return the name of a member of one of MuJoCo's enumerations, such as mjJNT_BALL of mjtJoint."""
+    import mujoco
+
+    return str(getattr(mujoco, enumeration)(number).name)
+
+
 def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadElement], Counter[str]]:
-    """Compile a specification without the parts that MuJoCo refuses or that no motion needs."""
+    """Compile a specification without the parts that MuJoCo refuses or that no motion needs.
+
+    `mujoco` is the imported package, here and in the functions below.
+
+    Returns:
+        As of `compile_mjcf`.
+    """
     unused = Counter({kind: len(getattr(spec, kind)) for kind in (*_UNUSED, "cameras")})
     left_out = [*_delete_unused(mujoco, spec), *_repair_inertias(mujoco, spec)]
     left_out += _delete_needless_meshes(mujoco, spec)
-    key_size = len(spec.keys[0].qpos) if spec.keys else 0  # as written: the compiler changes the size
+    key_size = len(spec.keys[0].qpos) if spec.keys else 0  # of the file: the compiler changes the size
     compiled, refused = _compile(spec)
     if key_size not in (0, compiled.nq):
         raise RobotFileError(
@@ -219,7 +232,8 @@ def _has_mesh(spec: Any, geom: Any) -> bool:
 
 def _adds_mass(mujoco: Any, geom: Any) -> bool:
     """Return whether a geom adds to the mass of its body."""
-    body, rules = geom.parent, mujoco.mjtInertiaFromGeom
+    body = geom.parent
+    rules = mujoco.mjtInertiaFromGeom
     rule = body.compiler.inertiafromgeom
     if rule == rules.mjINERTIAFROMGEOM_FALSE:
         return False
@@ -231,6 +245,8 @@ def _adds_mass(mujoco: Any, geom: Any) -> bool:
 
 def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
     """Compile a specification without the meshes that MuJoCo refuses.
+
+    Bodies without mass get small stand-ins for the compilation, since MuJoCo refuses them.
 
     Returns:
         The compiled model, and the refused meshes as decisive unread elements.
@@ -253,7 +269,10 @@ def _compile(spec: Any) -> tuple[Any, list[UnreadElement]]:
 
 
 def _delete_refused_meshes(spec: Any, error: str) -> Iterator[UnreadElement]:
-    """Delete the mesh that an error names, else all meshes; yield each geom that uses one."""
+    """Delete the geoms with the mesh that an error names, else with any mesh; yield each geom.
+
+    `error` is MuJoCo's, as `_reorder_error` returns it.
+    """
     geoms = [geom for geom in spec.geoms if geom.meshname]
     if not geoms:
         raise RobotFileError(error)
