@@ -37,7 +37,6 @@ from framework.model.urdf_edits import (
 from framework.model.urdf_elements import COORDINATE_SUFFIXES, coordinates_of
 from framework.numerics.arrays import Array
 
-WORLD = "world"
 # Members of MuJoCo's enumerations, by name. Joints in terms of a URDF:
 _KINDS = {
     "mjJNT_FREE": "floating",
@@ -121,7 +120,7 @@ class _Joint(NamedTuple):
 
 
 def _placement_of_qpos(qpos: Array) -> Array:
-    """Return the placement (4, 4) of the qpos of a free joint (7,) or a ball (4,), whose quaternion is last."""
+    """Return the placement (4, 4) of the qpos of a free joint (7,) or a ball (4,)."""
     position, quaternion = qpos[:-4], qpos[-4:]
     return placement(from_quaternion(*quaternion), position if len(position) else np.zeros(3))
 
@@ -338,16 +337,14 @@ class _Model:
             acts_on = tuple(arms or acts_on)
         where = f"motor {name or f'actuator_{k + 1}'!r}"
         gain = member_name("mjtGain", model.actuator_gaintype[k])
-        if (
-            gain not in _MOTOR_GAINS
-            or member_name("mjtDyn", model.actuator_dyntype[k]) not in _MOTOR_DYNAMICS
-        ):
+        dynamics = member_name("mjtDyn", model.actuator_dyntype[k])
+        if gain not in _MOTOR_GAINS or dynamics not in _MOTOR_DYNAMICS:
             self.leave_out(f"{where}: a muscle, or an actuator of another program", acts_on)
         elif not arms or not gear:
             self.leave_out(f"{where}: no motor on a hinge or a slide", acts_on)
         else:
-            dynamics = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
-            motor = Transmission(where, arms, gear, dynamics, self._force_limit(k, gear))
+            acting = JointDynamics(float(model.actuator_armature[k]), float(model.actuator_damping[k]))
+            motor = Transmission(where, arms, gear, acting, self._force_limit(k, gear))
             self.tree.transmissions.append(motor)
 
     def _read_tendon(self, k: int) -> None:
