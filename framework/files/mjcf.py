@@ -30,7 +30,7 @@ import numpy as np
 import pinocchio as pin
 
 from framework.errors import InvalidInput
-from framework.kinematics.assembly import nearby_configurations
+from framework.kinematics.assembly import NEARBY_DISTANCE, nearby_configurations
 from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -40,6 +40,7 @@ from framework.model.loop_rows import loop_rows
 from framework.model.placement import unit_vector
 from framework.model.urdf_edits import vector_text
 from framework.numerics.arrays import Array
+from framework.tolerances import LOOP_GAP
 
 MIN_MASS, MIN_INERTIA = 1e-9, 1e-12  # [kg], [kg m^2] of massless bodies; MuJoCo refuses less than 1e-15
 TIME_STEP = 1e-3  # [s]
@@ -124,7 +125,10 @@ def _add_motors(robot: ParallelRobot, root: Element) -> None:
 
 
 def _add_body(robot: ParallelRobot, data: pin.Data, j: int, parent: Element, *, hinges: bool) -> Element:
-    """Add the body behind joint j to the parent's body; return the element."""
+    """Add the body behind pinocchio's joint j to the parent's body; return the element.
+
+    `data` holds the kinematics of the reference. With `hinges` a ball becomes three hinges.
+    """
     model = robot.model
     inertia = model.inertias[j]
     is_split = hinges and is_ball(model.joints[j])
@@ -149,6 +153,7 @@ def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, i
     """Add joint j of pinocchio: a hinge, a slide or a ball; instead of a ball three hinges if `is_split`.
 
     Args:
+        body: the element of the body behind the joint.
         screws: (6, k) motion subspace of the joint; of a hinge or slide, the axis is its one column.
 
     Raises:
@@ -200,9 +205,10 @@ def _dynamic_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
 def _acceptable_inertia(inertia: Array) -> Array:
     """Return an inertia (3, 3) [kg m^2] that MuJoCo accepts.
 
-    If the largest principal moment exceeds the sum of the others, half of the excess is added to each of the
-    others. For a thin rod the excess is rounding. In planar robots often one moment is given and the others
-    are zero. Each of these becomes half of the first, without an effect on motion in the plane.
+    The principal axes stay. If the largest principal moment exceeds the sum of the others, half of the excess
+    is added to each of the others. For a thin rod the excess is rounding. In planar robots often one moment
+    is given and the others are zero. Each of these becomes half of the first, without an effect on motion in
+    the plane.
     """
     moments, axes = np.linalg.eigh(inertia)  # ascending
     excess = moments[2] - moments[0] - moments[1]
@@ -262,13 +268,10 @@ OFF_ORIGIN = {
     **{locked_axes("revolute", axis): axis for axis in "xyz"},
     locked_axes("fixed"): "xy",
 }
-TRIED_DEFLECTION = 1e-3  # [rad, robot lengths] of springs at the configurations where closures are tested
-# [rad, robot lengths] below TRIED_DEFLECTION^2: a gap along an axis that moves is of that order or larger
-CLOSED_GAP = 1e-10
 
 
 def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
-    """Choose the axes (of OFF_ORIGIN) that the equalities of each closure lock.
+    """Choose the axes (a key of OFF_ORIGIN) that the equalities of each closure lock, by its name.
 
     Raises:
         InvalidInput: no equality locks the axes of a closure; the message has the axes along which it moves.
@@ -285,7 +288,10 @@ def equality_axes(robot: ParallelRobot) -> dict[str, tuple[str, ...]]:
 def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> tuple[str, ...]:
     """Choose the first axes in OFF_ORIGIN that include a closure's axes and lock no motion.
 
-    An equality may lock further axes if its residual is zero in all poses (K, nq).
+    An equality may lock further axes if its residual is zero in all `poses` (K, nq) of the robot.
+
+    Raises:
+        InvalidInput: there are none; the message has the axes along which the closure moves.
     """
     gaps = dict[tuple[str, ...], float]()
     placements = frames_at(robot, poses)
@@ -297,8 +303,9 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
         scale = np.where(rows.rotation, 1.0, robot.length)
         residual = loop_equations(rows, placements).residual / scale  # (K, m) [rad, robot lengths]
         gaps[axes] = float(np.abs(residual).max(initial=0.0))
-        if gaps[axes] <= CLOSED_GAP:
+        if gaps[axes] <= LOOP_GAP:  # poses are NEARBY_DISTANCE apart; motion along an axis leaves its square
             return axes
+
     nearest = min(gaps, key=gaps.__getitem__, default=())
     added = ", ".join(axis for axis in nearest if axis not in closure.axes)
     raise InvalidInput(
@@ -309,11 +316,11 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
 
 
 def _nearby_poses(robot: ParallelRobot) -> Array:
-    """Return assembled poses (K, nq) near the reference, with springs at rest and deflected."""
+    """Return assembled poses (K, nq) near the reference, with springs at rest and deflected at random."""
     rest = robot.reference.q
     poses = [rest, *nearby_configurations(robot, rest)]
     if robot.n_e:
         share = np.random.default_rng(0).uniform(-1, 1, robot.n_e)
-        deflections = TRIED_DEFLECTION * robot.column_scale[robot.elastic] * share
+        deflections = NEARBY_DISTANCE * robot.column_scale[robot.elastic] * share
         poses += nearby_configurations(robot, integrate_columns(robot, rest, robot.elastic, deflections))
     return np.array(poses)

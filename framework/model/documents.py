@@ -27,8 +27,8 @@ from framework.numerics.fields import LARGEST_NUMBER
 
 LEADING_BLANKS = "\ufeff \t\r\n"  # characters that may precede the first element
 MAX_XML_ELEMENTS = 200_000
-MAX_YAML_CHARACTERS = 500_000
 MAX_YAML_VALUES = 20_000  # with aliases expanded
+MAX_YAML_CHARACTERS = 25 * MAX_YAML_VALUES
 # patterns that mend XML which other parsers accept
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*(?=[\s=/>])")  # of an element or attribute

@@ -20,11 +20,12 @@ from framework.model.description import RobotDescription
 from framework.model.documents import child_element, parse_numbers, read_origin
 from framework.model.urdf_elements import locate_urdf
 from framework.numerics.arrays import Array, IntArray
+from framework.numerics.input import LARGEST_FILE
 
 Color = tuple[float, float, float, float]
 
 DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
-MAX_MESH_BYTES = 100_000_000
+MAX_MESH_BYTES = 10 * LARGEST_FILE
 # for each shape the attributes of its size; a capsule is drawn as a cylinder
 _SIZES = {"box": ("size",), "sphere": ("radius",)} | dict.fromkeys(
     ("cylinder", "capsule"), ("radius", "length")
@@ -65,7 +66,10 @@ class Shape(NamedTuple):
 
 
 def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]:
-    """Read the visuals of the URDF; skip malformed visuals and unreadable meshes."""
+    """Read the visuals of the URDF as shapes on the joints of a `model`.
+
+    Malformed visuals and unreadable meshes are left out.
+    """
     root = fromstring(description.urdf_text)
     materials = {material.get("name"): material for material in root.findall("material")}
     shapes = []
@@ -125,7 +129,10 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
 
 
 def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:
-    """Read the colour of a visual, from its material or the robot's material of the same name."""
+    """Read the colour of a visual, from its material or the robot's material of the same name.
+
+    `materials` are those of the robot, by name. Without any colour it is DEFAULT_COLOR.
+    """
     if material is None:
         return DEFAULT_COLOR
     for element in (material, materials.get(material.get("name"), material)):

@@ -21,6 +21,7 @@ from framework.model.placement import placement, rotation_about, rotation_with_a
 from framework.model.urdf_edits import NewJoint, add_frame, chain_elements, fix_joint
 from framework.model.urdf_elements import (
     COORDINATE_SUFFIXES,
+    MAX_TREE_DEPTH,
     MAX_TREE_ELEMENTS,
     Complaints,
     Joint,
@@ -32,8 +33,8 @@ from framework.model.urdf_elements import (
 from framework.numerics.arrays import Array, Names
 from framework.tolerances import FILE_ROUNDING
 
-MAX_LOOPS = 1000  # in a file
-MAX_FREEDOMS = 1000  # sum over the joints in a file
+MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
+MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
 _KNOWN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 _USED = {
     "link": ("inertial", "visual", "collision"),
@@ -48,13 +49,16 @@ class UnreadElement(NamedTuple):
     mechanism moves (`is_decisive`) and acts on a part that moves, the file is refused.
     """
 
-    what: str
-    acts_on: Names
+    what: str  # for messages: element, name, effect and its size
+    acts_on: Names  # joints and links
     is_decisive: bool = False
 
 
 class Transmission(NamedTuple):
-    """A motor or tendon that acts along a length sum(arm q) of joints."""
+    """A motor or tendon that acts along a length sum(arm q) of joints.
+
+    A motor with a gear turns by gear times this length.
+    """
 
     name: str  # such as "motor 'm'"
     arms: Mapping[str, float]  # moment arms by joint: d length / d q
@@ -65,7 +69,9 @@ class Transmission(NamedTuple):
 
 
 def _remove_foreign_elements(root: Element, valid: Sequence[str]) -> Counter[str]:
-    """Remove elements and attributes of other programs; count unused tags.
+    """Remove top-level elements whose tags are not `valid`, and attributes of other programs.
+
+    Return the counts of unused elements by tag.
 
     Raises:
         RobotFileError: an element is misspelled, or a xacro macro is not expanded.
@@ -124,7 +130,7 @@ def _unused_parts(element: Element, tag: str) -> Iterator[str]:
 
 
 def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
-    """Merge groups with common members, in the order of their last groups."""
+    """Merge groups with common members; order the unions by the last group of each."""
     unions: list[list[str]] = []
     union_of: dict[str, list[str]] = {}
     for members in map(list, groups):
@@ -139,12 +145,15 @@ def merge_overlapping(groups: Iterable[Iterable[str]]) -> list[list[str]]:
 class UrdfTree(Tree):
     """A checked URDF with loops, motors and forces, which readers edit.
 
-    `extra` are the top-level elements of the dialect, taken out of the URDF. Messages name the element; the
-    caller prefixes the file.
+    Messages name the element; the caller prefixes the file.
     """
 
     def __init__(self, root: Element, extra: Sequence[str] = ()) -> None:
         """Check a URDF, remove other programs' elements, and set `extra` ones aside.
+
+        Args:
+            root: of the URDF, which the tree changes.
+            extra: tags of the dialect's own top-level elements.
 
         Raises:
             RobotFileError: the root is no <robot> or has no name; an element is misspelled, or a macro is not
@@ -158,6 +167,7 @@ class UrdfTree(Tree):
         if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
             SubElement(root, "link", name="world")
         self.unused = _remove_foreign_elements(root, (*_KNOWN, *extra))
+        # the dialect's own elements, taken out of the URDF
         self.extra = [element for element in root if local_name(element.tag) in extra]
         for element in self.extra:
             root.remove(element)
@@ -216,11 +226,14 @@ class UrdfTree(Tree):
         return matrix
 
     def moving_chains(self, first: str, second: str) -> tuple[list[Joint], list[Joint]]:
-        """Return the moving joints that carry only the first link, and only the second."""
-        path, other_path = self.path_to_base(first), self.path_to_base(second)
-        shared = set(path) & set(other_path)
-        only_first = [joint for joint in path if joint.moves and joint not in shared]
-        only_second = [joint for joint in other_path if joint.moves and joint not in shared]
+        """Return the moving joints that carry only the first link, and only the second.
+
+        Each list leads from its link towards the base.
+        """
+        path = self.path_to_base(first)
+        other_path = self.path_to_base(second)
+        only_first = [joint for joint in path if joint.moves and joint not in other_path]
+        only_second = [joint for joint in other_path if joint.moves and joint not in path]
         return only_first, only_second
 
     # -------------------------------------------------------------- edits
@@ -235,6 +248,8 @@ class UrdfTree(Tree):
         """Add a closure with `locked` axes between two ends.
 
         Args:
+            name: of the closure, with which the names of its frames begin.
+            locked: as of `Closure.axes`.
             ends: for each end the suffix of the frame's name, the link, and the joint's placement (4, 4) in
                 the link.
             axes: (3,) each, in the joint's placement; one for each end, one for both, or none. The first axis
@@ -244,7 +259,7 @@ class UrdfTree(Tree):
         Raises:
             RobotFileError: see `add_frame`.
         """
-        letters = "xy" if locked == locked_axes("universal") else "zz"
+        letters = "xy" if locked == locked_axes("universal") else "zz"  # of both frames, along the axes
         rotations = 2 * [np.eye(3)]
         if axes:
             end_axes = axes[0], axes[-1]  # one axis stands for both ends
@@ -327,7 +342,9 @@ class UrdfTree(Tree):
         return dict(zip(names, map(float, angles), strict=True))
 
     def replace_by_turns(self, joint: Joint, axes: str, names: Sequence[str]) -> None:
-        """Replace a joint by hinges about `axes`, letters of x, y, z.
+        """Replace a joint by hinges called `names` about `axes`, letters of x, y, z.
+
+        The first hinge has the placement of the joint. Massless links stand between the hinges.
 
         Raises:
             RobotFileError: the name of a hinge, or of the link behind it, is taken.
@@ -353,10 +370,10 @@ class UrdfTree(Tree):
                 self.joints[hinge.name] = self.parent_joint[hinge.child] = hinge
 
     def close_turns(self, name: str, first: str, second: str) -> bool:
-        """Add the loop equation that keeps the rotations of two links equal.
+        """Add the loop equation `name` that keeps the rotations of two links equal; return whether it exists.
 
         It exists if all joints between the links are parallel hinges: the rotation of a link is then the sum
-        of the angles. Return False otherwise. Hinges about opposite axes count as not parallel.
+        of the angles. Hinges about opposite axes count as not parallel.
 
         Raises:
             RobotFileError: see `add_frame`.
@@ -365,14 +382,13 @@ class UrdfTree(Tree):
         for joint in chain(*self.moving_chains(first, second)):
             if joint.kind in ("prismatic", *COORDINATE_SUFFIXES):
                 return False
-            axis = self.zero_pose(joint.child)[:3, :3] @ joint.axis
+            axis = self.zero_pose(joint.child)[:3, :3] @ joint.axis  # in the base
             axes.append(axis / np.linalg.norm(axis))
         if not axes or any(np.linalg.norm(axis - axes[0]) > FILE_ROUNDING for axis in axes):
             return False
-        # `axes` are in the base, so the frames on the links have the axes of the base
-        ends = [
-            (end, link, placement(self.zero_pose(link)[:3, :3].T))
-            for end, link in (("first", first), ("second", second))
-        ]
+        ends = []
+        for end, link in (("first", first), ("second", second)):
+            axes_of_base = self.zero_pose(link)[:3, :3].T  # in the link
+            ends.append((end, link, placement(axes_of_base)))
         self.close(name, ("rz",), ends, axes[:1])
         return True
