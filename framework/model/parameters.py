@@ -51,7 +51,8 @@ def declared_parameters(text: str) -> dict[str, list[float]]:
     if not isinstance(declared, dict):
         raise RobotFileError(f"parameters: needs a mapping of names to values, got {short(declared)}")
     for name in declared:
-        _check_parameter_name(name)
+        if not isinstance(name, str) or not name.isidentifier() or name in (*_FUNCTIONS, "pi"):
+            raise RobotFileError(f"parameters: {short(name)} is not a parameter name: letters, digits and _")
     return {name: _read_values(name, values) for name, values in declared.items()}
 
 
@@ -81,12 +82,6 @@ def fill_placeholders(text: str, values: Mapping[str, float]) -> str:
         RobotFileError: an expression has unknown names or operations, is too long, or has no finite value.
     """
     return PLACEHOLDER.sub(lambda match: repr(_evaluate(match[1], values)), text)
-
-
-def _check_parameter_name(name: Any) -> None:
-    """Refuse a name that is not an identifier, or that expressions use for a function or pi."""
-    if not isinstance(name, str) or not name.isidentifier() or name in (*_FUNCTIONS, "pi"):
-        raise RobotFileError(f"parameters: {short(name)} is not a parameter name: letters, digits and _")
 
 
 def _read_values(name: str, given: Any) -> list[float]:

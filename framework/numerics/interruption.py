@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
@@ -61,13 +61,12 @@ def interruptible() -> Iterator[Heard]:
     if threading.current_thread() is not threading.main_thread():
         yield heard
         return
-    all_handlers = {number: signal.getsignal(number) for number in SIGNALS}
-    handlers = {number: old for number, old in all_handlers.items() if old is not signal.SIG_IGN}
+    heeded = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:
         """Ignore further signals; raise `Terminated` or KeyboardInterrupt for this one."""
-        for handled in handlers:
-            signal.signal(handled, signal.SIG_IGN)
+        for further in heeded:
+            signal.signal(further, signal.SIG_IGN)
         warnings.simplefilter("ignore")  # an interrupted import may warn
         heard.stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
         raise heard.stop
@@ -88,17 +87,13 @@ def interruptible() -> Iterator[Heard]:
 
     main_thread = threading.get_ident()
     ended = threading.Event()
-    for number in handlers:
-        signal.signal(number, stop)
     hook, sys.unraisablehook = sys.unraisablehook, raise_lost
     try:
-        with warnings.catch_warnings():
+        with _handle_signals(heeded, stop), warnings.catch_warnings():
             yield heard
     finally:
         sys.unraisablehook = hook
         ended.set()
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
@@ -108,11 +103,22 @@ def defer_signals() -> Iterator[None]:
         yield
         return
     arrived: list[int] = []
-    handlers = {number: signal.signal(number, lambda one, frame: arrived.append(one)) for number in SIGNALS}
+    try:
+        with _handle_signals(SIGNALS, lambda number, frame: arrived.append(number)):
+            yield
+    finally:
+        if arrived:
+            signal.raise_signal(arrived[0])
+
+
+@contextmanager
+def _handle_signals(
+    numbers: Iterable[int], handler: Callable[[int, FrameType | None], object]
+) -> Iterator[None]:
+    """Let a handler receive some signals for the duration of the block."""
+    handlers = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        if arrived:
-            signal.raise_signal(arrived[0])
+        for number, previous_handler in handlers.items():
+            signal.signal(number, previous_handler)

@@ -14,7 +14,6 @@ import zlib
 from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -96,7 +95,7 @@ def complete_chunks(
     """Return the arrays of all tasks by name, joined in order; compute chunks that are not stored.
 
     Args:
-        compute: computes the arrays of a task.
+        compute: computes the arrays of a task; must be picklable for an executor of processes.
         tasks: the task of each chunk, by the name of the chunk.
         fields: returns the kinds and shapes of the arrays of a task.
         executor: computes the chunks; None computes them in this process.
@@ -106,8 +105,8 @@ def complete_chunks(
     stored = {} if keeper is None else keeper.read()
     chunks = {name: stored[name] for name, task in tasks.items() if fits(stored.get(name), fields(task))}
     progress(chunks)
-    missing = [(name, task) for name, task in tasks.items() if name not in chunks]
-    for (name, _), chunk in iterate_results(partial(_compute_item, compute), missing, executor):
+    missing = {name: task for name, task in tasks.items() if name not in chunks}
+    for name, chunk in iterate_results(compute, missing, executor):
         chunks[name] = chunk
         if keeper is not None:
             keeper.keep(name, chunk)
@@ -142,11 +141,6 @@ def compute_rows(
             row[WHY] = str(refusal)
         rows.append(row)
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
-def _compute_item(compute: Callable[[K], Arrays], item: tuple[str, K]) -> Arrays:
-    """Compute the arrays of an item (name, task); executors can pickle only functions of a module."""
-    return compute(item[1])
 
 
 def remove_stores(out: Path) -> None:

@@ -14,7 +14,7 @@ import pickle
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process, resource_tracker
@@ -34,32 +34,32 @@ R = TypeVar("R")
 
 
 def iterate_results(
-    task: Callable[[K], R], chunks: Iterable[K], executor: Executor | None
-) -> Iterator[tuple[K, R]]:
-    """Yield each chunk with its result `task(chunk)`, in the order in which the results are finished.
+    compute: Callable[[K], R], tasks: Mapping[str, K], executor: Executor | None
+) -> Iterator[tuple[str, R]]:
+    """Yield the name and the result of each task, in the order in which the results are finished.
 
-    If the iteration ends early, waiting chunks are cancelled.
+    If the iteration ends early, waiting tasks are cancelled.
 
     Args:
-        task: must be picklable for an executor of processes.
-        chunks: arguments of the task.
-        executor: computes the results; None computes them in this process, in the order of the chunks.
+        compute: returns the result of a task; must be picklable for an executor of processes.
+        tasks: arguments of `compute`, by name.
+        executor: computes the results; None computes them in this process, in the order of the tasks.
 
     Raises:
-        Exception: what the task raises.
+        Exception: what `compute` raises.
     """
     if executor is None:
-        for chunk in chunks:
-            yield chunk, task(chunk)
+        for name, task in tasks.items():
+            yield name, compute(task)
         return
-    waiting = {executor.submit(task, chunk): chunk for chunk in chunks}
+    names = {executor.submit(compute, task): name for name, task in tasks.items()}
     try:
-        while waiting:
+        while names:
             # a signal may wake another thread, so this thread checks from time to time
-            for future in wait(waiting, SIGNAL_INTERVAL, FIRST_COMPLETED).done:
-                yield waiting.pop(future), future.result()
+            for future in wait(names, SIGNAL_INTERVAL, FIRST_COMPLETED).done:
+                yield names.pop(future), future.result()
     finally:
-        for future in waiting:
+        for future in names:
             future.cancel()
 
 
