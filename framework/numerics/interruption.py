@@ -18,6 +18,7 @@ from types import FrameType
 from typing import NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+Handler = Callable[[int, FrameType | None], object]
 SIGNAL_INTERVAL = 0.1  # [s] until a lost signal is repeated, and between two checks for signals in a wait
 
 
@@ -87,13 +88,13 @@ def interruptible() -> Iterator[Heard]:
 
     main_thread = threading.get_ident()
     ended = threading.Event()
-    hook, sys.unraisablehook = sys.unraisablehook, raise_lost
-    try:
-        with _handle_signals(heeded, stop), warnings.catch_warnings():
+    with _handle_signals(heeded, stop), warnings.catch_warnings():
+        hook, sys.unraisablehook = sys.unraisablehook, raise_lost
+        try:
             yield heard
-    finally:
-        sys.unraisablehook = hook
-        ended.set()
+        finally:
+            sys.unraisablehook = hook
+            ended.set()
 
 
 @contextmanager
@@ -112,10 +113,8 @@ def defer_signals() -> Iterator[None]:
 
 
 @contextmanager
-def _handle_signals(
-    numbers: Iterable[int], handler: Callable[[int, FrameType | None], object]
-) -> Iterator[None]:
-    """Let a handler receive some signals for the duration of the block."""
+def _handle_signals(numbers: Iterable[int], handler: Handler) -> Iterator[None]:
+    """Let a handler receive the signals of these numbers for the duration of the block."""
     handlers = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
