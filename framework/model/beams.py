@@ -220,7 +220,11 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
 def _section_axes(along: Array, y: ArrayLike | None) -> Array:
     """Return a beam's axes as columns (3, 3): `along` the beam (unit vector), its section's y and z.
 
-    `y` directs the section; without it the axes are those of the least rotation from x to `along`.
+    `y` (3,), of any length, directs the section; only its part across the beam counts. Without it the axes
+    are those of the least rotation from x to `along`.
+
+    Raises:
+        InvalidInput: see `split_beam`.
     """
     if y is None:
         if 1.0 + along[0] < 0.5 * BEAM_NEAR_MINUS_X**2:
@@ -240,7 +244,7 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
 
 
 def _check_positive(**values: float) -> None:
-    """Refuse named values that are not finite and greater than zero."""
+    """Raise InvalidInput for a value that is not finite and greater than zero; the message has its name."""
     for name, value in values.items():
         if not 0.0 < value < math.inf:
             raise InvalidInput(f"{name}: must be a finite number greater than zero, got {value!r}")

@@ -61,6 +61,14 @@ def read_robot_file(file: str | Path) -> RobotDescription:
 def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> ParsedRobot:
     """Parse the content of the robot file `path` and of its URDF.
 
+    First the keys of the tree are read (TREE), which change the URDF. Then the other keys are read, since
+    they name joints and links of the changed URDF.
+
+    Args:
+        path: of the robot file; nothing is read there.
+        content: of the YAML.
+        parameters: values for the placeholders in the URDF.
+
     Raises:
         RobotFileError: as `read_robot_file`, without the name of the file in the message.
     """
@@ -74,8 +82,10 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
     robot = read_table("", content, table, others=TREE)
     coupled = [coupling.joint for coupling in robot["couplings"]]  # these override the URDF's mimics
     robot["couplings"] += tuple(mimic for mimic in mimics if mimic.joint not in coupled)
-    if coupled_to_locked := locked_through_couplings(robot["couplings"], locked):  # they are locked, too
+    if coupled_to_locked := locked_through_couplings(robot["couplings"], locked):
+        # start again: joints that follow locked ones are locked, too
         return parse_robot(path, content | {"locked": locked | coupled_to_locked}, parameters)
+
     _merge_joint_springs(robot, locked)
     _drop_locked_joints(robot, locked)
 
@@ -93,7 +103,10 @@ def parse_robot(path: Path, content: Any, parameters: Mapping[str, float]) -> Pa
 
 
 def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Move springs of moving URDF joints into the entries of `joints`."""
+    """Move springs of moving URDF joints into the entries of `joints`.
+
+    `robot` has the values of the file's keys and is changed; `locked` are the positions of locked joints.
+    """
     virtual_springs = []
     for spring in robot["springs"]:
         if isinstance(spring, Spring):
@@ -110,7 +123,7 @@ def _merge_joint_springs(robot: dict[str, Any], locked: Mapping[str, float]) -> 
 
 
 def _drop_locked_joints(robot: dict[str, Any], locked: Mapping[str, float]) -> None:
-    """Drop the couplings, springs and entries of locked joints."""
+    """Drop the couplings, springs and entries of locked joints; arguments as of `_merge_joint_springs`."""
     robot["couplings"] = tuple(coupling for coupling in robot["couplings"] if coupling.joint not in locked)
     # a spring without axes of its own moves like its joint, and is locked with the joint
     robot["springs"] = tuple(s for s in robot["springs"] if s.motion or s.after not in locked)
@@ -125,6 +138,11 @@ def _read_urdf(
     folder: Path, tree: Mapping[str, Any], parameters: Mapping[str, float]
 ) -> tuple[str, Element, Tree]:
     """Read the URDF, and lock joints, free the root and add frames as the robot file says.
+
+    Args:
+        folder: of the robot file.
+        tree: values of the keys in TREE.
+        parameters: values for the placeholders in the URDF.
 
     Returns:
         The text of the URDF, the root of its XML, and its tree.
@@ -221,7 +239,7 @@ def write_robot_file(
 
 
 def record_entry(record: Any) -> Document:
-    """Return a record as an entry of a robot file, without empty and zero fields."""
+    """Return a dataclass as an entry of a robot file, without empty and zero fields."""
     return {
         key: list(value) if isinstance(value, tuple) else value
         for key, value in asdict(record).items()
@@ -251,7 +269,7 @@ def robot_document(description: RobotDescription) -> Document:
 
 
 def _joint_entries(description: RobotDescription) -> Document:
-    """Return the entry `joints`, one for a ball with equal dynamics about all axes."""
+    """Return the entries of `joints` by coordinate, of a ball with equal dynamics about all axes by joint."""
     dynamics = dict(description.joints)
     for name, joint in read_tree(fromstring(description.urdf_text)).joints.items():
         about_axes = [dynamics.get(coordinate) for coordinate in joint.coordinates]
@@ -263,7 +281,7 @@ def _joint_entries(description: RobotDescription) -> Document:
 
 
 def _dynamics_entry(dynamics: JointDynamics) -> dict[str, float]:
-    """Return the fields that are not zero, and zeros that override the URDF."""
+    """Return the entry of a joint: the values that are not zero, and zeros that override the URDF."""
     return {key: value for key, value in asdict(dynamics).items() if value or key in ("damping", "friction")}
 
 
@@ -295,7 +313,7 @@ def _yaml_text(description: RobotDescription, comments: Iterable[str]) -> str:
 
 
 def _relocate_meshes(text: str, old: Path, new: Path) -> str:
-    """Return the URDF's text with relative mesh paths as seen from the new folder."""
+    """Return a URDF's text with mesh paths relative to the folder `new` instead of `old`."""
     root = fromstring(text)
     for mesh in root.iter("mesh"):
         reference = mesh.get("filename", "")

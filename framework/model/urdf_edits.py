@@ -59,21 +59,19 @@ def origin_element(matrix: Array) -> Element:
 
 
 class NewJoint(NamedTuple):
-    """A joint to write.
-
-    `origin` (4, 4) is the placement in the parent link, `axis` (3,) is in the joint's frame, `limits` are the
-    lower and the upper limit [rad, m].
-    """
+    """A joint to write; None leaves an element out."""
 
     name: str
-    kind: str
-    origin: Array | None = None
-    axis: Array | None = None
-    limits: Sequence[float] | None = None
+    kind: str  # type in the URDF
+    origin: Array | None = None  # (4, 4) placement in the parent link
+    axis: Array | None = None  # (3,) in the joint's frame
+    limits: Sequence[float] | None = None  # lower and upper limit [rad, m]
 
 
 def joint_element(joint: NewJoint, parent: str, child: str) -> Element:
-    """Return a `<joint>`, with huge limits where URDF requires limits and none are given.
+    """Return a `<joint>` from link `parent` to link `child`.
+
+    Limits that URDF requires and `joint` does not have are so large that no motion reaches them.
 
     A continuous joint with limits becomes a revolute one.
     """
@@ -98,6 +96,9 @@ def chain_elements(
     """Yield a chain of joints from `parent` to `body`, and the massless links between.
 
     Args:
+        parent: link.
+        motions: the joints, from the parent on.
+        body: link behind the last joint.
         end: (4, 4) placement of the body behind the last joint. Unless it is the identity, a fixed joint is
             added there.
         taken: names in use, to which the names of the chain are added.
@@ -114,7 +115,7 @@ def chain_elements(
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Append underscores to a name until free; add the name to `taken`."""
+    """Append underscores to a name until it is free; add the name to `taken`."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)
@@ -122,7 +123,10 @@ def free_name(wanted: str, taken: set[str]) -> str:
 
 
 def visual_element(shape: str, words: dict[str, str], origin: Array) -> Element:
-    """Return the `<visual>` of a primitive shape at a placement (4, 4)."""
+    """Return the `<visual>` of a primitive shape at a placement `origin` (4, 4) in the link.
+
+    `shape` is the tag of the shape, `words` are the attributes with its size.
+    """
     visual = Element("visual")
     visual.append(origin_element(origin))
     SubElement(SubElement(visual, "geometry"), shape, words)
@@ -151,11 +155,11 @@ def add_frame(
     mass: float = 0.0,
     inertia: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> None:
-    """Add a link at a placement (4, 4) in `parent`, with or without a body.
+    """Add a link at a placement `origin` (4, 4) in `parent`, with or without a body.
 
-    The body's centre of mass is the frame's origin, and `inertia` [kg m^2] is about the frame's axes. Its
-    visual is the box of uniform density with this mass and inertia: the edges satisfy
-    a_x^2 = 6 (I_yy + I_zz - I_xx) / m, and so on.
+    The body's centre of mass is the frame's origin; its principal moments `inertia` (3,) [kg m^2] are about
+    the frame's axes. Its visual is the box of uniform density with this mass [kg] and inertia: the edges
+    satisfy a_x^2 = 6 (I_yy + I_zz - I_xx) / m, and so on.
     """
     link = SubElement(root, "link", name=name)
     root.append(joint_element(NewJoint(f"{name}_mount", "fixed", origin), parent, name))
@@ -171,7 +175,11 @@ def add_frame(
 
 
 def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
-    """Fix joints of one freedom at given values [rad, m]; remove their mimics."""
+    """Fix joints of one freedom at values [rad, m], by name; remove their mimics.
+
+    Raises:
+        RobotFileError: no joint of one freedom has such a name.
+    """
     tree = read_tree(root)
     for name, value in locked.items():
         check_name(f"locked.{name}", "joint", name, tree.movable)
@@ -179,10 +187,10 @@ def lock_joints(root: Element, locked: Mapping[str, float]) -> None:
 
 
 def fix_joint(joint: Joint, *values: float) -> None:
-    """Fix a joint at the values [rad, m] of its coordinates."""
+    """Fix a joint that moves at the values [rad, m] of its coordinates."""
     if joint.kind in COORDINATE_SUFFIXES:
         rotation_vector = np.array(values[-3:])
-        translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has none
+        translation = values[:-3] or (0.0, 0.0, 0.0)  # a ball has the rotation alone
         motion = placement(pin.exp3(rotation_vector), translation)
     elif joint.kind == "prismatic":
         motion = placement(None, values[0] * joint.axis / np.linalg.norm(joint.axis))
@@ -226,12 +234,12 @@ def copy_without_shapes(root: Element) -> Element:
 
 
 def _copy_read_parts(element: Element) -> Element:
-    """Copy an element with the children that pinocchio reads."""
+    """Copy an element with the children that pinocchio reads, which are copied likewise."""
     copy = Element(element.tag, element.attrib)
     for key in _NUMBERS.get(element.tag, ()):
         if key in copy.attrib:
             copy.set(key, vector_text(map(float, copy.attrib[key].split())))
-    kind = element.get("type", "") if element.tag == "joint" else element.tag
+    kind = element.get("type", "") if element.tag == "joint" else element.tag  # key of _READ_PARTS
     for tag in _READ_PARTS.get(kind, ()):
         copy.extend(map(_copy_read_parts, element.findall(tag)[:1]))
     return copy
