@@ -40,8 +40,8 @@ class PartialRobot(NamedTuple):
     """The content of a file, which may lack platform and motors."""
 
     tree: UrdfTree
-    description: RobotDescription  # with the motors of the file; the platform is a stand-in
-    platform: Platform | None = None
+    description: RobotDescription  # with the motors of the file; its platform is a stand-in
+    platform: Platform | None = None  # that the file states
     chooses_motors: bool = False  # whether to choose among motors where the file has too many
     remarks: tuple[str, ...] = ()
 
@@ -60,13 +60,13 @@ class Options:
     [rad, m] are joints to lock, at the reference if the value is None. `propose` completes what is missing.
     """
 
-    platform: str | None = None
-    axes: Names | None = None
-    motors: Names | None = None
+    platform: str | None = None  # frame
+    axes: Names | None = None  # of the platform, out of AXES
+    motors: Names | None = None  # joints
     reference: Mapping[str, float] = field(default_factory=dict)
     base: str | None = None  # a link; joints that it does not carry are locked
     locked: Mapping[str, float | None] = field(default_factory=dict)
-    platform_joints: Names | None = None
+    platform_joints: Names | None = None  # coordinates of the platform, instead of axes
     propose: Propose | None = None
 
     @property
@@ -83,6 +83,12 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
 
     Joints that --base does not carry and joints of --lock become fixed, and forces on them are ignored.
 
+    Args:
+        tree: of which `describe` fixes joints.
+        file: that was read.
+        options: override and complete the file.
+        dialect: one of `recognise.DIALECTS`.
+
     Raises:
         RobotFileError: there is no loop that moves; a closure joins a frame with itself; names are repeated
             or unknown; a joint has a negative armature, damping, friction or stiffness; an unread element
@@ -91,7 +97,7 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     reference = merge_reference(options, tree.coordinates, tree.reference)
     tree.couplings += declared_couplings(tree.root)
     if not tree.closures and not tree.couplings:
-        unread_effects(tree)
+        unread_effects(tree)  # raises a more precise error if a decisive element is unread
         raise RobotFileError("there is no loop in it: a parallel robot needs at least one closure")
     _check_closures(tree.closures)
 
@@ -119,8 +125,9 @@ def describe(tree: UrdfTree, file: Path, options: Options, dialect: str) -> Pars
     try:
         completed = complete_robot(options, PartialRobot(tree, description))
     except FrameworkError:
-        unread_effects(tree)  # raises a more precise error if a decisive element is unread
+        unread_effects(tree)  # as above
         raise
+
     urdf_text = tostring(tree.root, encoding="unicode")
     description = replace(completed.description, urdf_text=urdf_text, left_out=unread_effects(tree))
     remarks = (*_remarks_on_omissions(tree), *tree.remarks, *completed.remarks)
@@ -212,7 +219,7 @@ def lock_outside_base(tree: UrdfTree, base: str, reference: Mapping[str, float])
 
 
 def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: dict[str, float]) -> None:
-    """Lock joints at values [rad, m]; None means the reference, else zero.
+    """Lock joints at values [rad, m]; None means the reference [rad, m], or zero if that has none.
 
     A lock named J_rx, J_ry or J_rz locks one rotation of a ball J. The ball then becomes two hinges, whose
     angles replace those of the ball in the reference.
@@ -222,7 +229,7 @@ def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: d
             of a ball need a name that is taken.
     """
     for name, value in locked.items():
-        ball = tree.joints.get(name[:-3])
+        ball = tree.joints.get(name[:-3])  # J, if the name is J_rx
         if ball is not None and ball.kind == "spherical" and name in ball.coordinates:
             rotation_vector = [reference.pop(key, 0.0) for key in ball.coordinates]
             reference.update(tree.lock_turn_of_ball(ball, name[-1], value, rotation_vector))
@@ -278,10 +285,17 @@ def attach_transmissions(tree: UrdfTree) -> tuple[Actuator, ...]:
 
 
 def reduce_to_leaders(tree: UrdfTree, arms: Mapping[str, float]) -> tuple[dict[str, float], float]:
-    """Express a length sum(arm q) by joints that follow no other: arms and a constant.
+    """Express a length sum(arm q) by joints that follow no other.
 
     A joint that follows another by a coupling is replaced by q = ratio q_of + offset, a fixed joint by its
     position.
+
+    Args:
+        arms: moment arm of each joint.
+
+    Returns:
+        The moment arms of the joints that move and follow no other, without zeros; the constant part of the
+        length.
     """
     coupling_of = {coupling.joint: coupling for coupling in tree.couplings}
     reduced: dict[str, float] = {}
@@ -359,7 +373,9 @@ def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
 
 def _choose_platform(options: Options, partial: PartialRobot) -> Platform | None:
     """Return the platform that options and file state; None if frame or axes are open."""
-    frame, platform, joints = options.platform, partial.platform, options.platform_joints
+    frame = options.platform
+    joints = options.platform_joints
+    platform = partial.platform
     if frame is not None:
         check_name("--platform", "frame", frame, partial.tree.frames)
     if joints is not None:

@@ -89,7 +89,10 @@ def parse_any(
 
 
 def _from_xml(path: Path, text: str, options: Options) -> ParsedRobot:
-    """Read an XML file with the reader of its root element; prefix errors with the line."""
+    """Read an XML file, whose content is `text`, with the reader of its root element.
+
+    Errors begin with the line of the element that they name.
+    """
     from framework.model.readers.mjcf import read_mjcf
     from framework.model.readers.sdf import read_sdf
     from framework.model.readers.urdf import read_urdf
@@ -162,7 +165,12 @@ def _find_urdf(path: Path) -> Path:
 
 
 def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
-    """Complete a robot of our own file by the options."""
+    """Complete a robot of our own file by the options.
+
+    Raises:
+        RobotFileError: options lock joints, which the file itself does with the key `locked`; see
+            `complete_robot`.
+    """
     if options.base is not None or options.locked:
         option = "--base" if options.base is not None else "--lock"
         raise RobotFileError(
@@ -179,7 +187,7 @@ def _complete_own_file(robot: ParsedRobot, options: Options) -> ParsedRobot:
 
 
 def _find_pair(folder: Path) -> Path:
-    """Find the YAML of a folder: robot.yaml, else the one named like the folder."""
+    """Find the YAML of a pair in a folder: robot.yaml, else the one named like the folder."""
     names = ("robot.yaml", f"{os.path.basename(os.path.realpath(folder))}.yaml")
     for name in names:
         if os.path.isfile(folder / name):

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
@@ -77,12 +76,14 @@ _VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the
 class _Joint(NamedTuple):
     """A joint with its motions, their dynamics, and its placements in both links."""
 
-    name: str
+    name: str  # scoped, see `sdf_scope`
     element: Element
-    kind: str
+    kind: str  # one of the values of _KINDS
     links: tuple[str, str]  # the parent first
     placements: tuple[Array, Array]  # (4, 4) of the joint in each link
-    motions: list[NewJoint]  # in the joint's frame
+    motions: list[
+        NewJoint
+    ]  # of one freedom each, in the joint's frame; one without an axis if fixed or a ball
     dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
     def chain(self, *, is_reversed: bool) -> list[NewJoint]:
@@ -127,16 +128,17 @@ def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
 
 
 def _report_cut_properties(tree: UrdfTree, joint: _Joint) -> None:
-    """Report dynamics and mimic of a joint that becomes a closure."""
+    """Report dynamics and mimic of a joint that becomes a closure, as acting on its child."""
+    _, child = joint.links
     properties = {"dynamics": bool(joint.dynamics), "mimic": _has_property(joint.element, "mimic")}
     for name, is_stated in properties.items():
         if is_stated:
             text = f"joint {joint.name!r}: its {name}, where the loop is cut"
-            tree.left_out.append(UnreadElement(text, (joint.links[1],)))
+            tree.left_out.append(UnreadElement(text, (child,)))
 
 
 def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint]) -> None:
-    """Report gearboxes, links without gravity, and links apart from the mechanism."""
+    """Report gearboxes, links without gravity, and links apart from the mechanism of `joints`."""
     gears = []
     for name, element in scope.joints.items():
         if (kind := element.get("type")) in _NOT_READ:
@@ -157,7 +159,12 @@ def _report_unread_parts(scope: Scope, tree: UrdfTree, joints: Sequence[_Joint])
 
 
 def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> list[float]:
-    """Read the number at each path below an element, or the path's default."""
+    """Read the number at each path below an element, such as "inertia/ixx", or the path's default.
+
+    Args:
+        where: names the element in messages.
+        defaults: default text of each path.
+    """
     values: list[float] = []
     for path, default in defaults.items():
         tag = path.rsplit("/", 1)[-1]
@@ -169,7 +176,7 @@ def _read_values(element: Element, where: str, defaults: Mapping[str, str]) -> l
 
 
 def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
-    """Return the two links of a joint, the parent first."""
+    """Return the two links of a joint, the parent first; refuse types that are not known."""
     joint = scope.joints[name]
     where = f"joint {name!r}"
     kind = attribute(joint, where, "type")
@@ -182,17 +189,19 @@ def _links_of_joint(scope: Scope, name: str) -> tuple[str, str]:
 
 
 def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
-    """Make a joint with its motions and its placement in each link."""
+    """Make a joint with its motions and its placement in each link; `links` are the parent and the child."""
     element = scope.joints[name]
     kind = _KINDS.get(element.get("type", ""), "fixed")
     on_child = scope.placement_of(f"joint {name}")  # both placements are in the world
     parent = end_name(element, "parent")
     is_frame = parent in scope.attached and parent not in scope.links
     on_parent = scope.placement_of(parent) if is_frame else on_child
+    parent_link, child_link = links
     placements = (
-        invert_placement(scope.placement_of(links[0])) @ on_parent,
-        invert_placement(scope.placement_of(links[1])) @ on_child,
+        invert_placement(scope.placement_of(parent_link)) @ on_parent,
+        invert_placement(scope.placement_of(child_link)) @ on_child,
     )
+
     motions = []
     dynamics: dict[str, JointDynamics] = {}
     for suffix, motion, tag in _MOTIONS.get(kind, ()):
@@ -206,14 +215,17 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
 
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
-    """Read damping, friction and spring along an axis of a joint."""
+    """Read damping, friction and spring along the axis of a joint in the element `tag`."""
     paths = {f"{tag}/dynamics/{key}": "0" for key in _DYNAMICS}
     damping, friction, stiffness, rest = _read_values(joint, f"joint {name!r}", paths)
     return JointDynamics(0.0, damping, friction, stiffness, rest if stiffness else 0.0)
 
 
 def _read_axis(scope: Scope, name: str, tag: str) -> Array:
-    """Read an axis (3,) of a joint, in the joint's frame."""
+    """Read the axis (3,) of a joint in the element `tag`, in the joint's frame.
+
+    The file may express the axis in the frame of the model or in another frame.
+    """
     joint = scope.joints[name]
     where = f"joint {name!r}: <{tag}>"
     axis = np.array(parse_numbers(f"{where} xyz", joint.findtext(f"{tag}/xyz", "0 0 1"), 3))
@@ -236,7 +248,10 @@ def _has_property(joint: Element, *properties: str) -> bool:
 
 
 def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
-    """Yield the coupling of a mimic joint, and the coupling of a screw's slide to its hinge."""
+    """Yield the coupling of a mimic joint, and the coupling of a screw's slide to its hinge.
+
+    `names` are those of the joints that a mimic may follow.
+    """
     where = f"joint {joint.name!r}"
     element = joint.element
     for mimic in element.findall("axis/mimic"):
@@ -258,27 +273,32 @@ def _read_couplings(joint: _Joint, names: Sequence[str]) -> Iterator[Coupling]:
 
 
 def _joints_of_main_part(scope: Scope) -> list[_Joint]:
-    """Return the joints of the largest connected part with a loop."""
+    """Return the joints of the largest connected part with a loop, else of the largest part."""
     ends = {name: _links_of_joint(scope, name) for name in scope.joints}
     if not ends:
         raise RobotFileError("there is no joint in it")
-    parts = []  # whether there is a loop, number of joints, names of joints
-    for links in merge_overlapping(ends.values()):
-        names = [name for name, pair in ends.items() if pair[0] in links]
-        # a tree has one joint less than links, and a mimic is a loop equation too
+
+    def names_of_joints(links: Sequence[str]) -> list[str]:
+        """Return the names of the joints between links of a connected part."""
+        return [name for name, (parent, _) in ends.items() if parent in links]
+
+    def rank(links: Sequence[str]) -> tuple[bool, int]:
+        """Return whether a connected part of links has a loop, and its number of joints."""
+        names = names_of_joints(links)
         mimics = sum(_has_property(scope.joints[name], "mimic") for name in names)
-        has_loop = len(names) + mimics >= len(links)
-        parts.append((has_loop, len(names), names))
-    _, _, names = max(parts, key=itemgetter(0, 1))
-    return [_make_joint(scope, name, ends[name]) for name in names]
+        # a tree has one joint less than links; a mimic is a loop equation, too
+        return len(names) + mimics >= len(links), len(names)
+
+    main_part = max(merge_overlapping(ends.values()), key=rank)
+    return [_make_joint(scope, name, ends[name]) for name in names_of_joints(main_part)]
 
 
 def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
-    """Choose the joints of a spanning tree; cut loops at joints that a closure expresses best."""
+    """Choose the names of the joints of a spanning tree; cut loops at joints that closures express best."""
     mimicked = {mimic.get("joint") for joint in scope.joints.values() for mimic in joint.iter("mimic")}
 
     def reasons_to_cut(joint: _Joint) -> tuple[bool, ...]:
-        """Return the reasons to cut a loop at a joint, the strongest first."""
+        """Return whether each reason to cut a loop at a joint holds, the strongest reason first."""
         is_coupled = joint.name.rsplit("::", 1)[-1] in mimicked or _has_property(joint.element, "mimic")
         return (
             f"{joint.name}_at_child" in scope.relative,  # from a constraint, by `_constraint_elements`
@@ -288,7 +308,8 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
             joint.kind in ("universal", "spherical"),
         )
 
-    # Kruskal's algorithm: a joint enters the tree if it joins two groups of links
+    # Kruskal's algorithm: a joint enters the tree if it joins two groups of links. Joints with weak reasons
+    # to cut come first
     groups = {link: {link} for joint in joints for link in joint.links}
     chosen = set()
     for joint in sorted(joints, key=reasons_to_cut):
@@ -301,7 +322,10 @@ def _choose_tree_joints(scope: Scope, joints: Sequence[_Joint]) -> list[str]:
 
 
 def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str], name: str) -> Element:
-    """Return the tree as a URDF, whose root is the world or else a link without a parent."""
+    """Return the tree as a URDF called `name`, whose root is the world or else a link without a parent.
+
+    `tree_names` are the names of the joints in the tree.
+    """
     root = Element("robot", name=name)
     ends = {link for joint in joints for link in joint.links}
     children = {joint.links[1] for joint in joints}
@@ -319,15 +343,15 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
             outer = parent if is_reversed else child
             if link not in joint.links or outer in reached:
                 continue
-            in_outer = joint.placements[0 if is_reversed else 1]  # the joint's placement in the outer link
-            end = invert_placement(in_outer)
+            in_parent, in_child = joint.placements
+            end = invert_placement(in_parent if is_reversed else in_child)  # of the outer link
             root.extend(chain_elements(link, joint.chain(is_reversed=is_reversed), outer, end, taken))
             reached.append(outer)
     return root
 
 
 def _make_link(scope: Scope, name: str) -> Element:
-    """Return a link with its inertia, or SDF's default inertia, and its primitive shapes."""
+    """Return a link with the stated inertia, else SDF's default, and its primitive shapes."""
     link = Element("link", name=name)
     if name == WORLD:
         return link
@@ -351,7 +375,7 @@ def _make_link(scope: Scope, name: str) -> Element:
 
 
 def _read_limits(joint: Element, name: str, tag: str) -> tuple[float, float] | None:
-    """Read lower and upper limit [rad, m]; None if one is unlimited."""
+    """Read lower and upper limit [rad, m] along the axis in the element `tag`; None if one is unlimited."""
     where = f"joint {name!r}"
     limits: list[float] = []
     for end, default in (("lower", "-inf"), ("upper", "inf")):
@@ -377,7 +401,7 @@ def close_joint(scope: Scope, tree: UrdfTree, name: str) -> None:
 
 
 def _close_cut_joint(tree: UrdfTree, joint: _Joint) -> None:
-    """Close the loop that is cut at a joint."""
+    """Close the loop that is cut at a joint between two links of the tree."""
     if (kind := joint.element.get("type")) in (*_NOT_READ, "screw"):
         raise RobotFileError(f"joint {joint.name!r}: {kind}: not read where it closes a loop")
     ends = zip("12", joint.links, joint.placements, strict=True)

@@ -39,6 +39,8 @@ Also read are
 
 Motors are the joints with a transmission or a command interface of ros2_control. Without these, joints marked
 `independent` are likely motors. The file says nothing about the platform.
+
+In the functions `where` names the element in messages.
 """
 
 from __future__ import annotations
@@ -75,9 +77,11 @@ from framework.numerics.input import read_text
 from framework.tolerances import FILE_ROUNDING
 
 LOOP_CLOSURES = "loop_closures.yaml"
+# kinds of closures by the type that each syntax has for them
 _ALIKE = {kind: kind for kind in ("fixed", "spherical", "revolute", "prismatic")} | {"continuous": "revolute"}
 _IN_URDF_PLUS = _ALIKE | {kind: kind for kind in ("cylindrical", "planar")}
 _IN_ROS = _IN_URDF_PLUS | {"universal": "universal", "link": "fixed"}
+# names of the frames of onshape-to-robot: the loop, its end, and a mark of the second pair of a hinge
 _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
 
 
@@ -86,7 +90,7 @@ class _Syntax(NamedTuple):
 
     ends: tuple[str, str]
     kinds: Mapping[str, str]  # closure kind by type
-    axes: tuple[str, ...] = ("axis",)
+    axes: tuple[str, ...] = ("axis",)  # of both ends, or of each end
 
 
 _LOOPS = {
@@ -97,7 +101,7 @@ _LOOPS = {
 
 
 def _element_name(element: Element) -> tuple[str, str]:
-    """Return an element's name, and how messages name the element."""
+    """Return an element's name, and `where` as messages name the element."""
     name = attribute(element, f"<{element.tag}>", "name")
     return name, f"{element.tag} {name!r}"
 
@@ -105,7 +109,7 @@ def _element_name(element: Element) -> tuple[str, str]:
 def _read_loop(tree: UrdfTree, element: Element) -> None:
     """Read a loop element and add its closure to the tree."""
     syntax = _LOOPS[element.tag]
-    if element.tag == "loop_joint":
+    if element.tag == "loop_joint":  # both ends may be called link1
         ends_in_order = [end for end in element if end.tag in syntax.ends]
         for tag, end in zip(syntax.ends, ends_in_order, strict=False):
             end.tag = tag
@@ -121,7 +125,13 @@ def _read_loop(tree: UrdfTree, element: Element) -> None:
 
 
 def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
-    """Read the axes (3,) of a closure, one for each end or one for both."""
+    """Read the axes (3,) of a closure: one for each end, one for both, or none if the kind needs none.
+
+    Args:
+        element: the loop.
+        kind: of the closure.
+        tags: of the axes.
+    """
     if kind in ("fixed", "spherical"):
         return []
     axes = []
@@ -142,7 +152,7 @@ def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> 
 
 
 def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[str, Array]:
-    """Read a loop's end: the link, and the joint's placement (4, 4).
+    """Read the end of a loop with the tag `end`: the link, and the joint's placement (4, 4) in the link.
 
     The placement is an `<origin>` in the end, an `<END_origin>` beside it, or attributes of the end.
     """
@@ -301,14 +311,14 @@ def _find_loop_closures(file: Path) -> Mapping[str, Any]:
 
 
 def _close_hinges(tree: UrdfTree, content: Mapping[str, Any]) -> None:
-    """Close the hinges listed in a loop_closures.yaml.
+    """Close the hinges listed in the `content` of a loop_closures.yaml.
 
     An entry names two links, and gives a point [m] and an axis in the base frame at zero joint positions.
     Each link gets a frame at the point, and the hinge joins both frames.
     """
     link = required(one_of("link", tree.links))
     keys = {"link_a": link, "link_b": link, "point": required(vector3), "axis": required(vector3)}
-    # others=None: further keys are ignored
+    # further keys of an entry are ignored (others=None)
     read = list_of(lambda where, given: read_table(where, given, keys, others=None))
     for i, entry in enumerate(read(f"{LOOP_CLOSURES}: closures", content.get("closures", []))):
         axis = np.array(entry["axis"])
