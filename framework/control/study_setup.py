@@ -16,15 +16,14 @@ from framework.errors import InvalidInput
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import (
     Table,
+    dataclass_of,
     list_of,
     mapping,
     not_negative,
     one_of,
     positive,
     read_table,
-    record,
     required,
-    table_of,
     whole,
 )
 from framework.numerics.output import package_versions
@@ -101,7 +100,7 @@ _STUDY: Table = {
     "end": required(positive),
     "limit": required(list_of(positive)),
     "sensors": required(one_of("sensors", SENSORS)),
-    "spread": required(record(table_of(Spread, {"float": not_negative}), lambda _, spread: Spread(**spread))),
+    "spread": required(dataclass_of(Spread, dict.fromkeys(vars(Spread()), not_negative))),
     "plan": required(mapping),
 }
 

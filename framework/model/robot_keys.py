@@ -39,6 +39,7 @@ from framework.numerics.fields import (
     Table,
     anything,
     below,
+    dataclass_of,
     distinct,
     entries,
     integer,
@@ -172,14 +173,14 @@ def _read_limit(where: str, given: Any) -> float | None:
 
 def _actuator_reader(urdf: Tree) -> Reader[Actuator]:
     """Return a reader of a motor: joint, gear ratio, rotor inertia [kg m^2], limits."""
-    table = {
-        "joint": required(one_of("joint", urdf.joints)),
-        "gear_ratio": optional(positive, 1.0),
-        "rotor_inertia": optional(not_negative, 0.0),
-        "torque_limit": optional(_read_limit),
-        "speed_limit": optional(_read_limit),
+    readers = {
+        "joint": one_of("joint", urdf.joints),
+        "gear_ratio": positive,
+        "rotor_inertia": not_negative,
+        "torque_limit": _read_limit,
+        "speed_limit": _read_limit,
     }
-    return record(table, lambda _, values: Actuator(**values))
+    return dataclass_of(Actuator, readers)
 
 
 def _closure_reader(urdf: Tree) -> Reader[Closure]:
@@ -222,19 +223,16 @@ def _pair_reader(urdf: Tree) -> Reader[tuple[str, str]]:
 
 def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
     """Return a reader of a coupling of two different joints."""
-    table = {
-        "joint": required(one_of("joint", movable)),
-        "of": required(one_of("joint", movable)),
-        "ratio": optional(number, 1.0),
-        "offset": optional(number, 0.0),
-    }
+    read_joint = one_of("joint", movable)
+    readers = {"joint": read_joint, "of": read_joint, "ratio": number, "offset": number}
 
-    def make(where: str, values: dict[str, Any]) -> Coupling:
-        if values["joint"] == values["of"]:
-            raise RobotFileError(f"{below(where, 'of')}: needs another joint than {values['joint']!r}")
-        return Coupling(**values)
+    def read(where: str, given: Any) -> Coupling:
+        coupling = dataclass_of(Coupling, readers)(where, given)
+        if coupling.joint == coupling.of:
+            raise RobotFileError(f"{below(where, 'of')}: needs another joint than {coupling.joint!r}")
+        return coupling
 
-    return record(table, make)
+    return read
 
 
 _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
@@ -329,7 +327,6 @@ PATHS: Table = {
     **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
     "blend": optional(positive),
 }
-_FIDELITY: Table = {"level": required(one_of("level", LEVELS_BY_NAME)), "tolerance": required(positive)}
 _MOTION: Table = {
     **PATHS,
     "duration": optional(positive),
@@ -337,7 +334,9 @@ _MOTION: Table = {
     "times": optional(list_of(number)),
     "speeds": optional(one_or_list_of(positive)),
     "at": optional(list_of(number)),
-    "fidelity": optional(record(_FIDELITY, lambda _, values: KeptLevel(**values))),
+    "fidelity": optional(
+        dataclass_of(KeptLevel, {"level": one_of("level", LEVELS_BY_NAME), "tolerance": positive})
+    ),
 }
 
 

@@ -86,13 +86,17 @@ def record(
     return lambda where, raw: make(where, read_table(where, raw, table))
 
 
-def table_of(kind: type[Any], readers: Mapping[str, Reader[Any]]) -> Table:
-    """Return the table of a dataclass, with a reader for each type of its fields."""
+def dataclass_of(kind: type[T], readers: Mapping[str, Reader[Any]]) -> Reader[T]:
+    """Return a reader of a mapping that becomes a dataclass of this kind.
+
+    `readers` are those of the fields, by name. A field without a default is required.
+    """
+    defaults = {field.name: field.default for field in fields(kind)}  # type: ignore[arg-type]
     table = {}
-    for field in fields(kind):
-        read = readers[str(field.type)]
-        table[field.name] = required(read) if field.default is MISSING else optional(read, field.default)
-    return table
+    for name, read in readers.items():
+        default = defaults[name]
+        table[name] = Field(read, default, required=default is MISSING)
+    return record(table, lambda _, values: kind(**values))
 
 
 def mapping_of(read: Reader[T], read_name: Reader[str] = lambda _, name: str(name)) -> Reader[dict[str, T]]:
