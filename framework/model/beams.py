@@ -124,7 +124,8 @@ class SplitBeam(NamedTuple):
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
     """Compute the diagonal stiffness [N/m, N m/rad] at the middle of a beam.
 
-    The beam runs along x; the keys are the axes x, y, z, rx, ry, rz.
+    The beam runs along x; the keys are the axes x, y, z, rx, ry, rz. `length` is in [m]. The formulas are
+    those of the module.
 
     Raises:
         InvalidInput: the length is not positive.

@@ -169,7 +169,7 @@ class JointDynamics:
     rest: float = 0.0  # [rad] or [m]
 
     def reflect_through(self, ratio: float) -> JointDynamics:
-        """Reflect the dynamics through a gear onto x, where q = ratio x."""
+        """Return the dynamics along a coordinate x, where q = ratio x by a gear."""
         square = ratio * ratio
         return JointDynamics(
             armature=square * self.armature,
@@ -180,7 +180,10 @@ class JointDynamics:
         )
 
     def __add__(self, other: JointDynamics) -> JointDynamics:
-        """Return the sum of two dynamics in parallel, with one spring for both."""
+        """Return the sum of two dynamics in parallel.
+
+        One spring stands for both: its torque is the sum of their torques at every position.
+        """
         stiffness = self.stiffness + other.stiffness
         torque_at_zero = self.stiffness * self.rest + other.stiffness * other.rest
         return JointDynamics(

@@ -168,8 +168,10 @@ def loop_rows(
 
     `frames` are the names of the mechanism's frames; rows refer to their indices.
     """
-    rows: list[tuple[Any, ...]] = []  # the fields of LoopRows in their order
-    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)  # from `coupled` to `offset`
+    # each row has the fields of LoopRows in their order: name, two frames, those of _RowProduct, and those of
+    # couplings from `coupled` to `offset`
+    rows: list[tuple[Any, ...]] = []
+    no_coupling = (False, (0, 0), (0, 0), 0.0, 0.0)
     for closure in closures:
         ends = [frames.index(frame) for frame in closure.frames]
         for axis in closure.axes:
@@ -212,7 +214,8 @@ def _perpendicular_axes(locked_axis: int, closure: Closure) -> _RowProduct:
 
     Let the locked axis be i, with i, j, k cyclic. Let R = 1 + [phi]x be a small rotation of the second frame
     with axes R x_0, R x_1, R x_2 from the first with axes x_0, x_1, x_2. Then x_j . (R x_k) = -phi_i and
-    x_k . (R x_j) = +phi_i. The weight -1 or 1 makes the product phi_i.
+    x_k . (R x_j) = +phi_i. The weight -1 or 1 makes the product phi_i. Of these two products, one is
+    chosen that stays zero when the closure turns about its free axes by large angles.
     """
     following, preceding = (locked_axis + 1) % 3, (locked_axis + 2) % 3
     free = _free_turns(closure)

@@ -57,6 +57,9 @@ def interruptible() -> Iterator[Heard]:
 
     Further signals are ignored, and so are signals that were ignored before the block. Outside the main
     thread the block has no effect on signals. The yielded record shows whether a signal has arrived.
+
+    Python drops an exception that is raised in a weakref callback or in __del__. If the interruption is lost
+    so, the signal is sent again until it interrupts other code.
     """
     heard = Heard()
     if threading.current_thread() is not threading.main_thread():
@@ -73,7 +76,7 @@ def interruptible() -> Iterator[Heard]:
         raise heard.stop
 
     def raise_lost(unraisable: sys.UnraisableHookArgs) -> None:
-        """Repeat an interruption that a weakref callback or __del__ raised, and Python dropped."""
+        """Repeat an interruption that Python has dropped; report other dropped exceptions."""
         if not isinstance(unraisable.exc_value, KeyboardInterrupt):
             sys.__unraisablehook__(unraisable)
             return

@@ -71,6 +71,8 @@ def report_result() -> None:
 def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
     """End the searches of a block at the first Ctrl-C after a result.
 
+    The first Ctrl-C reinstates the previous handler of the signal. So the next one interrupts as usual.
+
     Args:
         on_result: called at the first result of a search, after which Ctrl-C ends the search.
 
@@ -97,7 +99,7 @@ def end_searches_by_ctrl_c(on_result: Callable[[], object]) -> Iterator[None]:
     try:
         yield
     except SearchEnded:
-        if signal.getsignal(signal.SIGINT) is end_search:
+        if signal.getsignal(signal.SIGINT) is end_search:  # no Ctrl-C: a time limit ended the search
             raise
         raise KeyboardInterrupt from None
     finally:

@@ -301,15 +301,17 @@ def reduce_to_leaders(tree: UrdfTree, arms: Mapping[str, float]) -> tuple[dict[s
     reduced: dict[str, float] = {}
     constant = 0.0
     for joint, arm in arms.items():
+        leader = joint
+        leader_arm = arm
         for _ in coupling_of:  # a chain of couplings is no longer than this
-            if coupling := coupling_of.get(joint):
-                constant += arm * coupling.offset
-                arm *= coupling.ratio
-                joint = coupling.of
-        if tree.joints[joint].moves:
-            reduced[joint] = reduced.get(joint, 0.0) + arm
+            if coupling := coupling_of.get(leader):
+                constant += leader_arm * coupling.offset
+                leader_arm *= coupling.ratio
+                leader = coupling.of
+        if tree.joints[leader].moves:
+            reduced[leader] = reduced.get(leader, 0.0) + leader_arm
         else:
-            constant += arm * tree.fixed_positions.get(joint, 0.0)
+            constant += leader_arm * tree.fixed_positions.get(leader, 0.0)
     return {joint: arm for joint, arm in reduced.items() if arm}, constant
 
 

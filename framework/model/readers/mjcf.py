@@ -166,20 +166,16 @@ class _Model:
         self.tree.left_out.append(UnreadElement(text, tuple(acts_on), is_decisive))
 
     def _make_urdf(self, name: str, taken: set[str]) -> Element:
-        """Return the URDF, with a link for each body and a massless link between joints of a body."""
+        """Return the URDF, with a link for each body and a massless link between joints of a body.
+
+        `taken` are names in use, to which those of further links are added.
+        """
         model = self.compiled
         root = Element("robot", name=name)
         links = [SubElement(root, "link", name=body) for body in self.bodies]
         origins = list(_placements(model.body_pos, model.body_quat))
         for k in range(1, model.nbody):  # without the world
-            motions: list[NewJoint] = []
-            end = origins[k]
-            # MuJoCo's joint is at the point `pos` of the body, but a URDF's link has its origin in the joint
-            # before it. So the chain leads to `pos` before each joint, and back to the origin after it.
-            for joint in self.joints[model.body_jntadr[k] :][: model.body_jntnum[k]]:
-                point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
-                motions.append(joint.urdf_joint(end @ placement(None, point)))
-                end = placement(None, -point)
+            motions, end = self._joints_of_body(k, origins[k])
             parent = self.bodies[model.body_parentid[k]]
             root.extend(chain_elements(parent, motions, self.bodies[k], end, taken))
             if model.body_mass[k] or model.body_inertia[k].any():
@@ -190,6 +186,24 @@ class _Model:
             if shape := _SHAPES.get(member_name("mjtGeom", model.geom_type[k])):
                 links[model.geom_bodyid[k]].append(_make_visual(shape, model.geom_size[k], origin))
         return root
+
+    def _joints_of_body(self, k: int, origin: Array) -> tuple[list[NewJoint], Array]:
+        """Return the joints between body k and its parent, and the body's placement behind the last one.
+
+        MuJoCo's joint is at a point `pos` of the body, but a URDF's link has its origin in the joint before
+        it. So the chain of joints leads to `pos` before each joint, and back to the origin after it.
+
+        Args:
+            origin: (4, 4) placement of the body in its parent.
+        """
+        first = self.compiled.body_jntadr[k]
+        motions = []
+        end = origin
+        for joint in self.joints[first : first + self.compiled.body_jntnum[k]]:
+            point = np.zeros(3) if joint.kind == "floating" else joint.view.pos
+            motions.append(joint.urdf_joint(end @ placement(None, point)))
+            end = placement(None, -point)
+        return motions, end
 
     def _moment_arms(self, kind: str, number: int) -> dict[str, float] | None:
         """Return the moment arms d length / d q of a joint or tendon, by joint; None if spatial.

@@ -172,7 +172,7 @@ def _repair_inertias(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:
         is_replaced = body.compiler.balanceinertia or body.compiler.inertiafromgeom == geoms_only
         if not body.explicitinertial or is_replaced:
             continue
-        if np.isfinite(body.fullinertia[0]):
+        if np.isfinite(body.fullinertia[0]):  # the file states a matrix
             _make_principal(body)
         try:
             if body.mass < 0:
@@ -276,7 +276,7 @@ def _delete_refused_meshes(spec: Any, error: str) -> Iterator[UnreadElement]:
     geoms = [geom for geom in spec.geoms if geom.meshname]
     if not geoms:
         raise RobotFileError(error)
-    line = error.partition(": ")[0]
+    line = error.partition(": ")[0]  # the place in the file, which is the `info` of an element
     named = {geom.meshname for geom in geoms if line in (geom.info, spec.mesh(geom.meshname).info)}
     for geom in geoms:
         if geom.meshname in named or not named:

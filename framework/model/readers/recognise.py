@@ -54,12 +54,14 @@ def parse_any(
 ) -> ParsedRobot:
     """Read a file of any dialect, recognised by its content.
 
-    The fields of `Options` complete a foreign file and override it: the `platform` frame and its `axes` or
-    `platform_joints`, the `motors`, joints that are `locked` [rad, m] (None: at the reference), and a
-    `reference` [rad, m] near an assembled pose if the zero pose is not. With a link `base` all joints that
-    the link does not carry are locked at the reference. `propose` completes what is missing. A pair of
-    Gepetto is read from its YAML or its folder. `parameters` replace values that a robot file of ours
-    declares.
+    Args:
+        file: a file; for a pair of Gepetto its YAML or the folder of both files.
+        parameters: replace values that a robot file of ours declares.
+        options: the fields of `Options`, which complete a foreign file and override it: the `platform` frame
+            and its `axes` or `platform_joints`, the `motors`, joints that are `locked` [rad, m] (None: at the
+            reference), and a `reference` [rad, m] near an assembled pose if the zero pose is not. With a link
+            `base` all joints that the link does not carry are locked at the reference. `propose` completes
+            what is missing.
 
     Raises:
         RobotFileError: the file cannot be read, is of no known dialect, is malformed, has content that the

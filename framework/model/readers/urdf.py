@@ -178,7 +178,7 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
     name, where = _element_name(element)
     ends = _LOOPS["loop"].ends
     check_parts(element, where, (*ends, "ratio"), ("name", "type"))
-    first, second = (_read_end(tree, element, where, end)[0] for end in ends)
+    first, second = (_read_end(tree, element, where, end)[0] for end in ends)  # links
     value = child_element(element, where, "ratio")
     check_parts(value, f"{where}: <ratio>", (), ("value",))
     ratio = read_number(value, f"{where}: <ratio>", "value")
@@ -194,6 +194,7 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
         return
     if ratio == 1.0 and tree.close_turns(name, first, second):
         return
+
     joints = drivers + driven
     if not len(drivers) == len(driven) == 1 or not all(joint.kind in MOVING for joint in joints):
         listed = ", ".join(joint.name for joint in joints)
