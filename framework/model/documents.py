@@ -37,7 +37,7 @@ _TAG = re.compile(r"<[A-Za-z_][\w.:-]*")  # the first match begins the root elem
 
 @contextmanager
 def prefix_errors(path: Path | str, kind: type[InvalidInput] = RobotFileError) -> Iterator[None]:
-    """Prefix the errors of the block with the name of the file in which they are.
+    """Prefix the errors of the block with the name of a file.
 
     InvalidInput becomes an error of this `kind`; MissingPackage stays one. Content that is nested too deeply
     for Python counts as an error of the content.

@@ -187,7 +187,7 @@ def loop_rows(
 
 
 class _RowProduct(NamedTuple):
-    """The product of one row: fields of `LoopRows`, in their order there."""
+    """The product of one row: fields of `LoopRows`, in the same order."""
 
     square: bool = False
     rotation: bool = False

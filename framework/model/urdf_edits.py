@@ -115,7 +115,7 @@ def chain_elements(
 
 
 def free_name(wanted: str, taken: set[str]) -> str:
-    """Append underscores to a name until it is free; add the name to `taken`."""
+    """Append underscores to a taken name until the result is free; add the result to `taken`."""
     while wanted in taken:
         wanted += "_"
     taken.add(wanted)

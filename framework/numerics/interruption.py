@@ -117,7 +117,7 @@ def defer_signals() -> Iterator[None]:
 
 @contextmanager
 def _handle_signals(numbers: Iterable[int], handler: Handler) -> Iterator[None]:
-    """Let a handler receive the signals of these numbers for the duration of the block."""
+    """Let a handler receive the signals with some numbers for the duration of the block."""
     handlers = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield

@@ -53,7 +53,7 @@ def matmul(a: Array, b: Array) -> Array:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """Solve systems (R, n, n) with right sides (R, n) or (R, n, k); inf where singular to the last bit."""
+    """Solve systems (R, n, n) with right sides (R, n) or (R, n, k); infinite where singular."""
     if right.ndim < matrix.ndim:
         return solve(matrix, right[..., None])[..., 0]
     try:

@@ -96,7 +96,7 @@ def _check_overwritten(folder: Path, names: list[str], document: str | None, com
 
 @contextmanager
 def _temporary_folder(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder in `folder`, locked until it is removed at the end.
+    """Yield a locked temporary folder in `folder`, which is removed at the end.
 
     A lock ends with its process. So unlocked temporary folders, which processes left that were killed while
     writing, can be removed here.
@@ -149,7 +149,7 @@ def plain(value: Any) -> Any:
 
 
 def select_fields(record: object, *names: str) -> Document:
-    """Return the attributes of a record that have these names, by name."""
+    """Return some attributes of a record, by name."""
     return {name: getattr(record, name) for name in names}
 
 

@@ -111,10 +111,10 @@ def _dask_client(address: str) -> Iterator[Any]:
 
 
 class _Worker(NamedTuple):
-    """A worker process with the parent's end of its pipe, which carries calls there and answers back."""
+    """A worker process with the parent's end of its pipe."""
 
     process: SpawnProcess
-    pipe: Connection
+    pipe: Connection  # carries calls to the process, and answers back
 
 
 class Workers(Executor):

@@ -66,7 +66,7 @@ def _check_count(key: str, entries: Sequence[str], what: str, others: Sequence[A
 
 
 def _replace_joints(tree: UrdfTree, joint_name: Sequence[str], joint_type: Sequence[str]) -> None:
-    """Replace joints of the URDF by joints of their true types; the lists are those of the file."""
+    """Replace joints of the URDF by joints of their true types, as the two lists of the file say."""
     _check_count("joint_type", joint_type, "joint of joint_name", joint_name)
     check_unique("joint_name", joint_name)
     for i, (name, kind) in enumerate(zip(joint_name, map(str.upper, joint_type), strict=True)):

@@ -86,17 +86,23 @@ class _Joint(NamedTuple):
     ]  # of one freedom each, in the joint's frame; one without an axis if fixed or a ball
     dynamics: dict[str, JointDynamics]  # by motion, if not zero
 
-    def chain(self, *, is_reversed: bool) -> list[NewJoint]:
-        """Return the motions as joints of a URDF, from parent to child or in reverse."""
-        motions = self.motions
-        if is_reversed:
-            motions = [
-                motion if motion.axis is None else motion._replace(axis=-motion.axis)
-                for motion in reversed(motions)
-            ]
+    def chain_from(self, link: str) -> tuple[list[NewJoint], str, Array]:
+        """Return the joints of a URDF that lead from one link of the joint to the other.
+
+        Returns:
+            The joints, the other link, and its placement (4, 4) behind the last joint.
+        """
+        parent, child = self.links
         on_parent, on_child = self.placements
-        origin = on_child if is_reversed else on_parent
-        return [motions[0]._replace(origin=origin), *motions[1:]]
+        first, *others = self.motions
+        if link == parent:
+            return [first._replace(origin=on_parent), *others], child, invert_placement(on_child)
+        # from child to parent the motions are in reverse order, about opposite axes
+        first, *others = [
+            motion if motion.axis is None else motion._replace(axis=-motion.axis)
+            for motion in reversed(self.motions)
+        ]
+        return [first._replace(origin=on_child), *others], parent, invert_placement(on_parent)
 
 
 def read_sdf(file: Path, root: Element, options: Options) -> ParsedRobot:
@@ -201,7 +207,13 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
         invert_placement(scope.placement_of(parent_link)) @ on_parent,
         invert_placement(scope.placement_of(child_link)) @ on_child,
     )
+    motions, dynamics = _read_motions(scope, name, kind)
+    return _Joint(name, element, kind, links, placements, motions, dynamics)
 
+
+def _read_motions(scope: Scope, name: str, kind: str) -> tuple[list[NewJoint], dict[str, JointDynamics]]:
+    """Read the motions of a joint of this kind, and their dynamics by name, as in `_Joint`."""
+    element = scope.joints[name]
     motions = []
     dynamics: dict[str, JointDynamics] = {}
     for suffix, motion, tag in _MOTIONS.get(kind, ()):
@@ -210,8 +222,7 @@ def _make_joint(scope: Scope, name: str, links: tuple[str, str]) -> _Joint:
         motions.append(NewJoint(name + suffix, motion, np.eye(4), axis, limits))
         if (acting := _read_dynamics(element, name, tag)) != JointDynamics():
             dynamics[name + suffix] = acting
-    motions = motions or [NewJoint(name, kind, np.eye(4))]
-    return _Joint(name, element, kind, links, placements, motions, dynamics)
+    return motions or [NewJoint(name, kind, np.eye(4))], dynamics
 
 
 def _read_dynamics(joint: Element, name: str, tag: str) -> JointDynamics:
@@ -338,15 +349,12 @@ def _make_urdf(scope: Scope, joints: Sequence[_Joint], tree_names: Sequence[str]
     for link in reached:  # grows during the loop: breadth first
         root.append(_make_link(scope, link))
         for joint in tree_joints:
-            parent, child = joint.links
-            is_reversed = link == child  # the tree leads from the joint's child to its parent
-            outer = parent if is_reversed else child
-            if link not in joint.links or outer in reached:
+            if link not in joint.links:
                 continue
-            in_parent, in_child = joint.placements
-            end = invert_placement(in_parent if is_reversed else in_child)  # of the outer link
-            root.extend(chain_elements(link, joint.chain(is_reversed=is_reversed), outer, end, taken))
-            reached.append(outer)
+            motions, outer, end = joint.chain_from(link)
+            if outer not in reached:
+                root.extend(chain_elements(link, motions, outer, end, taken))
+                reached.append(outer)
     return root
 
 

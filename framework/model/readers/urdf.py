@@ -125,7 +125,7 @@ def _read_loop(tree: UrdfTree, element: Element) -> None:
 
 
 def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> list[Array]:
-    """Read the axes (3,) of a closure: one for each end, one for both, or none if the kind needs none.
+    """Read the axes (3,) of a closure: one for each end, one for both, or none.
 
     Args:
         element: the loop.
@@ -152,9 +152,10 @@ def _read_axes(element: Element, where: str, kind: str, tags: Sequence[str]) -> 
 
 
 def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[str, Array]:
-    """Read the end of a loop with the tag `end`: the link, and the joint's placement (4, 4) in the link.
+    """Read an end of a loop: the link, and the joint's placement (4, 4) in the link.
 
-    The placement is an `<origin>` in the end, an `<END_origin>` beside it, or attributes of the end.
+    The tag of the end is `end`. The placement is an `<origin>` in the end, an `<END_origin>` beside the end,
+    or attributes of the end.
     """
     body = child_element(element, where, end)
     label = f"{where}: <{end}>"

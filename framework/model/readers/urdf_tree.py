@@ -370,10 +370,11 @@ class UrdfTree(Tree):
                 self.joints[hinge.name] = self.parent_joint[hinge.child] = hinge
 
     def close_turns(self, name: str, first: str, second: str) -> bool:
-        """Add the loop equation `name` that keeps the rotations of two links equal; return whether it exists.
+        """Add the loop equation `name` that keeps the rotations of two links equal, where possible.
 
-        It exists if all joints between the links are parallel hinges: the rotation of a link is then the sum
-        of the angles. Hinges about opposite axes count as not parallel.
+        Return whether the equation exists. This requires that all joints between the links are parallel
+        hinges: the rotation of a link is then the sum of the angles. Hinges about opposite axes count as not
+            parallel.
 
         Raises:
             RobotFileError: see `add_frame`.
