@@ -34,7 +34,7 @@ from framework.model.placement import invert_placement, placement, unit_vector
 from framework.model.robot_file import record_entry as spring_entry
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.fields import check_distinct
+from framework.numerics.fields import check_distinct, positive
 from framework.tolerances import BEAM_NEAR_MINUS_X, FILE_ROUNDING
 
 
@@ -46,7 +46,9 @@ class Material:
     G: float
 
     def __post_init__(self) -> None:
-        _check_positive(E=self.E, G=self.G)
+        """Refuse moduli that are not positive."""
+        positive("E", self.E)
+        positive("G", self.G)
 
     @staticmethod
     def isotropic(E: float, poisson: float) -> Material:
@@ -78,8 +80,10 @@ class Section:
     shear_z: float | None = None
 
     def __post_init__(self) -> None:
-        values = asdict(self).items()
-        _check_positive(**{name: value for name, value in values if value is not None})
+        """Refuse values that are not positive."""
+        for name, value in asdict(self).items():
+            if value is not None:
+                positive(name, value)
 
     @staticmethod
     def tube(outer: float, inner: float = 0.0) -> Section:
@@ -88,7 +92,7 @@ class Section:
         Raises:
             InvalidInput: not 0 <= inner < outer.
         """
-        _check_positive(outer=outer)
+        positive("outer", outer)
         if not 0.0 <= inner < outer:
             raise InvalidInput(f"inner: must be from 0 to below outer ({outer!r}), got {inner!r}")
         area = math.pi * (outer**2 - inner**2)
@@ -103,8 +107,7 @@ class Section:
 
             J = a b^3 / 3 (1 - 192 b / (pi^5 a) sum tanh(n pi a / (2 b)) / n^5).
         """
-        _check_positive(width=width, height=height)
-        b, a = sorted((width, height))
+        b, a = sorted((positive("width", width), positive("height", height)))
         n = np.arange(1, 200, 2)  # the first term left out is below 1e-11 of the sum
         series = float(np.sum(np.tanh(n * math.pi * a / (2.0 * b)) / n**5.0))
         torsion = a * b**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * b / a * series)
@@ -130,7 +133,7 @@ def beam_stiffness(section: Section, material: Material, length: float) -> dict[
     Raises:
         InvalidInput: the length is not positive.
     """
-    _check_positive(length=length)
+    positive("length", length)
     E, G, L = material.E, material.G, length
 
     def stiffness_across(second_moment: float, shear_factor: float | None) -> float:
@@ -242,13 +245,6 @@ def _section_axes(along: Array, y: ArrayLike | None) -> Array:
             raise InvalidInput(f"y: needs a direction across the beam, which runs along {point(along)}")
     across /= np.linalg.norm(across)
     return np.column_stack([along, across, np.cross(along, across)])
-
-
-def _check_positive(**values: float) -> None:
-    """Raise InvalidInput for a value that is not finite and greater than zero; the message has its name."""
-    for name, value in values.items():
-        if not 0.0 < value < math.inf:
-            raise InvalidInput(f"{name}: must be a finite number greater than zero, got {value!r}")
 
 
 __all__ = ["Material", "Section", "SplitBeam", "beam_spring", "beam_stiffness", "split_beam", "spring_entry"]

@@ -31,22 +31,27 @@ class Polytope(ReadOnlyArrays):
     vertices: Array  # (k, n)
     free: Array  # (f, n) orthonormal directions in which it is unbounded
 
+    @property
+    def rounding(self) -> float:
+        """Distance at which a point counts as lying on a half-space's boundary."""
+        return float(SAME_PLACE * np.abs(self.offsets).max(initial=0.0))
+
     def contains(self, points: Array) -> BoolArray:
         """Return which points (..., n) are inside, up to rounding."""
-        size = np.abs(self.offsets).max(initial=0.0)
-        return np.all(points @ self.normals.T <= self.offsets + SAME_PLACE * size, axis=-1)
+        return np.all(points @ self.normals.T <= self.offsets + self.rounding, axis=-1)
 
     def reach(self, direction: Array) -> tuple[float, float]:
         """Compute the least and the largest t with t direction (n,) inside; NaN if no t is.
 
-        Each half-space is slope t <= offset with slope = normal . direction. It bounds t from above if the
-        slope is positive, and from below if it is negative. Without a slope it holds for all t or for none.
+        Both are infinite where the polytope is unbounded. Each half-space is slope t <= offset with slope =
+        normal . direction. It bounds t from above if the slope is positive, and from below if it is negative.
+        Without a slope it holds for all t or for none.
         """
         slope = self.normals @ direction
-        rounding = RANK_ROUNDING * np.linalg.norm(direction)
-        is_upper, is_lower = slope > rounding, slope < -rounding
-        size = np.abs(self.offsets).max(initial=0.0)
-        if np.any(self.offsets[~(is_upper | is_lower)] < -SAME_PLACE * size):
+        least_slope = RANK_ROUNDING * np.linalg.norm(direction)
+        is_upper = slope > least_slope
+        is_lower = slope < -least_slope
+        if np.any(self.offsets[~(is_upper | is_lower)] < -self.rounding):
             return np.nan, np.nan
         low = float((self.offsets[is_lower] / slope[is_lower]).max(initial=-np.inf))
         high = float((self.offsets[is_upper] / slope[is_upper]).min(initial=np.inf))

@@ -204,7 +204,7 @@ def test_the_entry_goes_into_a_robot_file(tmp_path):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Material(0.0, 1.0), "E: must be a finite number greater than zero, got 0.0"),
+        (lambda: Material(0.0, 1.0), "E: must be greater than zero, got 0.0"),
         (lambda: Material(1.0, float("nan")), "G: must be"),
         (lambda: Material.isotropic(1.0, 0.5), "poisson: must be between"),
         (lambda: Section(1.0, -1.0, 1.0, 1.0), "Iy: must be"),
