@@ -91,7 +91,8 @@ def mjcf_text(robot: ParallelRobot, *, hinges: bool = False) -> str:
 def convert_to_qpos(model: pin.Model, q: Array, *, hinges: bool = False) -> Array:
     """Convert q (nq,) to MuJoCo's qpos.
 
-    MuJoCo's quaternions are (w, x, y, z), pinocchio's are (x, y, z, w). Hinges that replace a ball are zero.
+    MuJoCo's quaternions are (w, x, y, z), pinocchio's are (x, y, z, w). With `hinges`, hinges replace each
+    ball, and they are zero.
     """
     parts = []
     for joint in list(model.joints)[1:]:
@@ -189,7 +190,7 @@ def _add_joints(robot: ParallelRobot, body: Element, screws: Array, j: int, *, i
 
 
 def _dynamic_attributes(robot: ParallelRobot, column: int) -> dict[str, str]:
-    """Return armature, spring, damping and friction of a velocity coordinate as attributes."""
+    """Return armature, spring, damping and friction of velocity coordinate `column` as attributes."""
     armature = robot.model.armature.copy()
     armature[robot.actuated] += robot.rotor_inertia * robot.gear_ratio**2
     values = {
@@ -218,6 +219,8 @@ def _acceptable_inertia(inertia: Array) -> Array:
 
 def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> None:
     """Add the equalities of closures and couplings, and sites at the frames of platform and closures.
+
+    `bodies` are the elements of the bodies, by number of pinocchio's joint.
 
     A closure makes the origins of its two frames coincide. If it also locks turns, further points of both
     frames coincide, each on one axis of the frame (`OFF_ORIGIN`).

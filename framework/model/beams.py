@@ -127,8 +127,8 @@ class SplitBeam(NamedTuple):
 def beam_stiffness(section: Section, material: Material, length: float) -> dict[str, float]:
     """Compute the diagonal stiffness [N/m, N m/rad] at the middle of a beam.
 
-    The beam runs along x; the keys are the axes x, y, z, rx, ry, rz. `length` is in [m]. The formulas are
-    those of the module.
+    The formulas are those of the module. The beam has the same section and material along its `length` [m],
+    and runs along x. The keys are the axes x, y, z, rx, ry, rz.
 
     Raises:
         InvalidInput: the length is not positive.
@@ -162,8 +162,14 @@ def beam_spring(
 ) -> Spring:
     """Return the virtual joint in the middle of a link's beam.
 
-    `after` is the fixed joint at the middle, whose child frame has x along the beam; see `split_beam`. Axes
-    that are not among `axes` are rigid. The module says in which sense the spring is exact.
+    The module says in which sense the spring is exact.
+
+    Args:
+        name: of the spring.
+        after: fixed joint at the middle, whose child frame has x along the beam; see `split_beam`.
+        section, material: the same along the beam.
+        length: of the whole beam [m].
+        axes: elastic axes; the others are rigid.
 
     Raises:
         InvalidInput: length, name or axes are not valid.
@@ -183,6 +189,8 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
     directs the section.
 
     Args:
+        urdf_text: a URDF.
+        tip: name of the joint.
         y: direction (3,) of the section's y axis (the width of `Section.rectangle`) in the link's axes, of
             any length; only its part across the beam counts. By default the frame is that of the link after
             the least rotation that takes x to the beam. It changes continuously with the direction of the

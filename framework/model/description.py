@@ -217,8 +217,8 @@ class Coupling:
 def locked_through_couplings(couplings: Iterable[Coupling], locked: Mapping[str, float]) -> dict[str, float]:
     """Return the positions [rad, m], by name, of joints coupled to locked joints.
 
-    `locked` are the positions of the locked joints. Only joints one coupling away from a locked joint are
-    returned.
+    `locked` are the positions of the locked joints. Only joints that one of the `couplings` connects directly
+    with a locked joint are returned.
     """
     positions = {}
     for coupling in couplings:

@@ -46,11 +46,12 @@ LEVELS_BY_NAME = {level.name: level for level in LEVELS}
 
 
 def with_bodies(description: RobotDescription, bodies: str) -> RobotDescription:
-    """Return the robot with mass in no body ("none"), in the payload ("payload") or in all ("all").
+    """Return the robot with mass in no body, in the payload or in all.
 
-    The payload is the inertia of the platform's link. If that link has no inertia of its own, the payload is
-    the moving body that carries the platform's frame, as in `control.variation`. A robot without any mass
-    has no joint dynamics either: only its rotors cause forces.
+    Which of them, `bodies` says: "none", "payload" or "all". The payload is the inertia of the platform's
+    link. If that link has no inertia of its own, the payload is the moving body that carries the platform's
+    frame, as in `control.variation`. A robot without any mass has no joint dynamics either: only its rotors
+    cause forces.
     """
     if bodies == "all":
         return description

@@ -182,7 +182,7 @@ def _check_scenes(description: RobotDescription) -> None:
 
 
 def _check_names(description: RobotDescription, urdf: Tree) -> None:
-    """Refuse repeated names and names in use, and motors on joints without exactly one freedom."""
+    """Refuse repeated names, names in use in the URDF, and motors on joints without exactly one freedom."""
     virtual_joints = [name for spring in description.springs for name in spring.coordinates]
     check_unique("actuators", description.motor_joints)
     check_unique("closures", [closure.name for closure in description.closures])
@@ -211,8 +211,8 @@ def write_robot_file(
 ) -> Path:
     """Write NAME.yaml and NAME.urdf into a folder; return the path of the YAML.
 
-    The two files move into the folder only if they can be read back. Each comment becomes a line at the top
-    of the YAML.
+    The two files move into the folder only if they can be read back. Each of the `comments` becomes a line at
+    the top of the YAML.
 
     Raises:
         OutputError: the folder cannot be written, or a file would overwrite the one that was read.

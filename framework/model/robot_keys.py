@@ -222,7 +222,7 @@ def _pair_reader(urdf: Tree) -> Reader[tuple[str, str]]:
 
 
 def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
-    """Return a reader of a coupling of two different joints."""
+    """Return a reader of a coupling of two different `movable` joints."""
     read_joint = one_of("joint", movable)
     readers = {"joint": read_joint, "of": read_joint, "ratio": number, "offset": number}
 
@@ -241,7 +241,7 @@ _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
 
 
 def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
-    """Return a reader of joint dynamics, by coordinate or whole joint."""
+    """Return a reader of joint dynamics by coordinate (one of `names`) or whole joint."""
     whole_joints = [name for name, joint in urdf.joints.items() if joint.kind in COORDINATE_SUFFIXES]
 
     def read(where: str, given: Any) -> JointValues:
@@ -285,7 +285,7 @@ def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[s
     """Return a reader of a spring: a virtual joint, or a spring that acts along a URDF joint.
 
     The former becomes a Spring. The latter becomes its values (joint, stiffness, rest), since it is part of
-    the joint's dynamics.
+    the joint's dynamics. `movable` are the joints of one freedom.
     """
     virtual = {
         "name": required(text),

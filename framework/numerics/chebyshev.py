@@ -178,7 +178,7 @@ class TimeFunction(ReadOnlyArrays):
         return values.reshape(*times.shape, self.coefficients.shape[2])
 
     def _evaluate_panel(self, p: int, t: Array, order: int) -> Array:
-        """Compute values (T, k) of a time derivative at t (T,) on panel p."""
+        """Compute values (T, k) of the time derivative of `order` at t (T,) on panel p."""
         half_width = 0.5 * (self.edges[p + 1] - self.edges[p])
         local = (t - self.edges[p]) / half_width - 1.0
         series = self.coefficients[p]
@@ -267,7 +267,8 @@ class TimeGrid(ReadOnlyArrays):
     def clear_of(instants: Array, edges: Array, size: int) -> TimeGrid:
         """Return the grid whose nodes are farthest from `instants` (k,) [s].
 
-        Candidates have `size` to `size` + 5 nodes on each panel. Distances are compared relative to the mean
+        The panels are between `edges` (panels + 1,) [s]. Candidates have `size` to `size` + 5 nodes on each
+        panel. Distances are compared relative to the mean
         distance between nodes. A node at the instant of a crossing would divide 0 by 0.
         """
         best_size = size
@@ -291,7 +292,7 @@ def _nodes_between(edges: Array, size: int) -> Array:
 
 @lru_cache(maxsize=64)
 def derivative_matrix(size: int, order: int = 1) -> Array:
-    """Return the matrix (size, size) from coefficients of a series to its derivative's."""
+    """Return the matrix (size, size) that differentiates a series of coefficients `order` times."""
     matrix = np.zeros((size, size))
     count = max(size - order, 0)  # number of coefficients of the derivative
     matrix[:count] = chebyshev.chebder(np.eye(size), order, axis=0)[:count]

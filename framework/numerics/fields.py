@@ -2,7 +2,8 @@
 
 A reader is called with the place of a value in the document, `where`, such as `actuators[0].joint`, and with
 the `raw` value. It returns the typed value, or raises an InvalidInput that names the place, the given value
-and valid ones.
+and valid ones. Most functions here are such readers, or make one from other readers (`read`). For messages,
+`what` says what a name stands for, such as "joint".
 """
 
 from __future__ import annotations
@@ -100,7 +101,10 @@ def dataclass_of(kind: type[T], readers: Mapping[str, Reader[Any]]) -> Reader[T]
 
 
 def mapping_of(read: Reader[T], read_name: Reader[str] = lambda _, name: str(name)) -> Reader[dict[str, T]]:
-    """Return a reader of a mapping from names to values; any name is valid by default."""
+    """Return a reader of a mapping from names to values, read by `read_name` and `read`.
+
+    By default any name is valid.
+    """
 
     def read_named(where: str, raw: Any) -> dict[str, T]:
         """Read each name and its value."""
@@ -143,7 +147,7 @@ def distinct(what: str, valid: Collection[str]) -> Reader[tuple[str, ...]]:
 
 
 def check_distinct(where: str, what: str, names: Sequence[str], valid: Collection[str]) -> None:
-    """Raise RobotFileError for unknown and repeated names, and for an empty list."""
+    """Raise RobotFileError for repeated names, for names that are not `valid`, and for an empty list."""
     for name in names:
         check_name(where, what, name, valid)
     if not names or len(set(names)) < len(names):
@@ -176,7 +180,7 @@ def or_null(read: Reader[T]) -> Reader[T | None]:
 
 
 def _instance_of(kind: type[T], words: str) -> Reader[T]:
-    """Return a reader of values of one type, called `words` in complaints."""
+    """Return a reader of values of the type `kind`, called `words` in complaints."""
 
     def read_instance(where: str, raw: Any) -> T:
         """Return the value; refuse other types."""
@@ -200,7 +204,7 @@ def one_of(what: str, valid: Collection[str]) -> Reader[str]:
 
 
 def _restrict(read: Reader[T], is_valid: Callable[[T], bool], complaint: str) -> Reader[T]:
-    """Return a reader that refuses invalid values with a complaint."""
+    """Return a reader that refuses values that are not valid with a complaint."""
 
     def read_valid(where: str, raw: Any) -> T:
         """Read a value; refuse an invalid one."""

@@ -74,7 +74,7 @@ class KeptChunks:
         return chunks
 
     def keep(self, name: str, arrays: Arrays) -> None:
-        """Store a finished chunk.
+        """Store the arrays of a finished chunk.
 
         Raises:
             OutputError: the chunk cannot be written.

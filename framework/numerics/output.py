@@ -81,7 +81,17 @@ def written_together(
 
 
 def _check_overwritten(folder: Path, names: list[str], document: str | None, complaint: str) -> None:
-    """Refuse to overwrite folders, and files that do not belong to this program."""
+    """Refuse to overwrite folders, and files that do not belong to this program.
+
+    Args:
+        folder: where the files are to be.
+        names: of the files.
+        document: of these, the one that marks the others as files of this program, see `written_together`.
+        complaint: beginning of the message.
+
+    Raises:
+        OutputError: one of the files exists and must stay.
+    """
     present = [name for name in names if os.path.lexists(folder / name)]
     for name in present:
         if (folder / name).is_dir():
@@ -171,7 +181,10 @@ def write_csv(file: Path, groups: Mapping[str, Iterable[str]], rows: np.ndarray)
 def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> None:
     """Write one complete file; if this fails, an existing file stays unchanged.
 
-    Characters without UTF-8 encoding, as in paths that are not UTF-8, become question marks.
+    Args:
+        content: bytes, or a text that is written in UTF-8. Characters without UTF-8 encoding, as in paths
+            that are not UTF-8, become question marks.
+        option: command-line option that is named in complaints.
 
     Raises:
         OutputError: the file cannot be written, or its name belongs to something else than a file.
@@ -188,7 +201,7 @@ def write_file(file: Path, content: str | bytes, *, option: str = "--html") -> N
 
 
 def _is_ours(document: Path) -> bool:
-    """Return whether a file is a JSON object about a robot."""
+    """Return whether a file is a JSON object with the key `robot`, as of this program."""
     try:
         content = json.loads(read_text(document, "", largest=1_000_000_000))
     except (InvalidInput, ValueError, RecursionError):

@@ -58,7 +58,8 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
 def _parabola_vertex(left: Array, centre: Array, right: Array) -> Array:
     """Return the abscissae (m,) of the maxima of parabolas through values (m,) at -1, 0 and 1.
 
-    They are clipped to [-1, 1]; a parabola without a maximum gives 0.
+    The values are `left` at -1, `centre` at 0 and `right` at 1. Abscissae are clipped to [-1, 1]; a parabola
+    without a maximum gives 0.
     """
     curvature = 2.0 * centre - left - right  # minus the second derivative: positive at a maximum
     vertex = np.divide(0.5 * (right - left), curvature, out=np.zeros_like(curvature), where=curvature > 0.0)

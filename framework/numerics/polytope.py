@@ -164,7 +164,10 @@ def _remove_repeated(points: Array) -> Array:
 
 
 def _select_vertices(points: Array, normals: Array, offsets: Array) -> Array:
-    """Select the points (k, n) at which the normals of touching half-spaces have rank n."""
+    """Select the points (k, n) at which the normals of touching half-spaces have rank n.
+
+    The half-spaces are normals (h, n) y <= offsets (h,).
+    """
     size = np.abs(offsets).max(initial=0.0)
     touches = points @ normals.T >= offsets - SAME_PLACE * size  # (k, h)
     ranks = [np.linalg.matrix_rank(normals[row], tol=RANK_ROUNDING) for row in touches]

@@ -156,7 +156,7 @@ class Workers(Executor):
         self.shutdown()
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """Wait for all tasks; stop the processes after an error, also one during the wait."""
+        """Wait for all tasks; stop the processes after an error of a `kind`, also one during the wait."""
         if kind is not None:
             self.stop()
             return

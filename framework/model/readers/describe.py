@@ -161,7 +161,7 @@ def _check_closures(closures: Sequence[Closure]) -> None:
 
 
 def _no_loop_error(options: Options, closures: Sequence[Closure]) -> RobotFileError:
-    """Return the error for a file in which no loop moves."""
+    """Return the error for a file in which none of the `closures` moves."""
     if options.base is not None:
         return RobotFileError(f"--base: no loop moves that link {options.base!r} carries")
     if not closures or options.locked:
@@ -222,7 +222,7 @@ def apply_locks(tree: UrdfTree, locked: Mapping[str, float | None], reference: d
     """Lock joints at values [rad, m]; None means the reference [rad, m], or zero if that has none.
 
     A lock named J_rx, J_ry or J_rz locks one rotation of a ball J. The ball then becomes two hinges, whose
-    angles replace those of the ball in the reference.
+    angles replace those of the ball in `reference`.
 
     Raises:
         RobotFileError: no joint of such a name moves; a joint of several freedoms has a value; the new hinges
@@ -341,7 +341,7 @@ def is_moved(tree: UrdfTree, name: str) -> bool:
 
 
 def complete_robot(options: Options, partial: PartialRobot) -> PartialRobot:
-    """Complete the content of a file by the options, else by proposals.
+    """Complete the `partial` content of a file by the options, else by proposals.
 
     Raises:
         RobotFileError: platform or motors are missing (the message names the options and the candidates), or

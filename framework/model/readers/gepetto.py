@@ -32,6 +32,12 @@ _JOINTS: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(te
 def read_pair(file: Path, content: Mapping[Any, Any], tree: UrdfTree, options: Options) -> ParsedRobot:
     """Read the robot in a robot.yaml and the tree of a URDF.
 
+    Args:
+        file: the robot.yaml.
+        content: of this file.
+        tree: of the URDF.
+        options: of the reader.
+
     Raises:
         InvalidInput: a key is missing or unknown, or its value is of another type or names what the URDF does
             not have.

@@ -271,8 +271,8 @@ class _Model:
         where = f"{kind} equality {name!r}"
         polynomial = model.eq_data[k, :5]  # coefficients of the powers 0 to 4 of the second length
         offset, ratio = polynomial[:2].tolist()
-        first = self._moment_arms(kind, int(model.eq_obj1id[k]))
-        second = self._moment_arms(kind, int(model.eq_obj2id[k]))
+        first = self._moment_arms(kind, model.eq_obj1id[k])
+        second = self._moment_arms(kind, model.eq_obj2id[k])
         if first is None or second is None:
             where += ": of a spatial tendon, which is not read"
             self.leave_out(where, self.all_joints, is_decisive=True)
@@ -295,7 +295,7 @@ class _Model:
             tree.fix(tree.joints[joint], offset / arm)
 
     def _couple(self, name: str, arms: Mapping[str, float], offset: float) -> None:
-        """Couple two joints by sum(arm q) = offset.
+        """Couple two joints by sum(arm q) = offset, with `arms` by joint.
 
         Equal angles of parallel hinges become a closure, which all proofs support. Any other equation becomes
         a coupling.
@@ -335,7 +335,7 @@ class _Model:
     def _read_motor(self, k: int) -> None:
         """Read motor k, or report an actuator of another kind as unread."""
         model = self.compiled
-        target = int(model.actuator_trnid[k, 0])
+        target = model.actuator_trnid[k, 0]
         gear = float(model.actuator_gear[k, 0])
         name = self.name("actuator", k)
         acts_on = self.all_joints
@@ -376,7 +376,7 @@ class _Model:
     def _force_limit(self, k: int, gear: float) -> float | None:
         """Return the least symmetric force limit [N m, N] of motor k, before its gear; None without one."""
         model = self.compiled
-        joint = int(model.actuator_trnid[k, 0])
+        joint = model.actuator_trnid[k, 0]
         ranges = [model.actuator_forcerange[k]] if model.actuator_forcelimited[k] else []
         # the zeros of the enumerations: force = gain * control, without bias and without dynamics of its own
         is_plain = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
@@ -420,7 +420,7 @@ class _Model:
                 self.leave_out(f"{where} {effect}: higher powers {powers}", [joint.name])
 
     def _unread_effects_of_tendon(self, k: int) -> list[str]:
-        """List the unread effects of a tendon: all of a spatial one, slack, ranges."""
+        """List the unread effects of tendon k: all of a spatial one, slack, ranges."""
         model = self.compiled
         effects = []
         if self._moment_arms("tendon", k) is None:
@@ -446,7 +446,13 @@ def _make_dynamics(values: Iterable[float], rest: float | None) -> JointDynamics
 
 
 def _make_visual(shape: str, size: Array, origin: Array) -> Element:
-    """Return the URDF's `<visual>` of a primitive geom; `size` (3,) [m] is MuJoCo's."""
+    """Return the URDF's `<visual>` of a primitive geom.
+
+    Args:
+        shape: one of the values of _SHAPES.
+        size: (3,) [m] as MuJoCo has it: half edges of a box; radius and half length of others.
+        origin: (4, 4) placement in the link.
+    """
     if shape == "box":
         words = {"size": vector_text(2 * size)}
     else:

@@ -3,6 +3,9 @@
 MuJoCo resolves defaults, classes, includes, frames, units and the inertia of geoms. Before that, plugins,
 textures, sensors and meshes without mass are removed, so that they may be missing. MuJoCo refuses bodies
 without mass; they are given a small mass for the compilation and are massless afterwards.
+
+In the functions `mujoco` is the imported package, and `spec` is an MjSpec: MuJoCo's specification of a model,
+whose elements can be changed and deleted before it is compiled.
 """
 
 from __future__ import annotations
@@ -75,8 +78,6 @@ def member_name(enumeration: str, number: int) -> str:
 def _compile_usable_parts(mujoco: Any, spec: Any) -> tuple[Any, list[UnreadElement], Counter[str]]:
     """Compile a specification without the parts that MuJoCo refuses or that no motion needs.
 
-    `mujoco` is the imported package, here and in the functions below.
-
     Returns:
         As of `compile_mjcf`.
     """
@@ -134,7 +135,10 @@ def _load_spec(mujoco: Any, file: Path) -> Any:
 
 
 def _included_files(folder: Path, text: str) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content, without plugins, of each file that an MJCF text includes, recursively."""
+    """Yield name and content, without plugins, of each file that an MJCF text includes, recursively.
+
+    `folder` is that of the file with the text.
+    """
     for name in re.findall(r"<include\s+file\s*=\s*[\"']([^\"']+)", text):
         content = read_text(folder / name, f"<include> {name!r}: cannot read it", error=RobotFileError)
         usable_content = erase_matches(_PLUGIN, content)

@@ -126,7 +126,14 @@ def _line_of_element(message: str, text: str) -> str:
 def _from_yaml(
     path: Path, text: str, options: Options, parameters_given: Mapping[str, float] | None
 ) -> ParsedRobot:
-    """Read a YAML file and its URDF in the dialect that the keys of the YAML show."""
+    """Read a YAML file and its URDF in the dialect that the keys of the YAML show.
+
+    Args:
+        path: of the YAML.
+        text: of the YAML.
+        options: of the reader.
+        parameters_given: replace values that a robot file of ours declares.
+    """
     text, parameters = fill_parameters(text, parameters_given)
     content = parse_yaml(text)
     if not isinstance(content, dict):

@@ -183,7 +183,10 @@ def add_content(scope: Scope, model: Element, folder: Path, prefix: str, base: s
 
 
 def _add_element(scope: Scope, element: Element, prefix: str, base: str) -> None:
-    """Add a link, frame or joint of the model whose frame is `base`."""
+    """Add a link, frame or joint of the model whose frame is `base`.
+
+    Scoped names in the model begin with `prefix`.
+    """
     tag = element.tag
     name = prefix + attribute(element, f"<{tag}>", "name")
     if name in (scope.joints if tag == "joint" else scope.relative):

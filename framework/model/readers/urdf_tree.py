@@ -121,7 +121,7 @@ def _is_xacro(element: Element) -> bool:
 
 
 def _unused_parts(element: Element, tag: str) -> Iterator[str]:
-    """Yield the tags that are not read: of an element, and of its children."""
+    """Yield the tags that are not read: of an element with this local `tag`, and of its children."""
     if tag in ("gazebo", "sensor") and element.find("joint/child") is None:
         yield f"<{tag}>"
     for child in element if tag in _USED else ():
@@ -276,7 +276,7 @@ class UrdfTree(Tree):
         self.transmissions.append(Transmission(f"motor {joint!r}", {joint: 1.0}))
 
     def add_frame(self, name: str, link: str, origin: Array) -> str:
-        """Add a frame at a placement (4, 4) in a link; return the name.
+        """Add a frame at a placement `origin` (4, 4) in a link; return the name.
 
         The name has underscores added if it was taken.
 
