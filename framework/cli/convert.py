@@ -11,7 +11,7 @@ from framework.cli.parser import Report, add_missing_fields, add_out, add_robot,
 from framework.kinematics.diagnostics.proposal import propose
 from framework.model.description import ParsedRobot
 from framework.model.readers.recognise import DIALECTS
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 
 
 def add(commands: Any) -> None:

@@ -31,7 +31,7 @@ from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.numerics.fields import positive
 from framework.numerics.output import Document, plain, select_fields

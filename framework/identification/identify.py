@@ -33,7 +33,7 @@ from framework.identification.physical import (
 from framework.identification.recording import Recording, load_recording
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values

@@ -7,9 +7,10 @@ The records
     fidelity_levels     which parts of a robot a model keeps
 
 The robot file (YAML)
-    robot_file          read a robot file and its URDF; write a description
+    robot_file          read a robot file and its URDF
     robot_keys          the keys of a robot file, one table a mapping
     parameters          named parameters, `${...}`
+    robot_file_writer   write a description
 
 The URDF
     urdf_elements       locate a URDF; read and check joints, links and inertias

@@ -31,7 +31,7 @@ from framework.errors import InvalidInput, check_name, finite_numbers, point
 from framework.model.description import AXES, Spring
 from framework.model.documents import read_origin, remove_children
 from framework.model.placement import invert_placement, placement, unit_vector
-from framework.model.robot_file import record_entry as spring_entry
+from framework.model.robot_file_writer import record_entry as spring_entry
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.fields import check_distinct, positive

@@ -57,7 +57,7 @@ def solve(matrix: Array, right: Array) -> Array:
     if right.ndim < matrix.ndim:
         return solve(matrix, right[..., None])[..., 0]
     try:
-        return np.linalg.solve(matrix, right)
+        return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
         return np.array([_solve_one(a, b) for a, b in zip(matrix, right, strict=True)])
 
@@ -65,7 +65,7 @@ def solve(matrix: Array, right: Array) -> Array:
 def _solve_one(matrix: Array, right: Array) -> Array:
     """Solve one system; return infinite values if the matrix is singular."""
     try:
-        return np.linalg.solve(matrix, right)
+        return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
         return np.full_like(right, np.inf)
 

@@ -24,7 +24,7 @@ from framework.cli import main
 from framework.kinematics.frames import difference, forces_on_joints
 from framework.model import read_robot_file
 from framework.model.description import Closure, JointDynamics, Platform
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.planning.feasibility import feasibility_on_path
 from framework.singularity.points_on_path import search_path
 from tests.oracles.equations_of_motion import defects_of

@@ -20,7 +20,7 @@ from framework import (
 from framework.cli import main
 from framework.dynamics.motor_friction import PlannedFriction
 from framework.model.description import JointDynamics
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.planning.optimal.limit_curves import limit_curves
 from framework.planning.optimal.peak_bound import bound_plan
 

@@ -26,7 +26,7 @@ from framework.fidelity.fidelity_indicators import robot_at_level
 from framework.fidelity.fidelity_study import _plan_motion
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.planning.scenes import scene_path, scene_request
 from tests.oracles import five_bar as oracle
 from tests.robots.every_robot import in_stages

@@ -24,7 +24,7 @@ from framework.files.mjcf import mjcf_text
 from framework.kinematics.linearised_loops import linearised_at
 from framework.model import read_robot_file
 from framework.model.description import Coupling
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.proofs.derivative_bounds import DerivativeBounds
 from tests.robots.transformed import in_other_units
 

@@ -24,7 +24,7 @@ from framework.kinematics.single_pose import SinglePose
 from framework.model import description, loop_rows, read_robot_file
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import RowKind
-from framework.model.robot_file import write_robot_file
+from framework.model.robot_file_writer import write_robot_file
 from framework.proofs.assembly_modes import assembly_modes
 from framework.proofs.derivative_bounds import DerivativeBounds
 from framework.proofs.leg_paving import LegEquations

@@ -14,6 +14,5 @@ Shared by all readers
 """
 
 from framework.model.readers.recognise import DIALECTS, parse_any, read_any
-from framework.model.robot_file import write_robot_file
 
-__all__ = ["DIALECTS", "parse_any", "read_any", "write_robot_file"]
+__all__ = ["DIALECTS", "parse_any", "read_any"]

@@ -24,7 +24,8 @@ from framework import (
 )
 from framework.model import read_robot_file
 from framework.model.description import CLOSURE_KINDS, Coupling, locked_axes
-from framework.model.readers import DIALECTS, parse_any, read_any, write_robot_file
+from framework.model.readers import DIALECTS, parse_any, read_any
+from framework.model.robot_file_writer import write_robot_file
 from tests.model.readers.leg import ankle
 
 DATA = Path(__file__).parents[2] / "data" / "dialects"

@@ -1,0 +1,143 @@
+"""Write a description as our own robot file and URDF: both files or none."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import fromstring, indent, tostring
+
+import yaml
+
+from framework.errors import OutputError, RobotFileError
+from framework.model.description import (
+    Closure,
+    JointDynamics,
+    RobotDescription,
+    Scene,
+    kinds_with_length,
+    locked_axes,
+)
+from framework.model.robot_file import read_robot_file
+from framework.model.robot_keys import VERSION
+from framework.model.urdf_elements import read_tree
+from framework.numerics.output import Document, written_together
+
+
+def write_robot_file(
+    description: RobotDescription, folder: str | Path, *, comments: Iterable[str] = ()
+) -> Path:
+    """Write NAME.yaml and NAME.urdf into a folder; return the path of the YAML.
+
+    The two files move into the folder only if they can be read back. Each of the `comments` becomes a line at
+    the top of the YAML.
+
+    Raises:
+        OutputError: the folder cannot be written, or a file would overwrite the one that was read.
+        RobotFileError: the files cannot be read back; the folder is unchanged.
+    """
+    out = Path(folder)
+    name = description.name
+    source = description.file
+    for suffix in (".yaml", ".urdf"):
+        target = out / f"{name}{suffix}"
+        if target.exists() and target.resolve() in (source.resolve(), source.with_suffix(suffix).resolve()):
+            raise OutputError(f"--out: would overwrite {target}, which is read; give another folder")
+    with written_together(out) as temporary:
+        urdf_text = _relocate_meshes(description.urdf_text, source.parent, out)
+        (temporary / f"{name}.urdf").write_text(urdf_text, encoding="utf-8")
+        written = temporary / f"{name}.yaml"
+        written.write_text(_yaml_text(description, comments), encoding="utf-8")
+        try:
+            read_robot_file(written)
+        except RobotFileError as error:
+            message = str(error).removeprefix(f"{written}: ").replace(str(temporary), str(out))
+            raise RobotFileError(f"{source}: cannot become a robot file: {message}") from None
+    return out / f"{name}.yaml"
+
+
+def record_entry(record: Any) -> Document:
+    """Return a dataclass as an entry of a robot file, without empty and zero fields."""
+    return {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in asdict(record).items()
+        if value
+    }
+
+
+def robot_document(description: RobotDescription) -> Document:
+    """Return the content of the robot file whose URDF is NAME.urdf."""
+    document: Document = {
+        "version": VERSION,
+        "urdf": f"{description.name}.urdf",
+        "gravity": description.gravity,
+        "platform": record_entry(description.platform),
+        "actuators": [record_entry(actuator) for actuator in description.actuators],
+        "closures": [_closure_entry(closure) for closure in description.closures],
+    }
+    optional = {
+        "springs": [record_entry(spring) for spring in description.springs],
+        "couplings": [asdict(coupling) for coupling in description.couplings],
+        "joints": _joint_entries(description),
+        "reference": dict(description.reference),
+        "scenes": {name: _scene_entry(scene) for name, scene in description.scenes.items()},
+        "left_out": description.left_out,
+    }
+    return document | {key: value for key, value in optional.items() if value}
+
+
+def _joint_entries(description: RobotDescription) -> Document:
+    """Return the entries of `joints` by coordinate, of a ball with equal dynamics about all axes by joint."""
+    dynamics = dict(description.joints)
+    for name, joint in read_tree(fromstring(description.urdf_text)).joints.items():
+        about_axes = [dynamics.get(coordinate) for coordinate in joint.coordinates]
+        if len(about_axes) > 1 and about_axes[0] and len(set(about_axes)) == 1:
+            dynamics[name] = about_axes[0]
+            for coordinate in joint.coordinates:
+                del dynamics[coordinate]
+    return {name: _dynamics_entry(values) for name, values in dynamics.items()}
+
+
+def _dynamics_entry(dynamics: JointDynamics) -> dict[str, float]:
+    """Return the entry of a joint: the values that are not zero, and zeros that override the URDF."""
+    return {key: value for key, value in asdict(dynamics).items() if value or key in ("damping", "friction")}
+
+
+def _closure_entry(closure: Closure) -> Document:
+    """Return the entry of a closure, with a kind in place of axes if possible."""
+    entry = record_entry(closure)
+    for kind in ("fixed", "spherical", *kinds_with_length()):  # the kinds without an axis
+        if closure.axes == locked_axes(kind):
+            del entry["axes"]
+            entry["kind"] = kind
+    return entry
+
+
+def _scene_entry(scene: Scene) -> Document:
+    """Return the entry of a scene: the path, then the stated options."""
+    stated = {key: value for key, value in asdict(scene).items() if value is not None}
+    del stated["name"]
+    return {stated.pop("kind"): stated.pop("points")} | stated
+
+
+def _yaml_text(description: RobotDescription, comments: Iterable[str]) -> str:
+    """Return the text of a robot file, with source, units and comments at the top."""
+    head = [f"Converted from {description.file.name}. SI units: m, kg, s, rad, N, N m.", *comments]
+    document = robot_document(description)
+    content = yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
+    )
+    return "".join(f"# {' '.join(line.split())}\n" for line in head) + content
+
+
+def _relocate_meshes(text: str, old: Path, new: Path) -> str:
+    """Return a URDF's text with mesh paths relative to the folder `new` instead of `old`."""
+    root = fromstring(text)
+    for mesh in root.iter("mesh"):
+        reference = mesh.get("filename", "")
+        if reference and "://" not in reference and not os.path.isabs(reference):
+            mesh.set("filename", Path(os.path.relpath(old / reference, new)).as_posix())
+    indent(root)
+    return '<?xml version="1.0"?>\n' + tostring(root, encoding="unicode") + "\n"
