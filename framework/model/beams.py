@@ -107,7 +107,9 @@ class Section:
 
             J = a b^3 / 3 (1 - 192 b / (pi^5 a) sum tanh(n pi a / (2 b)) / n^5).
         """
-        b, a = sorted((positive("width", width), positive("height", height)))
+        positive("width", width)
+        positive("height", height)
+        b, a = sorted((width, height))
         n = np.arange(1, 200, 2)  # the first term left out is below 1e-11 of the sum
         series = float(np.sum(np.tanh(n * math.pi * a / (2.0 * b)) / n**5.0))
         torsion = a * b**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * b / a * series)

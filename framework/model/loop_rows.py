@@ -132,7 +132,7 @@ class LoopRows(ReadOnlyArrays):
     def coupling_residual(self, q: Array) -> Array:
         """Compute residuals (T, c) [rad, m] of the c couplings at configurations q (T, nq)."""
         rows = self.coupled
-        joint, of = self.places[rows].T
+        joint, of = self.places[rows].T  # the joints a and b of each coupling
         return q[:, joint] - self.ratio[rows] * q[:, of] - self.offset[rows]
 
     def coupling_jacobian(self, nv: int) -> Array:

@@ -122,10 +122,11 @@ def _load_mesh(description: RobotDescription, element: Element) -> tuple[Array, 
     scale = parse_numbers("scale", element.get("scale", "1 1 1"), 3)
     mesh = coal.MeshLoader().load(os.path.abspath(file), np.array(scale))
     vertices = np.array(mesh.vertices(), dtype=float).reshape(-1, 3)
-    triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
+    triangles = [mesh.tri_indices(k) for k in range(mesh.num_tris)]  # not iterable: indexed by 0, 1, 2
+    faces = np.array([[triangle[i] for i in range(3)] for triangle in triangles], dtype=np.intp)
     if not (triangles and np.all(np.isfinite(vertices))):
         raise ValueError("no surface")
-    return vertices, np.array([[each[0], each[1], each[2]] for each in triangles], dtype=np.intp)
+    return vertices, faces
 
 
 def _read_color(material: Element | None, materials: Mapping[str | None, Element]) -> Color:

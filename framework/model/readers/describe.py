@@ -252,7 +252,8 @@ def fix_coupled_joints(tree: UrdfTree) -> None:
     while further := locked_through_couplings(tree.couplings, tree.fixed_positions):
         for name, position in further.items():
             tree.fix(tree.joints[name], position)
-    tree.couplings = [c for c in tree.couplings if tree.joints[c.joint].moves and tree.joints[c.of].moves]
+    moving = {joint.name for joint in tree.joints.values() if joint.moves}
+    tree.couplings = [coupling for coupling in tree.couplings if {coupling.joint, coupling.of} <= moving]
 
 
 # ------------------------------------------------------------------ motors and tendons

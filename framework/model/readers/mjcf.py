@@ -302,8 +302,10 @@ class _Model:
         """
         tree = self.tree
         (joint, arm), (of, arm_of) = arms.items()
-        first, second = tree.joints[joint], tree.joints[of]
+        first = tree.joints[joint]
+        second = tree.joints[of]
         is_equal = (offset, arm, arm_of) == (0.0, 1.0, -1.0)
+        # whether no other joint moves between the links that the two hinges carry
         are_alone = tree.moving_chains(first.child, second.child) == ([first], [second])
         if not (is_equal and are_alone and tree.close_turns(name, first.child, second.child)):
             tree.couplings.append(Coupling(joint, of, -arm_of / arm, offset / arm))
