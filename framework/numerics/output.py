@@ -111,18 +111,21 @@ def _temporary_folder(folder: Path) -> Iterator[Path]:
     A lock ends with its process. So unlocked temporary folders, which processes left that were killed while
     writing, can be removed here.
     """
-    with ExitStack() as locks:
+    with ExitStack() as cleanup:
         with defer_signals(), _lock(folder):  # no other process removes the new folder before it is locked
             for abandoned in folder.glob(f"{UNFINISHED}*"):
                 with suppress(OSError), _lock(abandoned, is_patient=False):  # fails if the folder is in use
                     shutil.rmtree(abandoned, ignore_errors=True)
             temporary = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
-            locks.enter_context(_lock(temporary))
-        try:
-            yield temporary
-        finally:
-            with defer_signals():
-                shutil.rmtree(temporary, ignore_errors=True)
+            cleanup.enter_context(_lock(temporary))
+            cleanup.callback(_remove_folder, temporary)
+        yield temporary
+
+
+def _remove_folder(folder: Path) -> None:
+    """Remove a folder with its content, without interruption."""
+    with defer_signals():
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -179,6 +180,22 @@ def hearing():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("hearing")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_the_folder_is_made_leaves_nothing(tmp_path, monkeypatch, number):
+    make = tempfile.mkdtemp
+
+    def and_signal(**options):
+        made = make(**options)
+        signal.raise_signal(number)
+        return made
+
+    monkeypatch.setattr(tempfile, "mkdtemp", and_signal)
+    with interruptible(), pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "new")
+    assert everything_in(tmp_path) == set()
 
 
 @pytest.mark.usefixtures("hearing")
