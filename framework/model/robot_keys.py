@@ -72,6 +72,7 @@ def _read_version(where: str, given: Any) -> int:
     return version
 
 
+# keys that are read first, since they change the URDF to which the other keys refer
 TREE: Table = {
     "version": required(_read_version),
     "urdf": required(text),
@@ -140,7 +141,7 @@ def robot_table(urdf: Tree, *, is_coupled: bool, locked: Iterable[str]) -> Table
     }
 
 
-_read_axes = distinct("axis", AXES)
+_read_axes = distinct("axis", AXES)  # one axis or several different ones
 
 
 def _frame_reader(urdf: Tree) -> Reader[str]:
@@ -154,6 +155,7 @@ def _platform_reader(urdf: Tree) -> Reader[Platform]:
     of_joints = {"joints": required(distinct("joint", urdf.movable)), "frame": optional(_frame_reader(urdf))}
 
     def read(where: str, given: Any) -> Platform:
+        """Read a frame with axes, or joints with or without a frame."""
         content = mapping(where, given)
         if "joints" not in content:
             return Platform(**read_table(where, given, on_axes))
@@ -191,6 +193,7 @@ def _closure_reader(urdf: Tree) -> Reader[Closure]:
     by_length = {"kind": kind, "length": required(positive)}
 
     def read(where: str, given: Any) -> Closure:
+        """Read a kind with its axis or length, or locked axes."""
         content = mapping(where, given)
         if ("kind" in content) == ("axes" in content):
             raise RobotFileError(f"{where}: needs either kind or axes, and not both")
@@ -210,6 +213,7 @@ def _pair_reader(urdf: Tree) -> Reader[tuple[str, str]]:
     """Return a reader of two frames of different bodies."""
 
     def read(where: str, given: Any) -> tuple[str, str]:
+        """Read two frames; refuse frames of one body."""
         frames = list_of(_frame_reader(urdf))(where, given)
         if len(frames) != 2 or frames[0] == frames[1]:
             raise RobotFileError(f"{where}: needs two different frames, got {list(frames)}")
@@ -227,6 +231,7 @@ def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
     readers = {"joint": read_joint, "of": read_joint, "ratio": number, "offset": number}
 
     def read(where: str, given: Any) -> Coupling:
+        """Read a coupling; refuse a joint that is coupled with itself."""
         coupling = dataclass_of(Coupling, readers)(where, given)
         if coupling.joint == coupling.of:
             raise RobotFileError(f"{below(where, 'of')}: needs another joint than {coupling.joint!r}")
@@ -235,6 +240,7 @@ def _coupling_reader(movable: Sequence[str]) -> Reader[Coupling]:
     return read
 
 
+# values of JointDynamics, None if not given
 _JOINT: Table = {"rest": optional(number)} | dict.fromkeys(
     ("armature", "damping", "friction", "stiffness"), optional(not_negative)
 )
@@ -302,6 +308,7 @@ def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[s
     }
 
     def read(where: str, given: Any) -> Spring | dict[str, Any]:
+        """Read a spring; refuse one without a motion, or without a stiffness for each axis."""
         if "joint" in mapping(where, given):
             return read_table(where, given, on_joint)
         spring = Spring(**read_table(where, given, virtual))
@@ -323,7 +330,7 @@ def _spring_reader(urdf: Tree, movable: Sequence[str]) -> Reader[Spring | dict[s
 
 # ------------------------------------------------------------------ scenes
 
-PATHS: Table = {
+PATHS: Table = {  # one of the kinds, see `select_path`
     **{kind: optional(list_of(list_of(number))) for kind in PATH_KINDS},
     "blend": optional(positive),
 }
@@ -383,6 +390,7 @@ def _wrenches_reader(urdf: Tree) -> Reader[dict[str, Any]]:
     """Return a reader of wrenches by frame, as written in robot files."""
 
     def read(where: str, given: Any) -> dict[str, Any]:
+        """Read each wrench, and return the wrench as written in plan.json."""
         stated = mapping_of(anything, _frame_reader(urdf))(where, given)
         return {frame: FrameWrench.of(frame, wrench, where).document for frame, wrench in stated.items()}
 
@@ -394,6 +402,7 @@ def _scenes_reader(urdf: Tree) -> Reader[dict[str, Scene]]:
     scene = {**_MOTION, "wrenches": optional(_wrenches_reader(urdf))}
 
     def read(where: str, given: Any) -> dict[str, Scene]:
+        """Read each scene, and give the scene its name."""
         scenes = mapping_of(record(scene, _make_scene))(where, given)
         return {name: replace(scene, name=name) for name, scene in scenes.items()}
 

@@ -32,6 +32,7 @@ class Affine(NamedTuple):
     offset: Array  # (k,)
 
     def __call__(self, y: Array) -> Array:
+        """Return the values (k,) at y (n,)."""
         return self.matrix @ y + self.offset
 
 

@@ -175,7 +175,7 @@ def anything(where: str, raw: Any) -> Any:
 
 
 def or_null(read: Reader[T]) -> Reader[T | None]:
-    """Return a reader of null, or else by `read`."""
+    """Return a reader that returns None for null, and reads any other value by `read`."""
     return lambda where, raw: None if raw is None else read(where, raw)
 
 

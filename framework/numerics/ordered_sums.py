@@ -24,7 +24,7 @@ SMALL_STACK = 300  # numbers in both arguments, below which the calls of numpy t
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Compute the sums (...) of products a b (..., n) over the last axis."""
+    """Compute the sums (...) of products a b (..., n) over the last axis; other axes are broadcast."""
     if not a.shape[-1]:
         return np.zeros(np.broadcast(a, b).shape[:-1])
     if a.size + b.size < SMALL_STACK:  # as few calls of numpy as possible

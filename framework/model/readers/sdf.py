@@ -64,9 +64,11 @@ _MOTIONS = {
     "universal": (("", "continuous", "axis"), ("_2", "continuous", "axis2")),
     "screw": (("", "continuous", "axis"), ("_slide", "prismatic", "slide")),
 }
-_NOT_READ = ("gearbox",)
+_NOT_READ = ("gearbox",)  # types of joints
+# elements without an effect on the motion
 _UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
 _OWN = ("dynamics", "limit", "mimic")  # properties that joints of the tree can have, and closures cannot
+# children of <dynamics>; default texts of inertia entries; shapes, with the children that have their sizes
 _DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")
 _INERTIA = {"mass": "1"} | {f"inertia/{key}": value for key, value in zip(ENTRIES, "111000", strict=True)}
 _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}

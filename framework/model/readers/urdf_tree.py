@@ -35,6 +35,7 @@ from framework.tolerances import FILE_ROUNDING
 
 MAX_FREEDOMS = MAX_TREE_DEPTH  # sum over the joints in a file
 MAX_LOOPS = MAX_FREEDOMS  # in a file: each loop that restricts the motion takes a freedom
+# top-level elements that belong to every URDF; children that are read, of some of them
 _KNOWN = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
 _USED = {
     "link": ("inertial", "visual", "collision"),
