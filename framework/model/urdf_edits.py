@@ -35,9 +35,12 @@ from framework.numerics.arrays import Array
 GROUND = "ground"
 ROOT_JOINTS = ("root_x", "root_y", "root_z", "root_rz", "root_ry", "root_rx")
 # the children that pinocchio reads, by tag and by type of joint
-_READ_PARTS = {"link": ("inertial",), "inertial": ("origin", "mass", "inertia")}
-_READ_PARTS |= dict.fromkeys(JOINT_TYPES, ("parent", "child", "origin"))
-_READ_PARTS |= dict.fromkeys(MOVING, ("parent", "child", "origin", "axis", "limit"))
+_READ_PARTS = {
+    "link": ("inertial",),
+    "inertial": ("origin", "mass", "inertia"),
+    **dict.fromkeys(JOINT_TYPES, ("parent", "child", "origin")),
+    **dict.fromkeys(MOVING, ("parent", "child", "origin", "axis", "limit")),
+}
 # the attributes of these children that hold numbers
 _NUMBERS = {
     "origin": ("xyz", "rpy"),

@@ -27,9 +27,12 @@ Color = tuple[float, float, float, float]
 DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
 MAX_MESH_BYTES = 10 * LARGEST_FILE
 # for each shape the attributes of its size; a capsule is drawn as a cylinder
-_SIZES = {"box": ("size",), "sphere": ("radius",)} | dict.fromkeys(
-    ("cylinder", "capsule"), ("radius", "length")
-)
+_SIZES = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
 
 
 class Shape(NamedTuple):

@@ -13,7 +13,6 @@ A joint J of type UJOINT_XY becomes two hinges, J_X and J_Y. The file says nothi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from framework.numerics.fields import Table, entries, list_of, one_of, optional,
 
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "spherical", "3D": "spherical", "6d": "fixed", "6D": "fixed"}
-_U_JOINTS = tuple(f"UJOINT_{a}{b}" for a, b in permutations("XYZ", 2))
+_U_JOINTS = ("UJOINT_XY", "UJOINT_XZ", "UJOINT_YX", "UJOINT_YZ", "UJOINT_ZX", "UJOINT_ZY")
 _JOINTS: Table = dict.fromkeys(("joint_name", "joint_type"), optional(list_of(text), ()))
 
 

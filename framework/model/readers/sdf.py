@@ -47,14 +47,20 @@ from framework.model.readers.sdf_scope import (
 )
 from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, merge_overlapping
 from framework.model.urdf_edits import NewJoint, chain_elements, inertial_element, visual_element
-from framework.model.urdf_elements import ENTRIES, symmetric_matrix
+from framework.model.urdf_elements import symmetric_matrix
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 
 UNLIMITED = 1e15  # [rad, m] limits of this size or more mean no limit
-_KINDS = {kind: kind for kind in ("fixed", "revolute", "prismatic", "universal", "screw")} | {
+# kinds of joints by their type in the file
+_KINDS = {
+    "fixed": "fixed",
+    "revolute": "revolute",
     "continuous": "revolute",
+    "prismatic": "prismatic",
+    "universal": "universal",
     "revolute2": "universal",
+    "screw": "screw",
     "ball": "spherical",
 }
 # the motions of one freedom that make each kind: suffix of the name, type in the URDF, tag of the axis
@@ -68,9 +74,18 @@ _NOT_READ = ("gearbox",)  # types of joints
 # elements without an effect on the motion
 _UNUSED = ("plugin", "sensor", "light", "battery", "actor", "projector", "particle_emitter", "gripper")
 _OWN = ("dynamics", "limit", "mimic")  # properties that joints of the tree can have, and closures cannot
-# children of <dynamics>; default texts of inertia entries; shapes, with the children that have their sizes
-_DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")
-_INERTIA = {"mass": "1"} | {f"inertia/{key}": value for key, value in zip(ENTRIES, "111000", strict=True)}
+_DYNAMICS = ("damping", "friction", "spring_stiffness", "spring_reference")  # children of <dynamics>
+# default texts of the children of <inertial>, in the order of ENTRIES
+_INERTIA = {
+    "mass": "1",
+    "inertia/ixx": "1",
+    "inertia/iyy": "1",
+    "inertia/izz": "1",
+    "inertia/ixy": "0",
+    "inertia/ixz": "0",
+    "inertia/iyz": "0",
+}
+# the children of a shape that have its sizes
 _SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 _VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the model
 

@@ -78,8 +78,14 @@ from framework.tolerances import FILE_ROUNDING
 
 LOOP_CLOSURES = "loop_closures.yaml"
 # kinds of closures by the type that each syntax has for them
-_ALIKE = {kind: kind for kind in ("fixed", "spherical", "revolute", "prismatic")} | {"continuous": "revolute"}
-_IN_URDF_PLUS = _ALIKE | {kind: kind for kind in ("cylindrical", "planar")}
+_ALIKE = {
+    "fixed": "fixed",
+    "spherical": "spherical",
+    "revolute": "revolute",
+    "prismatic": "prismatic",
+    "continuous": "revolute",
+}
+_IN_URDF_PLUS = _ALIKE | {"cylindrical": "cylindrical", "planar": "planar"}
 _IN_ROS = _IN_URDF_PLUS | {"universal": "universal", "link": "fixed"}
 # names of the frames of onshape-to-robot: the loop, its end, and a mark of the second pair of a hinge
 _CLOSING = re.compile(r"closing_(?P<name>.+)_(?P<end>[12])(?P<second>_z)?")
