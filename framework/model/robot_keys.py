@@ -277,8 +277,8 @@ def _joints_reader(urdf: Tree, names: Sequence[str]) -> Reader[JointValues]:
 def merge_joint_dynamics(declared: JointValues, overriding: JointValues) -> dict[str, JointDynamics]:
     """Merge the `declared` joint dynamics of a URDF with overriding values, by coordinate."""
     return {
-        name: JointDynamics(**{**declared.get(name, {}), **overriding.get(name, {})})
-        for name in dict.fromkeys([*declared, *overriding])
+        name: JointDynamics(**declared.get(name, {}) | overriding.get(name, {}))
+        for name in declared | overriding
     }
 
 

@@ -89,7 +89,8 @@ def joint_element(joint: NewJoint, parent: str, child: str) -> Element:
     if kind in ("revolute", "prismatic"):
         limit = add_endless_limit(element)
         if joint.limits:
-            limit.attrib |= zip(("lower", "upper"), map(repr, joint.limits), strict=True)
+            lower, upper = joint.limits
+            limit.attrib |= {"lower": repr(lower), "upper": repr(upper)}
     return element
 
 

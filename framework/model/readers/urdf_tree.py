@@ -116,6 +116,16 @@ def _remove_xacro_definitions(root: Element) -> None:
             )
 
 
+def _take_out(root: Element, tags: Sequence[str]) -> list[Element]:
+    """Remove the top-level elements with some local tags; return the elements, without namespaces."""
+    elements = [element for element in root if local_name(element.tag) in tags]
+    for element in elements:
+        root.remove(element)
+        for part in element.iter():
+            part.tag = local_name(part.tag)
+    return elements
+
+
 def _is_xacro(element: Element) -> bool:
     """Return whether an element is in the namespace of xacro."""
     return "xacro" in element.tag.partition("}")[0]
@@ -168,12 +178,7 @@ class UrdfTree(Tree):
         if root.find("joint/parent[@link='world']") is not None and root.find("link[@name='world']") is None:
             SubElement(root, "link", name="world")
         self.unused = _remove_foreign_elements(root, (*_KNOWN, *extra))
-        # the dialect's own elements, taken out of the URDF
-        self.extra = [element for element in root if local_name(element.tag) in extra]
-        for element in self.extra:
-            root.remove(element)
-            for part in element.iter():
-                part.tag = local_name(part.tag)
+        self.extra = _take_out(root, extra)  # the dialect's own elements
         # the two ways in which ROS declares motors
         driven = root.findall("transmission/joint") + root.findall("ros2_control/joint[command_interface]")
         self.motors = list(dict.fromkeys(filter(None, (joint.get("name") for joint in driven))))
@@ -183,10 +188,9 @@ class UrdfTree(Tree):
         super().__init__(tree.links, tree.joints, tree.base)
         if len(self.extra) > MAX_LOOPS:
             raise RobotFileError(f"<robot>: {len(self.extra)} loops; at most {MAX_LOOPS} are read")
-        if len(self.coordinates) > MAX_FREEDOMS:
-            raise RobotFileError(
-                f"<robot>: joints of {len(self.coordinates)} freedoms; at most {MAX_FREEDOMS} are read"
-            )
+        freedoms = len(self.coordinates)
+        if freedoms > MAX_FREEDOMS:
+            raise RobotFileError(f"<robot>: joints of {freedoms} freedoms; at most {MAX_FREEDOMS} are read")
         self.fixed_positions: dict[str, float] = {}  # of fixed joints, in their first coordinate [rad, m]
         self._added: dict[str, str] = {}  # the link that carries each added frame
         self._taken = {*self.links, *self.joints}  # names of links, joints and added frames
