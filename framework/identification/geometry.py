@@ -17,7 +17,7 @@ import numpy as np
 from framework.errors import check_choice
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import AXES, RobotDescription, Spring
-from framework.model.documents import child_element, read_origin
+from framework.model.documents import child_element, read_origin, remove_children
 from framework.model.placement import placement, rotation_about
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
 from framework.numerics.arrays import Array, ReadOnlyArrays
@@ -136,10 +136,8 @@ def _move_origin(joint: Element, move: Array) -> None:
 
     The virtual joints of `parametrise_geometry`, three slides and then three hinges, have the same effect.
     """
-    old = joint.find("origin")
-    pose = read_origin(old, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
+    pose = read_origin(joint, f"joint {joint.get('name')!r}") @ placement(None, move[:3])
     for axis, angle in zip(np.eye(3), move[3:], strict=True):
         pose = pose @ placement(rotation_about(axis, angle))
-    if old is not None:
-        joint.remove(old)
+    remove_children(joint, "origin")
     joint.append(origin_element(pose))

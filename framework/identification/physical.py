@@ -119,7 +119,7 @@ def read_inertial_parameters(link: Element) -> Array:
     mass = attribute(child_element(inertial, where, "mass"), where, "value")
     inertia = child_element(inertial, where, "inertia")
     entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
-    pose = read_origin(inertial.find("origin"), where)
+    pose = read_origin(inertial, where)
     return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
 
 

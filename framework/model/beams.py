@@ -215,7 +215,7 @@ def split_beam(urdf_text: str, tip: str, *, y: ArrayLike | None = None) -> Split
         raise InvalidInput(f"tip: the name {middle!r} is already there")
 
     parent = joint.find("parent")
-    tip_placement = read_origin(joint.find("origin"), f"joint {tip!r}: <origin>")
+    tip_placement = read_origin(joint, f"joint {tip!r}")
     span = tip_placement[:3, 3]
     length = float(np.linalg.norm(span))
     if length == 0.0 or parent is None:

@@ -277,18 +277,38 @@ def remove_children(element: Element, *tags: str) -> None:
             element.remove(child)
 
 
-def read_origin(element: Element | None, where: str) -> Array:
-    """Read the placement (4, 4) of an `<origin xyz rpy>` [m, rad]; the identity without one.
+def read_origin(element: Element, where: str) -> Array:
+    """Read the placement (4, 4) of an element's `<origin xyz rpy>` [m, rad]; the identity without one.
+
+    Raises:
+        RobotFileError: see `parse_origin`.
+    """
+    origin = element.find("origin")
+    return np.eye(4) if origin is None else parse_origin(origin, f"{where}: <origin>")
+
+
+def parse_origin(origin: Element, where: str) -> Array:
+    """Return the placement (4, 4) of an element with attributes `xyz` [m] and `rpy` [rad].
 
     Raises:
         RobotFileError: the element has other parts, or its numbers are malformed.
     """
-    if element is None:
-        return np.eye(4)
-    check_parts(element, where, (), ("xyz", "rpy"))
-    xyz = parse_numbers(f"{where} xyz", element.get("xyz", "0 0 0"), 3)
-    rpy = parse_numbers(f"{where} rpy", element.get("rpy", "0 0 0"), 3)
+    check_parts(origin, where, (), ("xyz", "rpy"))
+    xyz = parse_numbers(f"{where} xyz", origin.get("xyz", "0 0 0"), 3)
+    rpy = parse_numbers(f"{where} rpy", origin.get("rpy", "0 0 0"), 3)
     return placement(from_rpy(rpy) if any(rpy) else None, xyz)
+
+
+def read_link(element: Element, where: str, tag: str, links: Collection[str]) -> str:
+    """Return the link that the child with this tag names.
+
+    Raises:
+        RobotFileError: the child or its attribute `link` is missing, or the link is none of `links`.
+    """
+    end = f"{where}: <{tag}>"
+    link = attribute(child_element(element, where, tag), end, "link")
+    check_name(end, "link", link, links)
+    return link
 
 
 def read_axis(element: Element, where: str) -> Array:

@@ -23,6 +23,7 @@ from framework.model.documents import (
     child_element,
     parse_numbers,
     read_axis,
+    read_link,
     read_number,
     read_origin,
     remove_children,
@@ -184,7 +185,7 @@ def read_tree(root: Element, impossible: Complaints | None = None) -> Tree:
     extent = max((float(np.linalg.norm(joint.origin[:3, 3])) for joint in all_joints), default=0.0)
     for link in root.findall("link"):
         for visual in link.findall("visual"):
-            read_origin(visual.find("origin"), f"link {link.get('name')!r}: <visual> <origin>")
+            read_origin(visual, f"link {link.get('name')!r}: <visual>")
         try:
             check_inertial(link, extent)
         except RobotFileError as error:
@@ -249,12 +250,8 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
     where = f"joint {name!r}"
     kind = attribute(element, where, "type")
     check_name(where, "type", kind, JOINT_TYPES)
-    ends = []
-    for end in ("parent", "child"):
-        link = attribute(child_element(element, where, end), f"{where}: <{end}>", "link")
-        check_name(f"{where}: {end}", "link", link, links)
-        ends.append(link)
-    parent, child = ends
+    parent = read_link(element, where, "parent", links)
+    child = read_link(element, where, "child", links)
 
     axis = element.find("axis")
     direction = unit_vector("x")
@@ -272,7 +269,7 @@ def read_joint(element: Element, links: set[str], impossible: Complaints | None 
         remove_children(element, "limit")
         add_endless_limit(element)
     element.attrib.pop("independent", None)  # a hint of URDF+, which its reader has read already
-    origin = read_origin(element.find("origin"), f"{where}: <origin>")
+    origin = read_origin(element, where)
     return Joint(element, name, kind, parent, child, origin, direction)
 
 
@@ -315,7 +312,7 @@ def check_inertial(link: Element, extent: float) -> None:
     inertial = link.find("inertial")
     if inertial is None:
         return
-    read_origin(inertial.find("origin"), f"{where}: <inertial> <origin>")
+    read_origin(inertial, f"{where}: <inertial>")
     mass = read_number(child_element(inertial, f"{where}: <inertial>", "mass"), f"{where}: <mass>", "value")
     if mass < 0:
         raise RobotFileError(f"{where}: <mass>: must not be negative, got {mass:g}")

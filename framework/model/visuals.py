@@ -82,7 +82,7 @@ def read_visuals(description: RobotDescription, model: pin.Model) -> list[Shape]
             try:
                 geometry = child_element(visual, "<visual>", "geometry")  # a RobotFileError is a ValueError
                 kind, size, vertices, faces = _read_solid(description, geometry)
-                placement = frame.placement.homogeneous @ read_origin(visual.find("origin"), "<origin>")
+                placement = frame.placement.homogeneous @ read_origin(visual, "<visual>")
                 color = _read_color(visual.find("material"), materials)
             except ValueError:
                 continue

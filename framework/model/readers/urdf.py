@@ -59,9 +59,11 @@ from framework.model.documents import (
     attribute,
     check_parts,
     child_element,
+    parse_origin,
     parse_yaml,
     prefix_errors,
     read_axis,
+    read_link,
     read_number,
     read_origin,
 )
@@ -166,8 +168,7 @@ def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[s
     body = child_element(element, where, end)
     label = f"{where}: <{end}>"
     check_parts(body, label, ("origin",), ("link", "xyz", "rpy"))
-    link = attribute(body, label, "link")
-    check_name(label, "link", link, tree.links)
+    link = read_link(element, where, end, tree.links)
     origins = body.findall("origin") + element.findall(f"{end}_origin")
     attributes: dict[str, str] = {key: body.attrib[key] for key in ("xyz", "rpy") if key in body.attrib}
     if attributes:
@@ -177,7 +178,7 @@ def _read_end(tree: UrdfTree, element: Element, where: str, end: str) -> tuple[s
     if not origins:
         return link, np.eye(4)
     (origin,) = origins
-    return link, read_origin(origin, f"{label}: <{origin.tag}>")
+    return link, parse_origin(origin, f"{label}: <{origin.tag}>")
 
 
 def _read_coupling(tree: UrdfTree, element: Element) -> None:
@@ -215,9 +216,8 @@ def _read_coupling(tree: UrdfTree, element: Element) -> None:
 def _read_fixed_frame(tree: UrdfTree, element: Element) -> None:
     """Read a `<fixed_frame>` and add the frame to the tree."""
     name, where = _element_name(element)
-    parent = attribute(child_element(element, where, "parent"), f"{where}: <parent>", "link")
-    check_name(f"{where}: <parent>", "link", parent, tree.links)
-    tree.add_frame(name, parent, read_origin(element.find("origin"), f"{where}: <origin>"))
+    parent = read_link(element, where, "parent", tree.links)
+    tree.add_frame(name, parent, read_origin(element, where))
 
 
 # the dialect of each element, and the reader of the element

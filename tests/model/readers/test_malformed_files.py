@@ -86,7 +86,7 @@ CHANGES = [
     ),
     # Gepetto's URDF
     ("pair", "<robot", "<robots", "not well-formed XML"),
-    ("pair", '<link name="tip_B"/>', "", "child: unknown link 'tip_B'"),
+    ("pair", '<link name="tip_B"/>', "", "<child>: unknown link 'tip_B'"),
     ("pair", '<link name="tip_B"/>', '<link name="tip_A"/>', "duplicate link 'tip_A'"),
     ("pair", 'name="tip_B_frame" type="fixed"', 'name="tip_B_frame" type="planar"', "unknown type 'planar'"),
     ("pair", 'name="tip_B_frame"', 'name="tip_A_frame"', "duplicate joint 'tip_A_frame'"),
