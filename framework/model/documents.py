@@ -119,13 +119,7 @@ def parse_yaml(text: str) -> Any:
     if len(text) > MAX_YAML_CHARACTERS:
         raise RobotFileError(f"{len(text)} characters of YAML; at most {MAX_YAML_CHARACTERS} are read")
     try:
-        loader = _Loader(text)
-        node = loader.get_single_node()
-        if node is None:
-            return None
-        if _count_values(node, {}) > MAX_YAML_VALUES:
-            raise _alias_error()
-        return loader.construct_document(node)
+        return _Loader(text).get_single_data()
     except RobotFileError:
         raise
     # PyYAML raises any of these on odd scalars and keys
@@ -134,25 +128,37 @@ def parse_yaml(text: str) -> Any:
 
 
 class _Loader(Composer, CSafeLoader):
-    """Safe loader that counts nodes and refuses duplicate keys.
+    """Safe loader that counts values, aliases expanded, and refuses duplicate keys.
 
     libyaml parses the text, in a seventh of the time of PyYAML's own parser. PyYAML's composer in Python
     makes the nodes, so that they can be counted and have line numbers.
     """
 
-    _count = 0  # of nodes
-
     def __init__(self, text: str) -> None:
         """Set up libyaml's parser and PyYAML's composer."""
         CSafeLoader.__init__(self, text)
         Composer.__init__(self)
+        self._count = 0  # of all values so far
+        self._counts: dict[int, int] = {}  # of the values in each finished node, by its id
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Compose a node; refuse more than `MAX_YAML_VALUES`."""
-        self._count += 1
+        """Compose a node and its children, or return the node of an alias; count their values."""
+        if self.check_event(yaml.AliasEvent):
+            node = super().compose_node(parent, index)
+            # a node that is not finished contains itself: it has endlessly many values
+            self._add_values(self._counts.get(id(node), MAX_YAML_VALUES))
+            return node
+        count_before = self._count
+        self._add_values(1)
+        node = super().compose_node(parent, index)
+        self._counts[id(node)] = self._count - count_before
+        return node
+
+    def _add_values(self, count: int) -> None:
+        """Add to the count of values; refuse more than `MAX_YAML_VALUES`."""
+        self._count += count
         if self._count > MAX_YAML_VALUES:
-            raise _alias_error()
-        return super().compose_node(parent, index)
+            raise RobotFileError(f"aliases: more than {MAX_YAML_VALUES} values when written out, or endless")
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         """Construct a mapping; refuse a key that occurs twice, with both lines."""
@@ -166,30 +172,6 @@ class _Loader(Composer, CSafeLoader):
                 raise RobotFileError(f"{short(key)}: duplicate key, in line {lines[key]} and in line {line}")
             lines[key] = line
         return super().construct_mapping(node, deep=deep)
-
-
-def _alias_error() -> RobotFileError:
-    """Return the error for more than MAX_YAML_VALUES values."""
-    return RobotFileError(f"aliases: more than {MAX_YAML_VALUES} values when written out, or endless")
-
-
-def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Count a node and the values below, aliases expanded.
-
-    `counted` has the count of each finished node by id, and receives further ones. While a node is being
-    counted, its entry exceeds the limit, so that a node that contains itself is refused: it has endlessly
-    many values.
-    """
-    if id(node) in counted:
-        return counted[id(node)]
-    counted[id(node)] = MAX_YAML_VALUES + 1
-    children: list[yaml.Node] = []
-    if isinstance(node, yaml.SequenceNode):
-        children = node.value
-    elif isinstance(node, yaml.MappingNode):
-        children = [child for pair in node.value for child in pair]
-    counted[id(node)] = 1 + sum(_count_values(child, counted) for child in children)
-    return counted[id(node)]
 
 
 # ------------------------------------------------------------------ elements of XML
