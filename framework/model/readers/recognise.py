@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 from framework.errors import InvalidInput, MissingPackage, RobotFileError, check_name, short
 from framework.model.description import ParsedRobot, RobotDescription
@@ -138,27 +139,38 @@ def _from_yaml(
     content = parse_yaml(text)
     if not isinstance(content, dict):
         raise RobotFileError(f"needs a mapping of keys, got {short(content)}")
-    is_loop_closures = "closures" in content and not {"version", "urdf", "platform"} & content.keys()
-    if not is_loop_closures and not content.keys().isdisjoint(_OWN_KEYS):
+    if "closures" in content and content.keys().isdisjoint(("version", "urdf", "platform")):
+        return _from_loop_closures(path, content, options)
+    if not content.keys().isdisjoint(_OWN_KEYS):
         return _complete_own_file(parse_robot(path, content, parameters), options)
     from framework.model.readers import gepetto
-    from framework.model.readers.urdf import read_urdf
 
-    if not is_loop_closures and content.keys().isdisjoint(gepetto.KEYS):
+    if content.keys().isdisjoint(gepetto.KEYS):
         keys = ", ".join(map(short, content)) or "nothing"
         raise RobotFileError(
             f"unknown dialect: has neither version (our robot file) nor closed_loop (Gepetto); given: {keys}"
         )
     urdf = _find_urdf(path)
-    if is_loop_closures and not urdf.is_file():
-        raise RobotFileError("a list of closures: give the URDF that they are of")
     with prefix_errors(urdf.name):
-        root = parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
-        if is_loop_closures:
-            return read_urdf(urdf, root, options, content)
-        tree = UrdfTree(root)
+        tree = UrdfTree(_parse_urdf(urdf))
     tree.left_out = [item._replace(what=f"{urdf.name}: {item.what}") for item in tree.left_out]
     return gepetto.read_pair(path, content, tree, options)
+
+
+def _from_loop_closures(path: Path, content: Mapping[str, Any], options: Options) -> ParsedRobot:
+    """Read the URDF beside the loop_closures.yaml `path`, whose `content` lists closures."""
+    from framework.model.readers.urdf import read_urdf
+
+    urdf = _find_urdf(path)
+    if not urdf.is_file():
+        raise RobotFileError("a list of closures: give the URDF that they are of")
+    with prefix_errors(urdf.name):
+        return read_urdf(urdf, _parse_urdf(urdf), options, content)
+
+
+def _parse_urdf(urdf: Path) -> Element:
+    """Return the root of a URDF."""
+    return parse_xml(read_text(urdf, "cannot read it", error=RobotFileError))
 
 
 def _find_urdf(path: Path) -> Path:
