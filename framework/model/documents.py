@@ -208,8 +208,7 @@ def read_number(element: Element, where: str, key: str, default: str | None = No
         RobotFileError: this is no finite number, or the attribute is missing and there is no default.
     """
     text = attribute(element, where, key) if default is None else element.get(key, default)
-    place_of_number = where if key == "value" else f"{where} {key}"  # `value` is the only attribute
-    (number,) = parse_numbers(place_of_number, text, 1)
+    (number,) = parse_numbers(f"{where} {key}", text, 1)
     return number
 
 
@@ -297,10 +296,19 @@ def read_axis(element: Element, where: str) -> Array:
     """Read the direction (3,), of any length above zero, of an `<axis xyz>`.
 
     Raises:
-        RobotFileError: the axis is zero or malformed.
+        RobotFileError: the axis is missing, zero or malformed.
     """
     check_parts(element, where, (), ("xyz",))
-    axis = np.array(parse_numbers(f"{where} xyz", attribute(element, where, "xyz"), 3))
+    return parse_axis(where, attribute(element, where, "xyz"))
+
+
+def parse_axis(where: str, text: str) -> Array:
+    """Parse a text as the direction (3,) of an axis, of any length above zero.
+
+    Raises:
+        RobotFileError: the axis is zero or malformed.
+    """
+    axis = np.array(parse_numbers(f"{where} xyz", text, 3))
     if np.abs(axis).max() < SMALLEST_LENGTH:
         raise RobotFileError(f"{where}: the axis is zero")
     return axis

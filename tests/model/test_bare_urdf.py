@@ -70,7 +70,7 @@ def test_what_does_not_move_is_not_judged(write_robot, capfd, old, new):
 def test_a_shape_that_is_nowhere_is_refused_by_the_name_of_its_link(write_robot, key, numbers):
     shape = f'<visual><origin {key}="{numbers}"/><geometry><sphere radius="1"/></geometry></visual>'
     file = write_robot(urdf=(("</link>", f"{shape}</link>"),))
-    with pytest.raises(RobotFileError, match=f"link '.*': <visual> <origin> {key}: .*{numbers}"):
+    with pytest.raises(RobotFileError, match=f"link '.*': <visual>: <origin> {key}: .*{numbers}"):
         ParallelRobot.from_file(file)
 
 

@@ -30,6 +30,7 @@ from framework.errors import RobotFileError, check_name
 from framework.model.description import Coupling, JointDynamics, ParsedRobot, locked_axes
 from framework.model.documents import (
     attribute,
+    parse_axis,
     parse_numbers,
     prefix_errors,
 )
@@ -256,9 +257,7 @@ def _read_axis(scope: Scope, name: str, tag: str) -> Array:
     """
     joint = scope.joints[name]
     where = f"joint {name!r}: <{tag}>"
-    axis = np.array(parse_numbers(f"{where} xyz", joint.findtext(f"{tag}/xyz", "0 0 1"), 3))
-    if not axis.any():
-        raise RobotFileError(f"{where}: the axis is zero")
+    axis = parse_axis(where, joint.findtext(f"{tag}/xyz", "0 0 1"))
     xyz = joint.find(f"{tag}/xyz")
     expressed_in = None if xyz is None else xyz.get("expressed_in")
     in_model = (joint.findtext(f"{tag}/use_parent_model_frame") or "").strip() in TRUE

@@ -159,7 +159,7 @@ CHANGES = [
         "</robot>",
         '<coupling name="c"><predecessor link="base"/><successor link="left_rod"/><ratio value="x"/>'
         "</coupling></robot>",
-        "<ratio>: needs finite numbers, got 'x'",
+        "<ratio> value: needs finite numbers, got 'x'",
     ),
     # Isaac Sim's loop joints
     ("loop_joint", 'type="spherical"', 'type="planar"', "loop_joint 'loop': unknown type 'planar'"),
