@@ -37,7 +37,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.tree_model import is_ball, positions_beyond_limits
 from framework.model.description import Closure, locked_axes
 from framework.model.loop_rows import loop_rows
-from framework.model.placement import unit_vector
+from framework.model.placement import to_quaternion, unit_vector
 from framework.model.urdf_edits import vector_text
 from framework.numerics.arrays import Array
 from framework.tolerances import LOOP_GAP
@@ -258,8 +258,7 @@ def _add_site(bodies: list[Element], name: str, frame: pin.Frame, offset: Array)
 
 def _placement_attributes(placement: pin.SE3) -> dict[str, str]:
     """Return a placement as MuJoCo's attributes `pos` and `quat`."""
-    # pinocchio puts w last, MuJoCo first
-    quaternion = np.roll(pin.Quaternion(placement.rotation).coeffs(), 1)
+    quaternion = to_quaternion(placement.rotation)
     return {"pos": vector_text(placement.translation), "quat": vector_text(quaternion)}
 
 

@@ -65,6 +65,11 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> Array:
     return pin.Quaternion(w, x, y, z).normalized().toRotationMatrix()
 
 
+def to_quaternion(rotation: Array) -> Array:
+    """Return a unit quaternion w, x, y, z (4,) of a rotation (3, 3)."""
+    return np.roll(pin.Quaternion(rotation).coeffs(), 1)  # pinocchio puts w last
+
+
 def rotation_with_axis(name: str, axis: Sequence[float] | Array) -> Array:
     """Return a rotation (3, 3) whose column `name` (x, y, z) is the axis."""
     column = "xyz".index(name)

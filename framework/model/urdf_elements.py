@@ -45,6 +45,13 @@ MAX_TREE_ELEMENTS = 5000  # links or joints; no robot has more
 MAX_TREE_DEPTH = 1000  # joints from the root to a link: pinocchio's parser recurses once for each
 PACKAGE = "package://"
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # attributes of an inertia
+# primitive shapes, with the attributes (in SDF the children) that have their sizes
+SIZES_OF_SHAPES = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
 JointValues = dict[str, dict[str, float]]  # for each coordinate, values of fields of JointDynamics
 Complaints = list[tuple[str, str]]  # the name of a link or joint, and what is impossible about it
 

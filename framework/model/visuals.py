@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from framework.model.description import RobotDescription
 from framework.model.documents import child_element, parse_numbers, read_origin
-from framework.model.urdf_elements import locate_urdf
+from framework.model.urdf_elements import SIZES_OF_SHAPES, locate_urdf
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.input import LARGEST_FILE
 
@@ -26,13 +26,6 @@ Color = tuple[float, float, float, float]
 
 DEFAULT_COLOR: Color = (0.9, 0.9, 0.9, 1.0)  # of a visual without a colour
 MAX_MESH_BYTES = 10 * LARGEST_FILE
-# for each shape the attributes of its size; a capsule is drawn as a cylinder
-_SIZES = {
-    "box": ("size",),
-    "sphere": ("radius",),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-}
 
 
 class Shape(NamedTuple):
@@ -102,13 +95,13 @@ def _read_solid(description: RobotDescription, geometry: Element) -> Solid:
     for shape in geometry:
         if shape.tag == "mesh":
             return "mesh", (), *_load_mesh(description, shape)
-        if shape.tag in _SIZES:
+        if shape.tag in SIZES_OF_SHAPES:
             sizes: tuple[float, ...] = ()
-            for key in _SIZES[shape.tag]:
+            for key in SIZES_OF_SHAPES[shape.tag]:
                 sizes += parse_numbers(key, shape.get(key), 3 if key == "size" else 1)
             if min(sizes) <= 0:
                 raise ValueError("no size")
-            return shape.tag.replace("capsule", "cylinder"), sizes, None, None
+            return shape.tag.replace("capsule", "cylinder"), sizes, None, None  # drawn without its ends
     raise ValueError("no known shape")
 
 

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from framework.errors import MissingPackage, RobotFileError
 from framework.model.documents import erase_matches
+from framework.model.placement import to_quaternion
 from framework.model.readers.urdf_tree import UnreadElement
 from framework.model.urdf_elements import check_inertia, symmetric_matrix
 from framework.numerics.input import read_text
@@ -199,7 +199,7 @@ def _make_principal(body: Any) -> None:
     axes[:, 0] *= np.linalg.det(axes)  # makes the axes right-handed
     body.fullinertia = [np.nan, 0, 0, 0, 0, 0]  # MuJoCo's mark for no inertia matrix
     body.inertia = moments
-    body.iquat = np.roll(pin.Quaternion(axes).coeffs(), 1)  # w first, as MuJoCo has it
+    body.iquat = to_quaternion(axes)
 
 
 def _delete_needless_meshes(mujoco: Any, spec: Any) -> Iterator[UnreadElement]:

@@ -48,7 +48,7 @@ from framework.model.readers.sdf_scope import (
 )
 from framework.model.readers.urdf_tree import UnreadElement, UrdfTree, merge_overlapping
 from framework.model.urdf_edits import NewJoint, chain_elements, inertial_element, visual_element
-from framework.model.urdf_elements import symmetric_matrix
+from framework.model.urdf_elements import SIZES_OF_SHAPES, symmetric_matrix
 from framework.numerics.arrays import Array
 from framework.numerics.fields import vector3
 
@@ -86,8 +86,6 @@ _INERTIA = {
     "inertia/ixz": "0",
     "inertia/iyz": "0",
 }
-# the children of a shape that have its sizes
-_SHAPES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length")}
 _VERSION_OF_JOINT_AXES = 1.5  # axes of earlier versions are in the frame of the model
 
 
@@ -389,7 +387,7 @@ def _make_link(scope: Scope, name: str) -> Element:
     axes = origin[:3, :3]
     link.append(inertial_element(mass, origin[:3, 3], axes @ symmetric_matrix(*moments) @ axes.T))
     for visual in element.findall("visual"):
-        for shape, keys in _SHAPES.items():
+        for shape, keys in SIZES_OF_SHAPES.items():
             geometry = visual.find(f"geometry/{shape}")
             if geometry is not None:
                 sizes = {key: (geometry.findtext(key) or "1").strip() for key in keys}
