@@ -37,7 +37,7 @@ def read_text(
             content = stream.read(largest + 1)
             size = max(len(content), os.fstat(stream.fileno()).st_size)
         if size > largest:
-            raise _Unfit(f"{size} bytes; at most {largest} are read")
+            raise _UnreadableFile(f"{size} bytes; at most {largest} are read")
         return content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
         reason = "not UTF-8 text"
@@ -48,14 +48,14 @@ def read_text(
     raise error(f"{complaint}: {reason}")
 
 
-class _Unfit(OSError):
+class _UnreadableFile(OSError):
     """A file that exists but must not be read."""
 
 
 def _check_regular(status: os.stat_result) -> None:
     """Refuse anything but a regular file."""
     if not stat.S_ISREG(status.st_mode):
-        raise _Unfit("not a regular file")
+        raise _UnreadableFile("not a regular file")
 
 
 def _open_without_waiting(file: str, flags: int) -> int:
