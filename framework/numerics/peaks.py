@@ -10,7 +10,6 @@ from framework.numerics.arrays import Array
 from framework.numerics.chebyshev import TimeGrid
 
 NODE_RATIO = 4  # number of samples over number of Chebyshev coefficients, on each panel
-CANDIDATE_RATIO = 0.99  # of the largest sample: smaller local maxima are not refined
 # distances between the three points of the parabolas about a maximum, over the distance between samples
 ZOOM_STEPS = (1.0, 1.0 / 16.0, 1.0 / 256.0)
 
@@ -18,8 +17,8 @@ ZOOM_STEPS = (1.0, 1.0 / 16.0, 1.0 / 256.0)
 def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
     """Compute the largest |value| (k,) of each component of a function of time.
 
-    The result is exact to rounding if the function is smooth. The function is sampled, and its largest local
-    maxima are refined: each maximum moves to the vertex of the parabola through three points about it, again
+    The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima are
+    refined: each maximum moves to the vertex of the parabola through three points about it, again
     and again, with points that are closer together each time (ZOOM_STEPS).
 
     Args:
@@ -34,8 +33,7 @@ def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> A
 
     padded = np.pad(values, ((1, 1), (0, 0)), constant_values=-np.inf)
     is_local_maximum = (values >= padded[:-2]) & (values >= padded[2:])
-    # sample and component (m,) of the m local maxima to refine
-    sample, component = np.nonzero(is_local_maximum & (values >= CANDIDATE_RATIO * peaks))
+    sample, component = np.nonzero(is_local_maximum)  # (m,) of each of the m local maxima
     middle = t[sample]
     # distance between samples: the longer one of those to both neighbours
     spacing = np.maximum(np.diff(t, prepend=start), np.diff(t, append=end))[sample]
