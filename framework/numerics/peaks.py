@@ -17,9 +17,9 @@ ZOOM_STEPS = (1.0, 1.0 / 16.0, 1.0 / 256.0)
 def peak_sizes(function: Callable[[Array], Array], edges: Array, size: int) -> Array:
     """Compute the largest |value| (k,) of each component of a function of time.
 
-    The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima are
-    refined: each maximum moves to the vertex of the parabola through three points about it, again
-    and again, with points that are closer together each time (ZOOM_STEPS).
+    The result is exact to rounding if the function is smooth. The function is sampled, and its local maxima
+    are refined: each maximum moves to the vertex of the parabola through three points about it, again and
+    again, with points that are closer together each time (ZOOM_STEPS).
 
     Args:
         function: returns values (T, k) at t (T,) [s].
