@@ -228,6 +228,7 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> No
     frames = {robot.model.frames[k].name: robot.model.frames[k] for k in robot.frames}
     for name, frame in frames.items():
         _add_site(bodies, name, frame, np.zeros(3))
+
     axes = equality_axes(robot)
     equality = SubElement(root, "equality")
     for closure in robot.description.closures:
@@ -238,6 +239,7 @@ def _add_loops(robot: ParallelRobot, root: Element, bodies: list[Element]) -> No
             for end in closure.frames:
                 _add_site(bodies, f"{end}_{name}", frames[end], offset)
             _add_connect(equality, name, *(f"{end}_{name}" for end in closure.frames))
+
     for coupling in robot.description.couplings:
         joints = {"name": coupling.name, "joint1": coupling.joint, "joint2": coupling.of}
         # joint1 = offset + ratio joint2, as a polynomial of degree 4 in joint2
@@ -313,7 +315,7 @@ def _choose_wider_axes(robot: ParallelRobot, closure: Closure, poses: Array) -> 
     raise InvalidInput(
         f"{robot.name}: MuJoCo has no equality for closure {closure.name!r}, which locks "
         f"{', '.join(closure.axes)} (valid: kinds spherical, revolute and fixed"
-        f"{f'; the robot has to move along {added}' if added else ''})"
+        f"{f'; wider ones would lock {added}, along which the robot moves' if added else ''})"
     )
 
 
