@@ -6,9 +6,8 @@ The measure
     piecewise_measure    g along a path, as Chebyshev series on panels
 
 Along a path
-    points_on_path       singular points, classified
+    points_on_path       singular points, classified, and their shift by deflections
     rank_deficiency      all points where a matrix loses rank, found with `piecewise_measure`
-    spring_shift         the shift of a singular point by deflections
 
 At one pose
     pose_classes         every kind of singularity

@@ -26,7 +26,8 @@ from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import solve_or_fit
 from framework.tolerances import NEWTON_STEP
 
-STENCIL_HALF_WIDTH = 1e-4  # half the width of the central difference, as a share of the interval of p
+# Step of central differences, as a share of an interval of p, or in [rad, robot lengths].
+DIFFERENCE_STEP = 1e-4
 MAX_ITERATIONS = 20
 
 
@@ -123,7 +124,7 @@ class Root(NamedTuple):
 
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
     """Return the points (3,) of a central difference about p, clipped to [low, high]."""
-    half = STENCIL_HALF_WIDTH * (high - low)
+    half = DIFFERENCE_STEP * (high - low)
     return np.clip([p - half, p, p + half], low, high)
 
 

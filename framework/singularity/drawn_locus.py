@@ -17,6 +17,7 @@ from framework.kinematics.inverse_kinematics import close_each
 from framework.kinematics.loop_matrices import type2_matrix
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
+from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.traced_locus import REGION_REACH, trace_locus
 from framework.singularity.type2 import has_signed_measure
 from framework.tolerances import SAME_PLACE
@@ -26,7 +27,6 @@ MAX_JOINT_STEP = 0.5  # [rad, lengths] largest joint motion in a Newton step
 PATCH_POINTS = 11  # number of points along an edge of the patch
 PATCH_SIZE = 0.12  # [robot lengths] half an edge of the patch
 MAX_PATCH_HEIGHT = 0.2  # [robot lengths] distance from the tangent plane; a higher patch is not drawn
-DIFFERENCE_STEP = 1e-4  # [robot lengths] for the slope of det P
 # Number of secant steps; share of the largest height below which a step does not update the slope.
 SECANT_STEPS, MIN_SECANT_STEP = 5, 1e-9
 

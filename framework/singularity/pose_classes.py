@@ -44,12 +44,10 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import bordered_solution
+from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution
 from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import escaping_motions, twist_norm
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
-
-DIFFERENCE_STEP = 1e-4  # [rad, lengths] of central differences along a direction
 
 NAMES = {
     "type_1": "Type 1",

@@ -15,7 +15,7 @@ from numpy.polynomial import chebyshev
 
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, Root, bordered_solution, root_of_g
+from framework.singularity.bordered_system import DIFFERENCE_STEP, Root, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
     Extremum,
     Measured,
@@ -91,7 +91,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                 if contacts:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
-            root = root_of_g(measured.evaluate, candidate.s, size=size, longest=STENCIL_HALF_WIDTH)
+            root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
             is_root = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
             is_root = is_root and abs(root.residual) < residual
             # a root at the edge of two panels is found twice
@@ -282,7 +282,7 @@ def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> Blo
 
     Close to an end of the path the stencil stays inside the path, and the slope is extrapolated to s.
     """
-    h = STENCIL_HALF_WIDTH
+    h = DIFFERENCE_STEP
     middle = float(np.clip(s, h, 1.0 - h))
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
     lower, centre, upper, G = bordered_solution(stack, border_of=-1, size=size).G

@@ -30,6 +30,7 @@ from framework.kinematics.modes import leg_determinants, leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
 from framework.numerics.ordered_sums import singular_values
+from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     MAX_CURVE_OFFSET,
     MAX_STEP,
@@ -53,7 +54,6 @@ RANDOM_SEED = 0
 MAX_CURVES = 100
 # |det [dF/du ; t']| at a located branch point over that of its neighbours; closer, the corrector loses digits
 BRANCH_POINT_RATIO = 1e-6
-DIFFERENCE_STEP = 1e-3  # [rad, lengths] of second differences at a branch point
 BRANCH_STEP = 0.02  # [rad, lengths] to the first point of the other curve
 ROOT_SIZE, MAX_ROOT_STEPS = 1e-13, 40  # least dimensionless measure that is not zero; steps of false position
 WAY_STEPS = 10  # from the region's centre to a random target
@@ -329,8 +329,9 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
-    the left null vector of F'. For w = tangent + r normal, with the normal in the null space, this is along +
-    2 mixed r + across r^2 = 0. Its root r = 0 is the curve itself, up to errors; the other root is sought.
+    the left null vector of F'. For w = t + r n, with the tangent t of the known curve and the normal n to t in
+    the null space, this is y . F"(t, t) + 2 r y . F"(t, n) + r^2 y . F"(n, n) = 0. The root r = 0, up to
+    errors, is the known curve. The other root gives the other curve.
     """
     evaluated = equations.evaluate(crossing.q, crossing.border)
     svd = np.linalg.svd(evaluated.slopes[0])
@@ -340,16 +341,14 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     normal = (null_1 @ tangent) * null_2 - (null_2 @ tangent) * null_1  # a right angle from the tangent
     normal /= np.linalg.norm(normal)
 
-    def second_derivative(w: Array) -> float:
-        """Compute y . F"(w, w) by a central difference along w (k,)."""
+    def second_derivatives(w: Array) -> Array:
+        """Compute y . F"(w, .) (k,) by central differences of the slopes along w (k,)."""
         ends = equations.move(crossing.q, DIFFERENCE_STEP * np.stack([w, -w]))
-        ahead, back = equations.evaluate(ends, crossing.border).values
-        return float(left_null @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
+        ahead, back = equations.evaluate(ends, crossing.border).slopes
+        return left_null @ (ahead - back) / (2 * DIFFERENCE_STEP)
 
-    along = second_derivative(tangent)
-    across = second_derivative(normal)
-    mixed = 0.25 * (second_derivative(tangent + normal) - second_derivative(tangent - normal))
-    roots = np.roots([across, 2 * mixed, along])
+    by_tangent, by_normal = second_derivatives(tangent), second_derivatives(normal)
+    roots = np.roots([by_normal @ normal, 2 * (by_tangent @ normal), by_tangent @ tangent])
     if not len(roots) or np.abs(roots.imag).max() > DISTINCT_SOLUTIONS:
         return None
     other = tangent + roots.real[np.argmax(np.abs(roots))] * normal
