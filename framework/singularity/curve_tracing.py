@@ -16,7 +16,7 @@ import numpy as np
 from framework.numerics.arrays import Array, BoolArray, IntArray, join, select
 from framework.numerics.ordered_sums import solve
 from framework.singularity.bordered_system import Border
-from framework.singularity.locus_equations import Evaluated, LocusEquations
+from framework.singularity.locus_equations import MAX_JOINT_STEP, Evaluated, LocusEquations
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
 # Largest distance of a point of a curve from a chord, divided by the chord's length; turning alone gives
@@ -31,7 +31,6 @@ MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
 MAX_POINTS = 3000  # of a piece
 MAX_SEARCH_STEPS = 25  # Newton steps from a random configuration
-MAX_SEARCH_STEP = 0.5  # [rad, lengths] largest joint motion in one of these
 MIN_START_DISTANCE = 1e-5  # [rad, lengths]; closer starts are on one curve, and only the first is used
 
 
@@ -76,7 +75,7 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
         size = np.abs(change).max(axis=1)
         is_finite = np.isfinite(size)
         size = size[is_finite]
-        step = change[is_finite] / np.maximum(size / MAX_SEARCH_STEP, 1.0)[:, None]
+        step = change[is_finite] / np.maximum(size / MAX_JOINT_STEP, 1.0)[:, None]
         q = equations.move(q[is_finite], step)
         if not len(q) or size.max() < NEWTON_STEP:
             break

@@ -29,19 +29,16 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.laws.path import Line
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
+from framework.singularity.locus_equations import MAX_JOINT_STEP
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
-NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular value divided by its usual size
+# Least singular value over its usual size, below which a pose is near singular, or singular.
+NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01
 LIMIT_BISECTIONS = 8  # of a motion that ends at a joint limit: at most 0.4 % of the motion is left out
 # Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
 MOTOR_STOP_DISTANCE = 1e-8
-USUAL_SIZE_FLOOR = (
-    0.01  # least usual size of a singular value, for a reference that is nearly singular itself
-)
-MAX_RETREATS = 6  # from a singularity, each ten times as far as the previous one
-MAX_LOOSE_STEP = 0.5  # [rad, robot lengths] of a joint in a Newton step along t_s
 LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # shares of the largest motion along t_s at which poses are computed
 
 # Name of a singularity, and its meaning.
@@ -120,8 +117,11 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
 
 
 def _proximity_level(value: float, usual: float) -> str:
-    """Return regular, near or singular by comparing a least singular value with its usual size."""
-    usual = max(usual, USUAL_SIZE_FLOOR)
+    """Return regular, near or singular by comparing a least singular value with its usual size.
+
+    The usual size is at least SINGULAR_RATIO, as the reference itself may be nearly singular.
+    """
+    usual = max(usual, SINGULAR_RATIO)
     if value >= NEAR_SINGULAR_RATIO * usual:
         return "regular"
     return "near" if value > SINGULAR_RATIO * usual else "singular"
@@ -153,7 +153,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
         return None
     largest_change = np.linalg.solve(E, pose.twist / size)  # (n,) of the platform's coordinates
     x = pose.x + LOOSE_SHARES[:, None] * largest_change
-    stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_LOOSE_STEP)
+    stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_JOINT_STEP)
     if not stack.closed.all():
         return None
     motor_motions = np.abs(robot.actuated_coordinates(stack.q) - pose.motors)  # (9, n_a)
@@ -281,14 +281,13 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     def stop_before(angle: float, sign: float) -> Array:
         """Compute q (nq,) just before the singularity that lies at a turn of size `angle` and this sign.
 
-        The motor stops at growing distances before the singularity until a pose is found, else at the start.
+        The motor stops at tenfold growing distances before the singularity until a pose is found, else at the
+        start.
         """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
-        for _ in range(MAX_RETREATS):
+        while angle > retreat:
             angle -= retreat
             retreat *= 10.0
-            if angle <= 0.0:
-                break
             try:
                 return turn(sign * angle)
             except Type2Singularity as earlier:  # another singularity, at a share of the turn

@@ -25,6 +25,8 @@ from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border
 from framework.singularity.type2 import has_signed_measure, measure_gradient
 
+MAX_JOINT_STEP = 0.5  # [rad, robot lengths] in a Newton step that is to stay near its start
+
 
 class Evaluated(NamedTuple):
     """The equations of the locus and their derivatives at S configurations, for k moving joints."""

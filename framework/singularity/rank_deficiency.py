@@ -40,7 +40,6 @@ ROOT_RESIDUAL = 1e-12  # |g| over its largest value, below which a root counts e
 SEARCH_RADIUS = 5e-3  # in s, from a candidate to the point at which several singular values vanish
 MAX_ROOT_SHIFT = 1e-3  # share of a panel's width; a root farther from its candidate is another root
 MAX_COMMON_STEPS = 8  # of the Gauss-Newton method
-CONVERGED_STEP = 1e-11  # in s, of the Gauss-Newton method
 
 
 class Contact(NamedTuple):
@@ -243,9 +242,11 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
         G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each
         curvature = max(float(np.sum(slope * slope)), np.finfo(float).tiny)
         step = -float(np.sum(G * slope) / curvature)
-        if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
+        if not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
+        if abs(step) < NEWTON_STEP:
+            break
     slopes = singular_values(slope) / max(float(np.abs(second_derivative).max()), 1.0)
     kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
     # where G has no slope, Gauss-Newton converges only linearly

@@ -32,6 +32,7 @@ from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArray
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
+    FIRST_STEP,
     MAX_CURVE_OFFSET,
     MAX_STEP,
     Curve,
@@ -42,23 +43,15 @@ from framework.singularity.curve_tracing import (
     find_solutions,
     trace_curves,
 )
-from framework.singularity.locus_equations import LocusEquations
+from framework.singularity.locus_equations import MAX_JOINT_STEP, LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
 
-RESTING_EXTENT = (
-    1e-7  # [rad, lengths] motion of motors or platform that counts as rest; points are exact to 1e-12
-)
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
 RANDOM_STARTS = 40
-RANDOM_SEED = 0
 MAX_CURVES = 100
 # |det [dF/du ; t']| at a located branch point over that of its neighbours; closer, the corrector loses digits
 BRANCH_POINT_RATIO = 1e-6
-BRANCH_STEP = 0.02  # [rad, lengths] to the first point of the other curve
-ROOT_SIZE, MAX_ROOT_STEPS = 1e-13, 40  # least dimensionless measure that is not zero; steps of false position
 WAY_STEPS = 10  # from the region's centre to a random target
-NEWTON_STEPS, MAX_JOINT_STEP = 6, 0.7  # number in each of these steps; [rad, lengths] largest motion in one
-MAX_ROTATION = 3.0  # [rad] of a rotation vector, whose chart ends at pi
 # A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
 # of its value at the last point inside the mode.
 CUT_CLEARANCE_RATIO = 1e-3
@@ -216,9 +209,9 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
     kind = "type_2"
-    if platform_extent.max() < RESTING_EXTENT:
+    if platform_extent.max() < DISTINCT_SOLUTIONS:
         kind = "joints_only"
-    elif np.abs(motor_steps).max(initial=0.0) < RESTING_EXTENT:
+    elif np.abs(motor_steps).max(initial=0.0) < DISTINCT_SOLUTIONS:
         kind = "self_motion"
     return LocusCurve(
         q=points.q,
@@ -265,38 +258,32 @@ def root_between(
     end: Points,
     measure: Callable[[Points], float],
     *,
-    small: float = ROOT_SIZE,
+    small: float = 0.0,
 ) -> Points | None:
     """Find the point between two neighbours (S = 1) of a curve where a measure changes its sign.
 
-    False position, in the Illinois variant, finds the share of the chord at which |measure| is below `small`.
-    If the corrector fails, as near a branch point, the last corrected point is returned, or None without any.
+    Brent's method finds the share of the chord at which |measure| is at most `small`. If the corrector fails,
+    as near a branch point, the last corrected point is returned, or None without any.
     """
+    from scipy.optimize import brentq
+
     chord = np.linalg.norm(equations.offsets(start.q[0], end.q[0]))
     curvature = (end.tangent - start.tangent) / chord
-    low, value_low = 0.0, measure(start)  # low and high are shares of the chord
-    high, value_high = 1.0, measure(end)
-    root = None
-    replaced = ""  # the end of the interval that the last step replaced
-    for _ in range(MAX_ROOT_STEPS):
-        share = (low * value_high - high * value_low) / (value_high - value_low)
+    corrected = list[Points]()
+
+    def value_at(share: float) -> float:
+        """Evaluate the measure at a share of the chord; 0 if small, or where the corrector fails."""
+        if share in (0.0, 1.0):
+            return measure(end if share else start)
         point, accepted = advance(equations, start, np.array([share * chord]), curvature)
         if not accepted[0]:
-            return root
-        root, value = point, measure(point)
-        if abs(value) < small or high - low < ROOT_SIZE:
-            break
-        # Illinois: if the same end is replaced twice running, halve the value at the other end; otherwise
-        # that end might never be replaced
-        if value * value_low > 0:
-            if replaced == "low":
-                value_high *= 0.5
-            low, value_low, replaced = share, value, "low"
-        else:
-            if replaced == "high":
-                value_low *= 0.5
-            high, value_high, replaced = share, value, "high"
-    return root
+            return 0.0  # ends the iteration
+        corrected.append(point)
+        value = measure(point)
+        return value if abs(value) > small else 0.0
+
+    brentq(value_at, 0.0, 1.0)
+    return corrected[-1] if corrected else None
 
 
 def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
@@ -321,7 +308,7 @@ def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> lis
     if tangent is None:
         return []
     starts = join([crossing, crossing])._replace(tangent=np.stack([tangent, -tangent]))
-    points, accepted = advance(equations, starts, np.full(2, BRANCH_STEP), np.zeros_like(starts.tangent))
+    points, accepted = advance(equations, starts, np.full(2, FIRST_STEP), np.zeros_like(starts.tangent))
     return [points.single(k) for k in np.flatnonzero(accepted)]
 
 
@@ -376,8 +363,8 @@ class Region(NamedTuple):
             offset = (x - self.x)[:, robot.translations]
         inside = np.abs(offset).max(axis=1, initial=0.0) < self.reach
         turns = x[:, ~robot.translations]
-        if turns.shape[1] == 3:  # a rotation vector
-            inside &= np.linalg.norm(turns, axis=1) < MAX_ROTATION
+        if turns.shape[1] == 3:  # a rotation vector, whose chart ends at an angle of pi
+            inside &= np.linalg.norm(turns, axis=1) < np.pi - MAX_STEP
         if self.mode is not None:
             inside &= self.least_determinants(q, self.mode) > -RANK_ROUNDING
         return inside
@@ -429,11 +416,11 @@ def draw_in_mode(region: Region, count: int) -> Array:
     axes = list(range(robot.n)) if equations.in_motors else list(equations.free)
     spread = np.where(robot.translations[axes], region.reach, np.pi)
     displacement = np.zeros((count, robot.n))  # from the centre to the targets
-    displacement[:, axes] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(axes)))
+    displacement[:, axes] = np.random.default_rng(0).uniform(-spread, spread, (count, len(axes)))
     q = np.tile(region.q, (count, 1))
     for k in range(1, WAY_STEPS + 1):
         x = region.x + k / WAY_STEPS * displacement
-        next_q, _, closed = close_each(robot, x, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
+        next_q, _, closed = close_each(robot, x, q, farthest=MAX_JOINT_STEP)
         closed[closed] &= region.contains(next_q[closed])
         q = np.where(closed[:, None], next_q, q)
     return q
@@ -446,5 +433,5 @@ def draw_joints(equations: LocusEquations, q: Array, count: int) -> Array:
     """
     robot = equations.robot
     spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)
-    steps = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(spread)))
+    steps = np.random.default_rng(0).uniform(-spread, spread, (count, len(spread)))
     return equations.move(q, steps)

@@ -26,7 +26,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import Border, solve_bordered
-from framework.tolerances import RANK_LOST
+from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
 # Kinds that no law can cross, because the platform's path does not determine the motion of the joints there.
 UNCROSSABLE = {
@@ -34,8 +34,6 @@ UNCROSSABLE = {
     "constraint": "a constraint singularity: the platform gains freedoms that it has nowhere else",
     "closure": "a singularity of the loop equations themselves, whatever the motors do",
 }
-
-COSINE_ROUNDING = 1e-12  # of the cosine between t_s and a path
 
 
 class Uncontrolled(NamedTuple):
@@ -157,7 +155,7 @@ def sign_along(twist: Array, direction: Array) -> float:
     that rounding does not decide.
     """
     forward = float(twist @ direction)
-    if abs(forward) <= COSINE_ROUNDING * np.linalg.norm(twist) * np.linalg.norm(direction):
+    if abs(forward) <= RANK_ROUNDING * np.linalg.norm(twist) * np.linalg.norm(direction):
         forward = float(twist[np.argmax(np.abs(twist))])
     return -1.0 if forward < 0 else 1.0
 
