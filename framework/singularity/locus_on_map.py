@@ -1,10 +1,11 @@
 """The singular locus on a map: curves traced on the map's branch, and compared with the signs of g.
 
-Tracing starts from the poses next to a sign change of g, and from local minima of |g|. A point of a traced
-curve belongs to the map if a step of inverse kinematics from the nearest pose leads to the configuration of
-the point. So each point is singular and on the branch of the poses. Completeness is not claimed, because a
-curve between the poses may be so small that g has the same sign at all poses. Sign changes between neighbours
-that no curve explains are reported.
+Tracing starts from the poses next to a sign change of g, and from local minima of |g|, as g keeps its sign
+across some curves. A point of a traced curve belongs to the map if a step of inverse kinematics from the
+nearest pose leads to the configuration of the point. So each point is singular and on the branch of the
+poses. Completeness is not claimed, because a curve between the poses may be so small that g has the same sign
+at all poses. A curve explains a sign change between neighbours if it passes within a cell of their midpoint.
+Sign changes that no curve explains are reported.
 """
 
 from __future__ import annotations
@@ -27,16 +28,11 @@ from framework.singularity.locus_equations import LocusEquations
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-STARTS_PER_ROUND = 24  # number of starts, chosen evenly among the unexplained sign changes
-MAX_ROUNDS = 4  # of tracing for each working mode
+STARTS_PER_ROUND = 24  # largest number of sign changes, and of minima of |g|, from which a round starts
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
-MAX_TOUCHES = 16  # number of minima of |g| from which tracing starts, as g keeps its sign across some curves
 STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region
-REGION_MARGIN = 1.05  # half an edge of the region, divided by the distance of the map's farthest side
-EXPLAINED_CELLS = 1.0  # largest distance of a sign change from the curve that explains it
 AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])  # a cell (first) and its eight neighbours
-MAX_ANGLE_STEP = 3.0  # [rad] between neighbours of a curve; a larger one is a jump from pi to -pi
 
 
 class MapPoses(NamedTuple):
@@ -115,8 +111,9 @@ def _trace_modes(
 ) -> tuple[list[MapCurve], BoolArray]:
     """Trace the curves of all working modes, modes with the most starts first.
 
-    Each round starts from sign changes that the curves so far do not explain. The first round of a mode also
-    starts from minima of |g|.
+    Each round starts from sign changes that the curves so far do not explain, the first round of a mode also
+    from minima of |g|. The rounds of a mode end when all its sign changes are explained or have been starts,
+    or when a round explains none.
 
     Args:
         changes: (e, 4) indices i, j of the poses on both sides of each sign change, see `_sign_changes`.
@@ -133,7 +130,7 @@ def _trace_modes(
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
         cells = minima[(minimum_modes == mode).all(axis=1)]
-        for _ in range(MAX_ROUNDS):
+        while True:
             todo = np.flatnonzero(unexplained & of_mode)
             cells = np.concatenate([cells, changes[_choose_evenly(todo), :2]])
             if not len(cells):
@@ -142,9 +139,8 @@ def _trace_modes(
                 for part in _parts_on_branch(equations, poses, curve):
                     if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # not all of it is known
                         curves.append(part)
-            unexplained = _is_apart(poses, _midpoints(poses, changes), curves, EXPLAINED_CELLS)
+            unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
             remaining = np.count_nonzero(unexplained & of_mode)
-            # all starts have been tried, none is left, or there was no progress
             if len(todo) <= STARTS_PER_ROUND or remaining in (0, len(todo)):
                 break
             cells = cells[:0]  # later rounds start from sign changes alone
@@ -172,9 +168,8 @@ def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> li
     robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
-    # (2, 2) distances of the map's sides from the centre, dimensionless
-    distances = np.abs(np.stack([poses.lower, poses.upper]) - centre) / robot.platform_scale[axes]
-    reach = REGION_MARGIN * float(distances.max())
+    distances = np.abs(np.stack([poses.lower, poses.upper]) - centre)  # (2, 2) of the map's sides [m, rad]
+    reach = float(((distances + poses.cell) / robot.platform_scale[axes]).max())  # a cell beyond the map
     traced = trace_locus(
         robot,
         starts[0],
@@ -205,7 +200,7 @@ def _sign_changes(g: Array) -> IntArray:
 
 
 def _find_minima(g: Array) -> IntArray:
-    """Find indices (t, 2) of the MAX_TOUCHES least local minima of |g| (I, J).
+    """Find indices (t, 2) of the STARTS_PER_ROUND least local minima of |g| (I, J).
 
     At a minimum |g| is less than at all eight neighbours.
     """
@@ -216,7 +211,7 @@ def _find_minima(g: Array) -> IntArray:
     footprint[1, 1] = False  # the pose itself does not count
     neighbours = minimum_filter(size, footprint=footprint, mode="constant", cval=np.inf)
     minima = np.argwhere(size < neighbours)
-    return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
+    return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:STARTS_PER_ROUND]]
 
 
 def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
@@ -243,11 +238,10 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
     axes = list(poses.axes)
     x = curve.x[:, axes]
     is_on, is_off = _compare_branches(equations, poses, curve, x)
-    is_jump = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[
-        axes
-    ]  # (m - 1, 2)
+    turns = x[:, ~equations.robot.translations[axes]]
+    is_jump = (np.abs(np.diff(turns, axis=0)) > np.pi).any(axis=1)  # (m - 1,) from pi to -pi
     leaves_or_enters = is_off[1:] != is_off[:-1]
-    breaks = np.flatnonzero(is_jump.any(axis=1) | leaves_or_enters) + 1
+    breaks = np.flatnonzero(is_jump | leaves_or_enters) + 1
     parts = np.split(np.arange(len(x)), breaks)  # indices of the points of each part
     return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
 
