@@ -11,7 +11,7 @@ series measure the rounding of g, which decides between touching, crossing twice
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -39,12 +39,21 @@ FIRST_BRACKET_STEP = 1e-10  # in s, first step of the search beside an extremum;
 WIDER_BORDER_RATIO = 0.05  # relative singular value below which a wider border may be needed
 
 
-class Measured(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Measured:
     """A square matrix along a branch, whose loss of rank g measures."""
 
     branch: Branch
     matrix: Callable[[LinearisedLoops], Array]  # computes the matrices (T, n, n) of linearised loops
     power: int = 1  # 2 for P'P, whose singular values are the squares of those of P
+    # loops at the nodes of panels, by start and end: a cache that several matrices of one branch may share
+    panel_loops: dict[tuple[float, float], LinearisedLoops] = field(default_factory=dict)
+
+    def loops(self, start: float, end: float) -> LinearisedLoops:
+        """Return the linearised loops at the nodes of a panel (T = PANEL_NODES)."""
+        if (start, end) not in self.panel_loops:
+            self.panel_loops[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
+        return self.panel_loops[start, end]
 
     def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
@@ -108,25 +117,12 @@ class Panel:
         return np.tensordot(weights, self.matrices, axes=1)
 
 
-class Samples(NamedTuple):
-    """A cache of the branch's loops, linearised at the nodes of panels."""
-
-    branch: Branch
-    panels: dict[tuple[float, float], LinearisedLoops]  # by start and end of the panel
-
-    def loops(self, start: float, end: float) -> LinearisedLoops:
-        """Return the linearised loops at the nodes of a panel (T = PANEL_NODES)."""
-        if (start, end) not in self.panels:
-            self.panels[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
-        return self.panels[start, end]
-
-
 def _panel_nodes(start: float, end: float) -> Array:
     """Return the Chebyshev nodes (PANEL_NODES,) between two path coordinates."""
     return start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
 
 
-def resolve_panels(samples: Samples, measured: Measured) -> list[Panel]:
+def resolve_panels(measured: Measured) -> list[Panel]:
     """Resolve g on ascending panels of [0, 1], which are halved until each is resolved.
 
     Raises:
@@ -137,13 +133,13 @@ def resolve_panels(samples: Samples, measured: Measured) -> list[Panel]:
     resolved = list[Panel]()
     while waiting:
         start, end = waiting.pop()
-        panel = _resolve_panel(samples, measured, start, end)
+        panel = _resolve_panel(measured, start, end)
         if panel is not None:
             resolved.append(panel)
             continue
         middle = 0.5 * (start + end)
         if end - start < MIN_PANEL_WIDTH:
-            raise Unresolved(samples.branch.robot.name, middle, end - start)
+            raise Unresolved(measured.branch.robot.name, middle, end - start)
         waiting += [(middle, end), (start, middle)]
     return resolved
 
@@ -177,13 +173,13 @@ def bound_measure(resolved: list[Panel]) -> float:
     return max(float(np.abs(panel.series).sum()) for panel in resolved)
 
 
-def _resolve_panel(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
+def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None:
     """Resolve g on a panel by a Chebyshev series; None if no border suffices.
 
     Borders are tried from one column up to the number of small singular values.
     """
     try:
-        matrices = measured.matrix(samples.loops(start, end))
+        matrices = measured.matrix(measured.loops(start, end))
     except NotAssembled:
         return None
     middle = PANEL_NODES // 2  # this node's border is used on the whole panel
@@ -194,7 +190,7 @@ def _resolve_panel(samples: Samples, measured: Measured, start: float, end: floa
         largest = float(np.abs(g).max())
         if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
             raise SingularPath(
-                f"{samples.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
+                f"{measured.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
                 f"{end:.6g}"
             )
         series = coefficients(g[:, None])

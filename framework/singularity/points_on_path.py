@@ -8,7 +8,7 @@ known (`spring_shift`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -30,7 +30,6 @@ from framework.singularity.bordered_system import Border, differentiate_g, stenc
 from framework.singularity.piecewise_measure import (
     Measured,
     Panel,
-    Samples,
     Unresolved,
     find_candidates,
     resolve_panels,
@@ -101,18 +100,18 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     """
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
-    samples = _continue_branch(branch)
+    type1 = _continue_branch(branch)
     if not len(robot.following):  # every joint has a motor: no motion escapes
         return SearchedPath(branch, ())
     power = 1 if len(robot.loops.names) == len(robot.following) else 2
-    passive = Measured(samples.branch, partial(type2_matrix, robot), power)
+    passive = replace(type1, matrix=partial(type2_matrix, robot), power=power)
     try:
-        resolved = resolve_panels(samples, passive)
-        if samples.branch is branch:  # without continuations the nodes of the panels give better guesses
+        resolved = resolve_panels(passive)
+        if passive.branch is branch:  # without continuations the nodes of the panels give better guesses
             edges = np.array([0.0, *(panel.end for panel in resolved)])
-            q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
+            q = np.concatenate([passive.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
-            passive = passive._replace(branch=branch)
+            passive = replace(passive, branch=branch)
         contacts = find_contacts(passive, resolved)
         misses = find_near_misses(passive, resolved, contacts)
     except Unresolved as unresolved:
@@ -147,18 +146,21 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-def _continue_branch(branch: Branch) -> Samples:
-    """Add continuations to the branch where the inverse kinematics is singular but the branch smooth.
+def _continue_branch(branch: Branch) -> Measured:
+    """Return the Type 1 matrix along the branch, continued where the matrix is singular.
+
+    At a suspect, a candidate for a singular point or an s near which g is not resolved, the branch may still
+    be smooth. Continuations then replace the inverse kinematics. Each round adds one, until no suspect allows
+    another.
 
     Raises:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_CONTINUATIONS):
-        samples = Samples(branch, {})
         type1 = Measured(branch, partial(type1_matrix, branch.robot))
-        panels: list[Panel] | Unresolved
+        panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
-            panels = resolve_panels(samples, type1)
+            panels = resolve_panels(type1)
             suspects = [candidate.s for candidate in find_candidates(panels)]
         except Unresolved as unresolved:
             panels = unresolved
@@ -168,7 +170,7 @@ def _continue_branch(branch: Branch) -> Samples:
             break
         branch = continued
     _refuse_type_1(type1, panels)
-    return samples
+    return type1
 
 
 def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
