@@ -4,6 +4,8 @@ The predictor follows the tangent and the curvature of a curve; the corrector is
 normal to the tangent (H. B. Keller 1977). The step is shortened if the corrector moves far or the tangent
 turns much. All pieces of curves are traced together, in both directions from every start, until they meet the
 next start, leave a region or cannot be continued. Then the pieces are joined to curves.
+
+Lengths and offsets of curves are those of the unknowns u, the k moving joints in radians and robot lengths.
 """
 
 from __future__ import annotations
@@ -19,11 +21,11 @@ from framework.singularity.bordered_system import Border
 from framework.singularity.locus_equations import MAX_JOINT_STEP, Evaluated, LocusEquations
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
-# Largest distance of a point of a curve from a chord, divided by the chord's length; turning alone gives
-# 0.02.
+# A point counts as on a curve if its distance from a chord is at most this share of the chord's length. A
+# step in which the tangent turns by MAX_TANGENT_TURN gives 0.02.
 MAX_CURVE_OFFSET = 0.05
 MIN_CURVE_COSINE = 0.7  # between tangents of one curve; different curves usually cross at larger angles
-MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, lengths]
+MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
 MIN_GROWTH, MAX_GROWTH = 0.5, 2.0  # ratio of a step to the previous one
@@ -31,16 +33,16 @@ MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
 MAX_POINTS = 3000  # of a piece
 MAX_SEARCH_STEPS = 25  # Newton steps from a random configuration
-MIN_START_DISTANCE = 1e-5  # [rad, lengths]; closer starts are on one curve, and only the first is used
+MIN_START_DISTANCE = 1e-5  # [rad, robot lengths]; of starts that are closer only the first is used
 
 
 class Points(NamedTuple):
-    """S points of curves."""
+    """S points of curves, for k moving and m passive joints."""
 
     q: Array  # (S, nq)
     tangent: Array  # (S, k) unit vector t in the direction of tracing
     determinant: Array  # (S,) det [dF/du ; t']; its sign changes at branch points
-    escape_slope: Array  # (S,) slope of g along the escaping motion, dimensionless; its sign changes at cusps
+    escape_slope: Array  # (S,) derivative of g along the escaping motion; its sign changes at cusps
     eta: Array  # (S, m) unit passive rates of the escaping motion, with a sign continuous along the curve
     border: Border  # (S, m, 1) of P, the passive columns of the loops
 
@@ -61,22 +63,26 @@ class Curve(NamedTuple):
     """A traced curve."""
 
     points: Points  # in order along the curve; a closed curve ends with its first point
-    # why the curve ends, first and last end: closed, left (the region), stalled (the equations lose rank) or
-    # long (MAX_POINTS)
+    # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
+    # rank); or long (MAX_POINTS)
     ends: tuple[str, str]
 
 
 def find_solutions(equations: LocusEquations, q: Array) -> Array:
-    """Find solutions (s, nq), s <= S, by bounded least-norm Newton steps from q (S, nq)."""
+    """Find solutions (R, nq) of the equations, R <= S, by least-norm Newton steps from q (S, nq).
+
+    The joint motions of a step are at most MAX_JOINT_STEP. Configurations from which Newton's method does not
+    converge are left out.
+    """
     for _ in range(MAX_SEARCH_STEPS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
-        change = -np.matvec(inverse, evaluated.values)
+        change = -np.matvec(inverse, evaluated.values)  # (S, k)
         size = np.abs(change).max(axis=1)
+
         is_finite = np.isfinite(size)
-        size = size[is_finite]
-        step = change[is_finite] / np.maximum(size / MAX_JOINT_STEP, 1.0)[:, None]
-        q = equations.move(q[is_finite], step)
+        q, change, size = q[is_finite], change[is_finite], size[is_finite]
+        q = equations.move(q, change / np.maximum(size / MAX_JOINT_STEP, 1.0)[:, None])
         if not len(q) or size.max() < NEWTON_STEP:
             break
     return q[size < NEWTON_STEP]
@@ -91,34 +97,37 @@ def trace_curves(
     """Trace the distinct curves through S starts.
 
     Args:
-        inside: tells which of T configurations (T, nq) are in the region, (T,). A curve ends with its first
-            point outside.
-        longest: largest step [rad, lengths].
+        inside: returns whether each of T configurations (T, nq) is in the region, (T,). A curve ends with its
+            first point outside.
+        longest: largest step [rad, robot lengths]; at most MAX_STEP in any case.
     """
-    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q), axis=2)
-    starts = select(starts, ~np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1))
+    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q), axis=2)  # (S, S)
+    is_repeated = np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1)  # close to an earlier start
+    starts = select(starts, ~is_repeated)
+
     pieces = _trace_pieces(equations, starts, inside, min(longest, MAX_STEP))
     curves = list[Curve]()
     done = set[int]()  # indices of starts on the curves so far
     for first in range(len(starts.q)):
         if first in done:
             continue
-        along, end = _chain_pieces(pieces, first, done)
+        forward, end = _chain_pieces(pieces, first, done)
         if end == "closed":
-            curves.append(Curve(join(along), (end, end)))
+            curves.append(Curve(join(forward), (end, end)))
             continue
-        against, begin = _chain_pieces(pieces, first + len(starts.q), done)
-        before_start = select(join(against).backwards(), slice(-1))  # the start is the first point of `along`
-        curves.append(Curve(join([before_start, *along]), (begin, end)))
+        backward, begin = _chain_pieces(pieces, first + len(starts.q), done)
+        # both begin with the start, which is taken from `forward`
+        other_half = select(join(backward).backwards(), slice(-1))
+        curves.append(Curve(join([other_half, *forward]), (begin, end)))
     return curves
 
 
 class _Piece(NamedTuple):
-    """A part of a curve from a start, in one direction, to its end."""
+    """A part of a curve from a start, in one direction, to where tracing stopped."""
 
     points: Points  # from the start to the end
     end: str  # met (the last point is another start), or as in `Curve.ends`
-    following: int  # number of the piece that continues from the start that was met
+    following: int  # number of the piece that continues from the start that was met; -1 if none was met
 
 
 class _Fronts(NamedTuple):
@@ -126,21 +135,27 @@ class _Fronts(NamedTuple):
 
     points: Points
     curvature: Array  # (F, k) derivatives of the tangents with respect to arc length
-    step: Array  # (F,) [rad, lengths] to be tried next
+    step: Array  # (F,) [rad, robot lengths] to be tried next
     piece: IntArray  # (F,) number of the piece, see `_trace_pieces`
 
-    def advance(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts at the points ahead, with the sizes (F,) of the next steps.
+    def move_to(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
+        """Return the fronts after a step, with the lengths of the next steps.
 
-        After an accepted step the next one aims at `TURN_SHARE` of the largest turn of the tangent. A refused
-        step has been halved already.
+        After an accepted step the next one aims at `TURN_SHARE` of the largest turn of the tangent.
+
+        Args:
+            ahead: points reached; where the step is rejected, the points at which it began.
+            accepted: (F,) whether the step is accepted.
+            step: (F,) length of the accepted step, or half the length of the rejected one [rad, lengths].
+            longest: largest step [rad, lengths].
         """
-        curvature = (ahead.tangent - self.points.tangent) / step[:, None]
-        turn = np.linalg.norm(curvature, axis=1) * step  # [rad] in this step
-        growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
+        change = ahead.tangent - self.points.tangent
+        turn = np.linalg.norm(change, axis=1)  # [rad] in this step
+        aim = TURN_SHARE * MAX_TANGENT_TURN
+        growth = np.clip(aim / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
         return _Fronts(
             points=ahead,
-            curvature=np.where(accepted[:, None], curvature, self.curvature),
+            curvature=np.where(accepted[:, None], change / step[:, None], self.curvature),
             step=np.where(accepted, np.minimum(step * growth, longest), step),
             piece=self.piece,
         )
@@ -149,64 +164,75 @@ class _Fronts(NamedTuple):
 def _trace_pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[int, _Piece]:
-    """Trace two pieces from each of S starts, one in each direction.
+    """Trace two pieces from each of S starts, one in each direction; return them by number.
 
     Piece k goes along the tangent of start k, piece S + k against it. All pieces take their steps together;
-    ended pieces leave the `fronts`.
+    a piece that ends leaves the `fronts`.
     """
-    starts_both_ways = join([starts, starts.reverse()])
-    step = np.full(len(starts_both_ways.q), min(FIRST_STEP, longest))
+    first_points = join([starts, starts.reverse()])  # of all 2 S pieces
+    count = len(first_points.q)
     fronts = _Fronts(
-        points=starts_both_ways,
-        curvature=np.zeros_like(starts_both_ways.tangent),
-        step=step,
-        piece=np.arange(len(step)),
+        points=first_points,
+        curvature=np.zeros_like(first_points.tangent),
+        step=np.full(count, min(FIRST_STEP, longest)),
+        piece=np.arange(count),
     )
-    traced = [[starts_both_ways.single(k)] for k in range(len(step))]  # the points of each piece so far
+    traced = [[first_points.single(k)] for k in range(count)]  # the points of each piece so far
     pieces: dict[int, _Piece] = {}
     while len(fronts.piece):
         ahead, accepted = advance(equations, fronts.points, fronts.step, fronts.curvature)
         step = np.where(accepted, fronts.step, 0.5 * fronts.step)
         stalled = ~accepted & (step < MIN_STEP)
         following = _find_following(equations, fronts.points, ahead, step, starts)
-        conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]  # the first true one decides
-        ends = np.select(conditions, ["stalled", "", "met", "left"], "")  # "": the piece goes on
+
+        # why each piece ends; "" if the piece goes on. The first true condition decides.
+        conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]
+        ends = np.select(conditions, ["stalled", "", "met", "left"], "")
         for k in np.flatnonzero(accepted | stalled):
             piece = int(fronts.piece[k])
             if ends[k] == "met":
-                traced[piece].append(starts_both_ways.single(int(following[k])))
+                traced[piece].append(first_points.single(int(following[k])))
             elif accepted[k]:
                 traced[piece].append(ahead.single(k))
                 if not ends[k] and len(traced[piece]) == MAX_POINTS:
                     ends[k] = "long"
             if ends[k]:
                 pieces[piece] = _Piece(join(traced[piece]), str(ends[k]), int(following[k]))
-        fronts = select(fronts.advance(ahead, accepted, step, longest), ends == "")
+        fronts = select(fronts.move_to(ahead, accepted, step, longest), ends == "")
     return pieces
 
 
 def _find_following(
     equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
 ) -> IntArray:
-    """Find the piece (F,) that continues from the start passed in each front's step, else -1.
+    """Find the numbers (F,) of the pieces that continue from starts passed in the last steps, else -1.
 
     A step from `points` to the points `ahead` passes a start if the start lies between the planes normal to
-    the tangents at both ends of the step, is close to the chord of the step, and has a similar tangent. Piece
-    k of S starts continues along the tangent of start k, piece S + k against it.
+    the tangents at both ends of the step, is close to the chord of the step, and has a similar tangent.
+    Pieces are numbered as in `_trace_pieces`.
+
+    Args:
+        points, ahead: F points at the beginning and at the end of the steps.
+        step: (F,) lengths of the steps [rad, robot lengths].
+        starts: the S starts of all pieces.
     """
     from_front = equations.offsets(points.q[:, None], starts.q)  # (F, S, k) from fronts to starts
     from_end = equations.offsets(ahead.q[:, None], starts.q)  # from the ends of the steps to starts
     chord = from_front - from_end  # of the step, measured modulo turns about each start
-    length = np.linalg.norm(chord, axis=2)  # (F, S)
-    distance = np.matvec(from_front, points.tangent)  # (F, S) of the start ahead of the front
-    remaining = np.matvec(from_end, ahead.tangent)  # (F, S) of the start ahead of the step's end
+
+    # all (F, S): distances of each start along the tangent, ahead of the front and of the step's end
+    distance = np.matvec(from_front, points.tangent)
+    remaining = np.matvec(from_end, ahead.tangent)
+    length = np.linalg.norm(chord, axis=2)
     chord_distance = np.linalg.norm(chord_offsets(from_front, chord), axis=2)
-    cosine = ahead.tangent @ starts.tangent.T  # (F, S)
-    passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
+    cosine = ahead.tangent @ starts.tangent.T
+    passes = (distance > MIN_START_DISTANCE) & (remaining <= 0)
+    passes &= length < 2 * step[:, None]  # a longer chord is a jump of a hinge by a whole turn
     passes &= chord_distance < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE
     passes &= np.abs(cosine) > MIN_CURVE_COSINE
+
     first = np.argmin(np.where(passes, distance, np.inf), axis=1)  # (F,) the nearest start ahead
-    is_against = cosine[np.arange(len(first)), first] <= 0
+    is_against = cosine[np.arange(len(first)), first] <= 0  # the curve runs against the start's tangent
     return np.where(passes.any(axis=1), first + len(starts.q) * is_against, -1)
 
 
@@ -223,9 +249,12 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
 
 
 def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect the points of a piece and all following pieces; return why the last one ends.
+    """Collect the points of the piece numbered `first` and of all following pieces.
 
-    Pieces are numbered as in `_trace_pieces`. The starts of all these pieces are added to `done`.
+    The starts of all these pieces are added to `done`.
+
+    Returns:
+        The points of each piece; why the last piece ends, as in `Curve.ends`.
     """
     count = len(pieces) // 2
     piece = pieces[first]
@@ -235,7 +264,7 @@ def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tupl
         start = piece.following % count
         if start == first % count:
             return parts, "closed"
-        if start in done:  # two starts so close to each other that pieces disagree on their order
+        if start in done:  # two starts are so close to each other that pieces disagree on their order
             return parts, "long"
         done.add(start)
         piece = pieces[piece.following]
@@ -246,49 +275,52 @@ def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tupl
 def advance(
     equations: LocusEquations, points: Points, step: Array, curvature: Array
 ) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) ahead, and whether each step is accepted (S,).
+    """Compute the points a step (S,) ahead of S points, and whether each step is accepted (S,).
 
-    The predictor is quadratic, with the derivatives `curvature` (S, k) of the tangents. Newton's method
-    corrects all points together. A step is rejected if its system is singular, its corrections are long
-    compared with the step, or its tangent turns too far. The point of a rejected step does not move.
+    The predictor is quadratic, with the derivatives `curvature` (S, k) of the tangents by arc length.
+    Newton's method corrects all points together. A step is rejected if its system is singular, its
+    corrections are long compared with the step, or its tangent turns too far. The point of a rejected step
+    does not move.
     """
-    q = equations.move(points.q, step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * curvature)
-    ahead = points
-    accepted = np.zeros(len(q), dtype=bool)
-    correction = np.zeros(len(q))  # [rad, lengths] by all Newton steps so far
-    live = np.arange(len(q))  # indices of points that have neither converged nor been rejected
+    predicted = step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * curvature
+    q = equations.move(points.q, predicted)
+    correction = np.zeros(len(q))  # [rad, robot lengths] by all Newton steps so far
+    converged = np.zeros(len(q), dtype=bool)
+    live = np.arange(len(q))  # indices of the points that have neither converged nor been rejected
     for _ in range(MAX_CORRECTIONS):
-        start = select(points, live)
-        evaluated = equations.evaluate(q[live], start.border)
-        change, is_regular = _newton_correction(evaluated, start.tangent)
+        evaluated = equations.evaluate(q[live], select(points.border, live))
+        change, is_regular = _newton_correction(evaluated, points.tangent[live])
+        q[live] = equations.move(q[live], change)
         size = np.abs(change).max(axis=1)
         correction[live] += size
-        q[live] = equations.move(q[live], change)
         is_regular &= correction[live] < MAX_CORRECTION_RATIO * step[live]
-        converged = is_regular & (size < NEWTON_STEP)
-        if converged.any():
-            rows = live[converged]
-            corrected = curve_points(q[rows], select(evaluated, converged), select(start, converged))
-            is_smooth = (
-                np.linalg.norm(corrected.tangent - start.tangent[converged], axis=1) < MAX_TANGENT_TURN
-            )
-            accepted[rows] = is_smooth
-            ahead = _replace_rows(ahead, rows[is_smooth], select(corrected, is_smooth))
-        live = live[is_regular & ~converged]
+        converged[live] = is_regular & (size < NEWTON_STEP)
+        live = live[is_regular & ~converged[live]]
         if not len(live):
             break
-    return ahead, accepted
+
+    rows = np.flatnonzero(converged)
+    start = select(points, rows)
+    corrected = curve_points(q[rows], equations.evaluate(q[rows], start.border), start)
+    turn = np.linalg.norm(corrected.tangent - start.tangent, axis=1)
+    is_smooth = turn < MAX_TANGENT_TURN
+    accepted = np.zeros(len(q), dtype=bool)
+    accepted[rows] = is_smooth
+    return _replace_rows(points, rows[is_smooth], select(corrected, is_smooth)), accepted
 
 
 def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:
-    """Return a copy of the points with `new` points in some rows."""
+    """Return a copy of S points in which rows (R,) are replaced by R `new` points."""
     index = np.arange(len(points.q))  # of each row, in the stack of old and new points
     index[rows] = len(index) + np.arange(len(rows))
     return select(join([points, new]), index)
 
 
 def _newton_correction(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
-    """Compute Newton's steps (S, k) normal to tangents (S, k), and which systems are regular (S,)."""
+    """Compute Newton steps (S, k) normal to tangents (S, k), and which systems are regular (S,).
+
+    The step of a singular system is zero.
+    """
     values = np.concatenate([evaluated.values, np.zeros((len(tangent), 1))], axis=1)
     change = -solve(_append_tangent(evaluated.slopes, tangent), values)
     regular = np.asarray(np.isfinite(change).all(axis=1))
@@ -309,7 +341,7 @@ def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Poi
     """Return the points of curves at q (S, nq).
 
     Args:
-        evaluated: the equations at q, or at configurations one converged Newton step away from q.
+        evaluated: the equations at q.
         previous: points whose tangents and escaping motions decide the signs of the new ones; None if the
             signs are arbitrary.
     """

@@ -316,8 +316,8 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
-    the left null vector of F'. For w = t + r n, with the tangent t of the known curve and the normal n to t in
-    the null space, this is y . F"(t, t) + 2 r y . F"(t, n) + r^2 y . F"(n, n) = 0. The root r = 0, up to
+    the left null vector of F'. For w = t + r n, with the tangent t of the known curve and the normal n to t
+    in the null space, this is y . F"(t, t) + 2 r y . F"(t, n) + r^2 y . F"(n, n) = 0. The root r = 0, up to
     errors, is the known curve. The other root gives the other curve.
     """
     evaluated = equations.evaluate(crossing.q, crossing.border)

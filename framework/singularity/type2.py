@@ -3,8 +3,8 @@
 At a Type 2 singularity the passive columns P of the independent loop equations lose rank, P eta = 0. With
 locked motors the passive joints can move at the rates eta, and the platform along t_s.
 
-With the border (b, c) of `bordered_system`, P eta + b g = 0, c' eta = 1 and psi' P + g c' = 0, psi' b = 1. The
-derivatives of g are therefore dg = -psi' dP eta (Govaerts 2000, section 3.3).
+With the border (b, c) of `bordered_system`, P eta + b g = 0, c' eta = 1 and psi' P + g c' = 0, psi' b = 1.
+The derivatives of g are therefore dg = -psi' dP eta (Govaerts 2000, section 3.3).
 """
 
 from __future__ import annotations
