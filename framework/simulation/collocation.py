@@ -42,17 +42,13 @@ from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import difference_rates, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
 from framework.simulation.drive import Drive
-from framework.simulation.equations import EquationsOfMotion, Tangent
-from framework.simulation.schemes import State
+from framework.simulation.equations import EquationsOfMotion, State, Tangent
+from framework.tolerances import NEWTON_STEP
 
-MAX_ITERATIONS = 12  # of Newton's method
+MAX_ITERATIONS = 12  # of Newton's method, and for the rate of the tangent offset of balls
 REFACTORING_RATE = 0.02  # ratio of successive Newton steps above which the matrix is factorised anew
 COORDINATE_ROUNDING = 1e-15  # share of a coordinate below which Newton steps are rounding
 MAX_NEWTON_STEP = 3.0  # [rad, robot lengths] of a joint; a longer Newton step ends the iteration
-# Newton's method diverges if its steps grow by more than the first number while they are longer than the
-# second [rad, robot lengths]
-DIVERGENCE_RATE, DIVERGENCE_STEP = 2.0, 1e-8
-MAX_SLOPE_ITERATIONS = 20  # for the rate of the tangent offset of balls
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +185,7 @@ class StepEquations:
                 error = size * rate / (1 - rate)
             if error <= accuracy:
                 return self._solution(a, multipliers, balance, iteration)
-            if iteration > 2 and rate > DIVERGENCE_RATE and size > DIVERGENCE_STEP:
+            if iteration > 2 and rate > 2.0 and size > NEWTON_STEP:  # longer steps are more than rounding
                 raise StepFailed("Newton diverges")
             if rate > REFACTORING_RATE:
                 matrix = None
@@ -223,7 +219,7 @@ class StepEquations:
         if not robot.has_balls:
             return v
         rate = guess if guess.any() else v
-        for _ in range(MAX_SLOPE_ITERATIONS):
+        for _ in range(MAX_ITERATIONS):
             q = integrate(robot, q0, self.length * self.table.once @ rate)
             next_rate = difference_rates(robot, q0, q, v)
             change = np.abs(next_rate - rate).max()

@@ -1,6 +1,9 @@
-"""The drive of a simulated robot: planned torques, a torque of time or a feedback torque, with one call.
+"""What drives a simulated robot: motor torques and external wrenches.
 
-A drive also holds the external wrenches, since a table of wrenches may be given along the planned motion.
+Motor torques are planned, a function of time, or feedback of the state; a `Drive` computes all of them by one
+call. It also holds the external wrenches, since a table of wrenches may be given along the planned motion. A
+wrench w on a frame causes the generalised forces J' w, with pinocchio's Jacobian J (6, nv) of the frame's
+origin on base axes. Nothing of the inverse dynamics is used here.
 """
 
 from __future__ import annotations
@@ -11,15 +14,97 @@ from inspect import Parameter, signature
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import InvalidInput, finite_numbers
-from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
-from framework.kinematics.frames import integrate
+from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches, wrench_slope
+from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike
-from framework.simulation.world_forces import NO_FORCES, WorldForces
 
+AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path parameters s (T,)
 FEEDBACK_DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the differences of a feedback torque
+
+
+# ------------------------------------------------------------------ external wrenches
+
+
+@dataclass(frozen=True, eq=False)
+class WorldForces:
+    """The generalised forces that external wrenches exert on a robot over time."""
+
+    wrenches: ExternalWrenches
+    path_coordinate: PathCoordinate | None  # None if all wrenches are constant
+
+    @staticmethod
+    def of(
+        robot: ParallelRobot, wrenches: ExternalWrenches, path_coordinate: PathCoordinate | None
+    ) -> WorldForces:
+        """Return the forces of external wrenches on a robot.
+
+        Args:
+            path_coordinate: path parameter s (T,) at instants (T,) [s]; None without a planned motion.
+
+        Raises:
+            InvalidInput: a wrench acts on an unknown frame, or is a table over s and there is no motion that
+                determines s.
+        """
+        wrenches.check_frames(robot)
+        tables = [entry.frame for entry in wrenches.entries if entry.rows.ndim == 2]
+        if tables and path_coordinate is None:
+            raise InvalidInput(
+                f"wrenches: {tables[0]}: a table over the path needs a planned motion, which determines s; "
+                f"give 6 numbers"
+            )
+        return WorldForces(wrenches, path_coordinate)
+
+    @property
+    def acts(self) -> bool:
+        """Whether any wrench acts."""
+        return bool(self.wrenches.entries)
+
+    def __call__(
+        self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
+    ) -> Array:
+        """Compute the generalised forces (T, nv) at t (T,) [s] and q (T, nq).
+
+        Args:
+            models: a pinocchio model for each state, all of the robot's structure; by default the robot's.
+        """
+        data = scratch_of(robot).data
+        s = self._path_coordinates(t)
+        models = [robot.model] * len(q) if models is None else models
+        force = np.zeros((len(q), robot.nv))
+        for entry in self.wrenches.entries:
+            frame = frame_index(robot.model, entry.frame)
+            wrenches = entry(s)  # (T, 6)
+            for k, configuration in enumerate(q):
+                jacobian = pin.computeFrameJacobian(models[k], data, configuration, frame, AXES)
+                wrench = wrenches[k]
+                if entry.turns:  # the wrench is given on the frame's axes: rotate force and moment
+                    wrench = (wrench.reshape(2, 3) @ data.oMf[frame].rotation.T).ravel()
+                force[k] += wrench @ jacobian
+        return force
+
+    def slope(self, robot: ParallelRobot, t: Array, q: Array) -> Array:
+        """Compute the derivatives (T, nv, nv) of the forces with respect to tangent steps of q."""
+        frames = frames_at(robot, q)
+        wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
+        slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
+        return sum(slopes, start=np.zeros((len(q), robot.nv, robot.nv)))
+
+    def _path_coordinates(self, t: Array) -> Array:
+        """Return s (T,) at t (T,) [s]; 0 if all wrenches are constant."""
+        return np.zeros(len(t)) if self.path_coordinate is None else self.path_coordinate(t)
+
+
+NO_FORCES = WorldForces(ExternalWrenches(), None)
+
+
+# ------------------------------------------------------------------ motor torques
 
 
 @runtime_checkable

@@ -14,6 +14,7 @@ Pinocchio is called once for each state; all other computations treat the whole 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -29,6 +30,19 @@ from framework.kinematics.pinocchio_memory import Scratch
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, ArrayLike
 from framework.tolerances import EIGENVALUE_ROUNDING
+
+
+class State(NamedTuple):
+    """Configuration q (nq,) and velocity v (nv,), or (R, nq) and (R, nv)."""
+
+    q: Array
+    v: Array
+
+
+def stack_states(states: Sequence[State]) -> State:
+    """Return K states (nq,), (nv,) as one stack (K, nq), (K, nv)."""
+    q, v = zip(*states, strict=True)
+    return State(np.array(q), np.array(v))
 
 
 class Tangent(NamedTuple):

@@ -15,9 +15,8 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.output import select_fields
 from framework.simulation.drive import PlannedMotion
 from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.events import Occurrence
 from framework.simulation.methods import Integration
-from framework.simulation.trajectory import Cubics, Trajectory
+from framework.simulation.trajectory import Cubics, Occurrence, Trajectory
 from framework.tolerances import FILE_ROUNDING
 
 

@@ -30,19 +30,17 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike
-from framework.simulation.consistent import consistent_state
+from framework.simulation.consistent_states import ROUNDING_STEP, consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
-from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.events import Event
+from framework.simulation.equations import EquationsOfMotion, State
 from framework.simulation.methods import METHODS, IntegrationTask, MethodSettings
 from framework.simulation.result import Simulation, simulation_result
-from framework.simulation.schemes import State
+from framework.simulation.trajectory import Event
 from framework.tolerances import AT_REST, SAME_PLACE
 
 DEFAULT_SAMPLES = 501
 SAMPLE_RANGE = (2, 10_000_000)
 STAGE_RANGE = (3, 30)
-MIN_TOLERANCE = 1e-14  # [rad, robot lengths]: smaller errors are rounding
 
 
 def simulate(
@@ -130,8 +128,8 @@ def _method_settings(
     if tolerance is not None:
         if not settings.stages:
             raise InvalidInput(f"tolerance: method {method} has none; its step [s] sets how exact it is")
-        if not MIN_TOLERANCE <= finite_numbers("tolerance", [tolerance], 1)[0] < 1:
-            raise InvalidInput(f"tolerance: must lie in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
+        if not ROUNDING_STEP <= finite_numbers("tolerance", [tolerance], 1)[0] < 1:
+            raise InvalidInput(f"tolerance: must lie in [{ROUNDING_STEP:g}, 1), got {tolerance!r}")
         settings = settings._replace(tolerance=float(tolerance))
     if stages is not None:
         if not settings.stages:

@@ -17,25 +17,22 @@ import numpy as np
 from framework.errors import NotConverged
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.simulation.collocation import (
+    COORDINATE_ROUNDING,
     Collocation,
     CollocationStep,
     StepEquations,
     StepFailed,
     radau_table,
 )
-from framework.simulation.consistent import allowed_velocity
+from framework.simulation.consistent_states import allowed_velocity
 from framework.simulation.drive import Drive
-from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.schemes import State
+from framework.simulation.equations import EquationsOfMotion, State
+from framework.tolerances import SAME_PLACE
 
 BRIDGING_LENIENCY = 1e3  # factor on the tolerance of a step over a singularity; `unresolved` reports it
-MIN_STEP_RATIO = 1e-9  # of the duration: the simulation stops where shorter steps are needed
 BRIDGED_SHORTENING = 8.0  # steps shorter than the usual one by this factor indicate a singularity
 BRIDGING_RATIOS = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)  # bridging steps over the usual step, tried in turn
-FAILED_STEP_RATIO = 0.25  # after a step without solution, the next is shorter by this factor
-MOVE_ROUNDING = 1e-15  # share of a joint's motion in a step that rounding leaves unresolved
 FIRST_STEP_RATIO = 1 / 8  # of the duration
-COUNT_ROUNDING = 1e-9  # of a step: a shorter remainder is no step of its own
 # bounds on the growth from step to step, and a safety factor
 MAX_STEP_GROWTH, MIN_STEP_GROWTH, STEP_SAFETY = 3.0, 0.2, 0.9
 NEWTON_SHARE = 0.01  # share of the tolerance to which a step is solved
@@ -64,7 +61,7 @@ class StepSizeControl:
 
         The last two steps before that instant are equally long, so that no tiny step is left over.
         """
-        count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
+        count = max(1, int(np.ceil(remaining / self.length - SAME_PLACE)))
         return remaining / count if count <= 2 else self.length
 
     def accept(self, length: float, factor: float) -> None:
@@ -130,9 +127,9 @@ def collocate(
             except StepFailed as failure:
                 previous = None
                 reason = str(failure)
-                control.reject(length, FAILED_STEP_RATIO, remaining)
+                control.reject(length, MIN_STEP_GROWTH, remaining)
             else:
-                admissible = tolerance + MOVE_ROUNDING * _largest_motion(equations, step)
+                admissible = tolerance + COORDINATE_ROUNDING * _largest_motion(equations, step)
                 leniency = BRIDGING_LENIENCY if control.short else 1.0
                 growth = _step_growth(admissible / max(step.unresolved, LEAST_DIVISOR), stages)
                 if step.unresolved <= leniency * admissible:
@@ -147,7 +144,7 @@ def collocate(
                     continue
                 reason = "the motion is not resolved"
                 control.reject(length, growth, remaining)
-            if control.length < MIN_STEP_RATIO * duration:
+            if control.length < SAME_PLACE * duration:
                 raise _stalled_error(equations, time, control.length, f"and even they fail: {reason}")
 
 

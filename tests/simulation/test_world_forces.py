@@ -13,7 +13,7 @@ from framework.control import ControlLoop, Spread, draw, reference_of, run_close
 from framework.kinematics.external_wrenches import ExternalWrenches
 from framework.kinematics.frames import integrate
 from framework.planning.scenes import scene_path
-from framework.simulation.world_forces import WorldForces
+from framework.simulation.drive import WorldForces
 
 TABLE = [[0.0, 0, 0, 0, 0, 0, 0], [0.3, 3, -1, 0, 0, 0, 0], [0.8, 4, 2, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0, 0]]
 PUSH = {"left_tip": [3.0, -4.0, 0, 0, 0, 0.2]}

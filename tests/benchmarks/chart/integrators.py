@@ -19,11 +19,11 @@ from scipy.integrate import solve_ivp
 from framework import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.simulation import State, Stepper
-from framework.simulation.consistent import consistent_state
-from framework.simulation.contacts import ContactDynamics
+from framework.simulation.consistent_states import consistent_state
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.methods import (
+    ContactDynamics,
     IntegrationTask,
     MethodSettings,
     explicit_steps,

@@ -1,9 +1,23 @@
 """Consistent states: the loops are closed, and forces are in balance along motions without mass.
 
-The loops may allow motions Z that move no mass: M Z = 0 and J Z = 0. An example is the stretch of a rod in
-series with the twist of a gear, if the legs are massless. Such a motion has no initial value of its own.
+The loops may allow motions Z_0 that move no mass: M Z_0 = 0 and J Z_0 = 0. An example is the stretch of a rod
+in series with the twist of a gear, if the legs are massless. Such a motion has no initial value of its own.
 Gravity and inertia vanish along it, so its coordinate follows from the balance of its springs,
-Z' (S' n tau - K (q - rest) - D v) = 0.
+Z_0' (S' n tau - K (q - rest) - D v) = 0.
+
+Accelerations of consistent states need no time steps. With the external forces f they satisfy
+
+    M a + c + g + K (q - rest) + D v = S' n tau + f + J' lambda,        J a + drift = 0.
+
+The equations contain all coordinates and are therefore regular at Type 2. With Z the allowed motions that
+move mass,
+
+    a = a_0 + Z alpha,    J a_0 = -drift,
+    Z' M Z alpha = Z' (S' n tau + f - c - g - K (q - rest) - D v - M a_0).
+
+The component of a along Z_0 depends on the rates of the torques and stays undetermined. It does not affect
+M a. Sums run in the order of their index (`ordered_sums`), so a state gives the same result alone and in a
+stack.
 """
 
 from __future__ import annotations
@@ -13,20 +27,17 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled, NotConverged
-from framework.kinematics.closures import loop_wrenches, scale_jacobian
+from framework.kinematics.closures import closure_drift, loop_wrenches, scale_jacobian
 from framework.kinematics.frame_variations import loop_curvature
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import frame_motions, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
-from framework.numerics.ordered_sums import matmul
-from framework.simulation.equations import EquationsOfMotion, Tangent
-from framework.simulation.schemes import State
-from framework.simulation.world_forces import NO_FORCES, WorldForces
-from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP
+from framework.numerics.ordered_sums import matmul, matvec
+from framework.simulation.drive import NO_FORCES, WorldForces
+from framework.simulation.equations import EquationsOfMotion, State, Tangent
+from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP, RANK_ROUNDING, SPRINGS_BALANCED
 
 MAX_PASSES = 60  # Newton steps towards a consistent state
 ROUNDING_STEP = 1e-14  # [rad, robot lengths]: a smaller Newton step is rounding, and the last one
-# singular values below this share of the largest count as zero in least squares
-CLOSING_CUTOFF, MOMENTUM_CUTOFF = 1e-12, 1e-13
 
 
 class AllowedMotions(NamedTuple):
@@ -109,7 +120,7 @@ def consistent_state(
         light = free_motions(equations, tangent)[1]
         # the least step that closes the loops
         loops = tangent.jacobian[0] * scale
-        step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
+        step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=EIGENVALUE_ROUNDING)[0] * scale
         if light.shape[1]:
             # sum of gravity, springs and damping minus motor and external forces
             unbalanced = tangent.force[0] + equations.damping * v - driven
@@ -191,5 +202,68 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
-    dv_and_impulse = np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0]
+    dv_and_impulse = np.linalg.lstsq(matrix, right, rcond=EIGENVALUE_ROUNDING)[0]
     return v + scale * dv_and_impulse[: len(v)]
+
+
+# ------------------------------------------------------------------ accelerations
+
+
+class Accelerations(NamedTuple):
+    """Joint accelerations of T states under given torques."""
+
+    a: Array  # (T, nv) of least norm where motions without mass leave a undetermined
+    undetermined: BoolArray  # (T, nv) joints that such a motion moves: their a depends on the torques' rates
+
+
+def accelerations(
+    equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array
+) -> Accelerations:
+    """Compute joint accelerations (T, nv) under motor torques (T, n_a) [N m], motor side.
+
+    Args:
+        q, v: (T, nq), (T, nv) with closed loops, also in their rates.
+        applied: generalised external forces (T, nv).
+
+    Raises:
+        InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor
+            stiffness nor damping.
+    """
+    tangent = equations.tangent(q, v, np.zeros(v.shape))
+    Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
+    force = equations.motor_forces(torque) + applied - tangent.force
+    for k in np.flatnonzero(light.any(axis=1)).tolist():
+        row = f", row {k}" if len(q) > 1 else ""
+        _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
+
+    drift = closure_drift(equations.rows, frame_motions(equations.robot, tangent.frames, v))
+    a = -matvec(closing, drift)  # a_0, (T, nv)
+
+    # Solve Z' M Z alpha = Z' (force - M a_0). Motions without mass have alpha = 0: their rows and columns are
+    # replaced by those of the unit matrix, and their right sides by 0
+    Z_rows = Z.swapaxes(1, 2)  # Z'
+    reduced_mass = matmul(Z_rows, matmul(tangent.mass, Z))  # Z' M Z, (T, d, d)
+    inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), reduced_mass)
+    along_Z = matvec(Z_rows, force - matvec(tangent.mass, a))  # (T, d)
+    alpha = np.linalg.solve(inertia, np.where(light, 0.0, along_Z)[..., None])[..., 0]
+    a += matvec(Z, alpha)
+
+    light_rates = np.abs(Z * light[:, None]).max(axis=2, initial=0.0)  # (T, nv)
+    return Accelerations(a, undetermined=light_rates / equations.robot.column_scale > RANK_ROUNDING)
+
+
+def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
+    """Refuse q (nq,) unless the forces (nv,) balance along massless motions `light` (nv, k).
+
+    `row` names the row of q in the message; it is empty for a single state.
+    """
+    robot = equations.robot
+    step = light @ balancing_step(equations, equations.tangent_at_rest(q), light, -force)
+    distances = np.abs(step / robot.column_scale)
+    worst = int(np.argmax(distances))
+    if distances[worst] > SPRINGS_BALANCED:
+        raise InvalidInput(
+            f"q{row}: {robot.coordinates.name_of(worst)} of {robot.name}, {robot.flexibility}, has no mass "
+            f"and is {distances[worst]:.3g} rad or robot lengths from where its springs balance these "
+            f"torques: its acceleration would be infinite; `Stepper.start` gives the state next to this one"
+        )
