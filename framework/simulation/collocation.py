@@ -238,7 +238,8 @@ class StepEquations:
         applied = equations.motor_forces(torque)
         if world.acts:
             applied += world(equations.robot, self.times, q)
-            tangent = tangent._replace(by_q=tangent.by_q - world.slope(equations.robot, self.times, q))
+            world_slope = world.slope(equations.robot, self.times, tangent.frames)
+            tangent = tangent._replace(by_q=tangent.by_q - world_slope)
         loop_forces = np.einsum("smi,sm->si", tangent.jacobian, multipliers)  # J' lambda
         return _Balance(slope, torque, tangent, tangent.force - applied - loop_forces)
 

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches, wrench_slope
-from framework.kinematics.frames import frames_at, integrate
+from framework.kinematics.frames import FrameStack, integrate
 from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.kinematics.pinocchio_memory import scratch_of
@@ -53,6 +53,7 @@ class WorldForces:
                 determines s.
         """
         wrenches.check_frames(robot)
+        # frames of the wrenches that are tables over the path, with a row for each s
         tables = [entry.frame for entry in wrenches.entries if entry.rows.ndim == 2]
         if tables and path_coordinate is None:
             raise InvalidInput(
@@ -69,7 +70,7 @@ class WorldForces:
     def __call__(
         self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
     ) -> Array:
-        """Compute the generalised forces (T, nv) at t (T,) [s] and q (T, nq).
+        """Compute the generalised forces (T, nv) [N m, N] at times t (T,) [s] and q (T, nq).
 
         Args:
             models: a pinocchio model for each state, all of the robot's structure; by default the robot's.
@@ -89,12 +90,11 @@ class WorldForces:
                 force[k] += wrench @ jacobian
         return force
 
-    def slope(self, robot: ParallelRobot, t: Array, q: Array) -> Array:
-        """Compute the derivatives (T, nv, nv) of the forces with respect to tangent steps of q."""
-        frames = frames_at(robot, q)
+    def slope(self, robot: ParallelRobot, t: Array, frames: FrameStack) -> Array:
+        """Compute the derivatives (T, nv, nv) of the forces by tangent steps of q at times t (T,) [s]."""
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
         slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
-        return sum(slopes, start=np.zeros((len(q), robot.nv, robot.nv)))
+        return sum(slopes, start=np.zeros((len(t), robot.nv, robot.nv)))
 
     def _path_coordinates(self, t: Array) -> Array:
         """Return s (T,) at t (T,) [s]; 0 if all wrenches are constant."""
@@ -141,16 +141,21 @@ def planned_motion(source: Any) -> PlannedMotion | None:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Motor torques (T, n_a) [N m] at times (T,), states q (T, nq) and v (T, nv)."""
+    """The motor torques of a simulated robot, and the external wrenches on it."""
 
     robot: ParallelRobot
+    # computes torques (T, n_a) [N m], motor side, at times (T,), q (T, nq) and v (T, nv)
     function: Callable[[Array, Array, Array], Array]
-    feedback: bool
+    feedback: bool  # whether torques depend on the state; if not, q and v are ignored
     breaks: tuple[float, ...]  # instants [s] at which the torque or one of its derivatives jumps
     world: WorldForces = NO_FORCES
 
     def __call__(self, t: Array, q: Array, v: Array) -> Array:
-        """Compute the motor torques (T, n_a) [N m]; refuse values that are not finite."""
+        """Compute the motor torques (T, n_a) [N m] at times t (T,) [s], q (T, nq) and v (T, nv).
+
+        Raises:
+            InvalidInput: a torque is not finite.
+        """
         torque = self.function(t, q, v)
         is_finite = np.isfinite(torque).all(axis=1)  # (T,)
         if not is_finite.all():
@@ -177,22 +182,20 @@ class Drive:
         return t
 
     def gains(self, t: float, q: Array, v: Array) -> Array | None:
-        """Compute the derivatives (2, n_a, nv) of a feedback torque by q and v; None without feedback.
+        """Compute the derivatives (2, n_a, nv) of a feedback torque by q (nq,) and v (nv,) at t [s].
 
-        They are central differences at one state q (nq,), v (nv,); steps of q are tangent vectors.
+        None without feedback.
         """
         if not self.feedback:
             return None
         nv = self.robot.nv
-        steps = FEEDBACK_DIFFERENCE * np.vstack([np.eye(nv), -np.eye(nv)])  # forwards, then backwards
-        same_q, same_v = np.tile(q, (2 * nv, 1)), np.tile(v, (2 * nv, 1))
-        all_q = np.vstack([integrate(self.robot, q, steps), same_q])  # (4 nv, nq) steps of q, then of v
-        all_v = np.vstack([same_v, v + steps])
-        torques = self(np.full(4 * nv, t), all_q, all_v)
-        # axes of the reshaped torques: q or v, forwards or backwards, joint, motor
-        forwards, backwards = torques.reshape(2, 2, nv, -1).swapaxes(0, 1)
-        slopes = (forwards - backwards) / (2 * FEEDBACK_DIFFERENCE)
-        return slopes.swapaxes(1, 2)
+        times = np.full(nv, t)
+        steps = FEEDBACK_DIFFERENCE * np.eye(nv)  # of one joint in each row
+        same_q, same_v = np.tile(q, (nv, 1)), np.tile(v, (nv, 1))
+        ahead, back = integrate(self.robot, q, steps), integrate(self.robot, q, -steps)
+        by_q = self(times, ahead, same_v) - self(times, back, same_v)  # (nv, n_a)
+        by_v = self(times, same_q, v + steps) - self(times, same_q, v - steps)
+        return np.stack([by_q.T, by_v.T]) / (2 * FEEDBACK_DIFFERENCE)
 
     @staticmethod
     def of(

@@ -1,12 +1,20 @@
 """The integrators of `simulate`, listed in `METHODS`: each computes a trajectory and its energy balance.
 
+Methods reference and stiff are collocation (`collocate`), method fast takes the fixed steps of `Stepper`.
+
 Method explicit takes fixed steps of an explicit Runge-Kutta method of order 8 on pinocchio's constrained
 dynamics. It solves no equations and stacks no states: a step is twelve calls of pinocchio. It suits robots in
 which every joint moves some mass and every loop is a point or a weld. For these it reaches any error well
 above rounding in less time than the other methods. Its steps must resolve the fastest vibration: the step
 times the frequency must be below 5.
-Coefficients and error estimate are those of scipy's DOP853. Source: Hairer, Norsett and Wanner, Solving
-Ordinary Differential Equations I, Springer 1993, section II.5.
+
+Pinocchio factorises the mass matrix of the tree, which must be definite, hence the masses. Its proximal
+iterations handle redundant rows. The loops are pinocchio's own constraints at the frames of the robot file.
+Only rotors, springs and damping come from `equations`, so this method also checks the loop equations
+independently. Source: Carpentier, Budhiraja and Mansard 2021, "Proximal and sparse resolution of constrained
+dynamic equations", Robotics: Science and Systems. The coefficients and the error estimate of the Runge-Kutta
+method are those of scipy's DOP853. Source: Hairer, Norsett and Wanner, Solving Ordinary Differential
+Equations I, Springer 1993, section II.5.
 """
 
 from __future__ import annotations
@@ -259,18 +267,14 @@ class ContactDynamics:
     contacts: Any  # pin.StdVec_RigidConstraintModel
     contact_data: Any  # pin.StdVec_RigidConstraintData
     settings: pin.ProximalSettings
-    stiffness: Array | None  # (nv,), None without springs
-    rest: Array  # (nv,)
-    damping: Array | None  # (nv,), None without damping
+    equations: EquationsOfMotion  # whose springs and dampers act
 
     def acceleration(self, q: Array, v: Array, force: Array) -> Array:
-        """Compute joint accelerations (nv,) under applied forces (nv,), springs and damping."""
-        if self.stiffness is not None:
-            force = force - self.stiffness * (q - self.rest)
-        if self.damping is not None:
-            force = force - self.damping * v
+        """Compute joint accelerations (nv,) at q (nq,), v (nv,) under applied forces (nv,)."""
+        springs = self.equations.stiffness * (q - self.equations.robot.joint_rest)
+        total = force - springs - self.equations.damping * v
         return pin.constraintDynamics(
-            self.model, self.data, q, v, force, self.contacts, self.contact_data, self.settings
+            self.model, self.data, q, v, total, self.contacts, self.contact_data, self.settings
         )
 
     @staticmethod
@@ -315,9 +319,7 @@ class ContactDynamics:
             contact_data=contact_data,
             # with the default settings redundant rows, as of a planar loop described in space, give NaN
             settings=pin.ProximalSettings(accuracy=1e-12, mu=1e-8, max_iter=20),
-            stiffness=equations.stiffness if equations.stiffness.any() else None,
-            rest=robot.joint_rest,
-            damping=equations.damping if equations.damping.any() else None,
+            equations=equations,
         )
 
 
