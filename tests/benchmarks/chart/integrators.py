@@ -125,7 +125,7 @@ def explicit(case: Case) -> Prepared:
         edges = case.edges(step)
 
         def run() -> Course:
-            steps = explicit_steps(case.equations, dynamics, case.drive, case.start, edges)
+            steps = explicit_steps(dynamics, case.drive, case.start, edges)
             return Course(edges[1:], np.array([one.end.q for one in steps]))
 
         return run
