@@ -113,12 +113,18 @@ def simulation_result(
     samples: int,
     seconds: float,
 ) -> Simulation:
-    """Return the result of a run: sampled states and errors."""
+    """Return the result of a run, with states at equidistant instants and errors.
+
+    Args:
+        planned: the planned motion with which the run is compared, if any.
+        samples: number of equidistant instants; fixed steps are reported at their ends instead.
+        seconds: computing time [s].
+    """
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
     occurrences = tuple(run.record.occurred)
     end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])
-    if isinstance(trajectory, Cubics):  # fixed steps are reported as they are
+    if isinstance(trajectory, Cubics):  # fixed steps
         times = np.append(edges[edges < end], end)
     else:
         times = np.linspace(edges[0], end, samples)
@@ -148,8 +154,8 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     """Compute the `energy_error` of a `Simulation`.
 
     The error is divided by the largest of the work exchanged, the range of the energy, and the kinetic
-    energy. The divisor is at least the rounding error of the work that lifts or moves the robot by its
-    length.
+    energy. The divisor is at least the rounding error of the work that lifts the robot by its length, or
+    accelerates it over its length in the duration.
 
     Args:
         q, v: states (K + 1, nq) and (K + 1, nv) at the ends of all steps.
@@ -158,6 +164,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     energy = equations.energy(q, v)  # (K + 1,)
     error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
+
     gravity = np.linalg.norm(robot.model.gravity.linear)
     duration = run.trajectory.edges[-1] - run.trajectory.edges[0]
     acceleration = gravity + robot.length / duration**2
@@ -167,7 +174,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
 
 
 def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
-    """Compute the largest residual [m or rad] of all loop equations at q (T, nq).
+    """Compute the largest residual [m or rad] of all loop equations at times (T,) [s] and q (T, nq).
 
     Redundant loop equations are included: they were not integrated, but must hold as well.
 
@@ -178,7 +185,7 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     dropped = robot.structure.dropped
     integrated = gaps[:, robot.structure.independent]
     allowed = FILE_ROUNDING * robot.row_lengths[dropped] + 10 * integrated.max(initial=0.0)
-    torn = gaps[:, dropped] > allowed  # (T, dropped)
+    torn = gaps[:, dropped] > allowed  # (T, redundant equations)
     if torn.any():
         instant = int(np.argmax(torn.any(axis=1)))
         row = int(dropped[np.argmax(torn[instant])])
@@ -195,7 +202,7 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
 def _path_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
-    """Compute `tracking_error` and `turning_error` of a `Simulation` at q (T, nq)."""
+    """Compute `tracking_error` and `turning_error` of a `Simulation` at times (T,) [s] and q (T, nq)."""
     x = planned.platform(np.minimum(times, planned.duration))
     offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)
     masks = [mask for mask in (robot.translations, ~robot.translations) if mask.any()]  # (n,) each

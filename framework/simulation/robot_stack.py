@@ -24,19 +24,19 @@ from framework.simulation.equations import EquationsOfMotion, check_damping
 
 
 class Terms(NamedTuple):
-    """The terms of the equations of motion of R runs."""
+    """The terms of the equations of motion of R runs, with m loop equations."""
 
     mass: Array  # (R, nv, nv) M with rotors
-    bias: Array  # (R, nv) c + g
+    bias: Array  # (R, nv) c + g, Coriolis, centrifugal and gravity forces
     frames: FrameStack
-    residual: Array  # (R, m) of the loop equations
+    residual: Array  # (R, m) of the loop equations [m, rad]
     jacobian: Array  # (R, m, nv) of the loop equations
     tree_rate: Array  # (R, 6, nv) time derivative of the tree's Jacobian on world axes
 
 
 @dataclass(frozen=True, eq=False)
 class RobotStack:
-    """R robots of one structure with their parameters stacked; a single robot serves any number of runs."""
+    """R robots of one structure with their parameters stacked; one robot serves any number of runs."""
 
     robots: tuple[ParallelRobot, ...]
     first: EquationsOfMotion  # of the robot that decides the structure, see `of`
@@ -54,8 +54,10 @@ class RobotStack:
     ) -> RobotStack:
         """Stack one robot or several of the same structure.
 
-        `damping` is added to that of the joints. `like`, by default the first, decides which loop equations
-        are independent and which joints idle.
+        Args:
+            damping: viscous damping added to that of the joints, see `check_damping`.
+            like: robot that decides which loop equations are independent and which joints idle; by default
+                the first of the robots.
 
         Raises:
             InvalidInput: no robot is given, or the robots differ in joints, motors, springs or loops; or as
@@ -68,7 +70,7 @@ class RobotStack:
         first = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
-        idle_inertia = first.rotors - like.rotors  # of idle joints without mass
+        idle_inertia = first.rotors - like.rotors  # (nv,) 1 on idle joints without mass
         added_damping = check_damping(damping, (len(robots), like.nv))
 
         def stack(parameter: str) -> Array:
@@ -116,7 +118,7 @@ class RobotStack:
         return models if len(models) > 1 else models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
-        """Compute all terms at q (R, nq) and v (R, nv)."""
+        """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
         runs, nv = v.shape
         models = self._models(runs)
         scratch = scratch_of(self.robots[0])
@@ -134,7 +136,7 @@ class RobotStack:
             return models[k]
 
         frames = collect_frames(scratch, q, compute)
-        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills the upper half
+        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
         mass[:, range(nv), range(nv)] += self.rotors
         loops = loop_equations(self.first.rows, frames)
         return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
@@ -164,7 +166,7 @@ class RobotStack:
 
 
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
-    """Raise InvalidInput for two robots that cannot be stacked."""
+    """Raise InvalidInput unless two robots have the same structure."""
     if not all(map(np.array_equal, _structure(first), _structure(second))):
         raise InvalidInput(
             f"robots: {second!r} differs from {first!r} in more than numbers; a stack needs one structure"

@@ -21,26 +21,26 @@ from framework.tolerances import SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class Polynomials:
-    """The polynomials of collocation steps, of the degree of their stages; velocities are continuous."""
+    """The motion over collocation steps of s stages: polynomials of degree s with continuous velocities."""
 
     robot: ParallelRobot
-    steps: tuple[CollocationStep, ...]
+    steps: tuple[CollocationStep, ...]  # successive ones, all with the same table
 
     @property
     def edges(self) -> Array:
-        """The ends (K + 1,) of the K steps [s]."""
+        """The instants (K + 1,) at which the K steps begin and end [s]."""
         return np.array([self.steps[0].time, *(step.end for step in self.steps)])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Evaluate positions (T, nq) and velocities (T, nv) at times (T,) [s].
+        """Evaluate q (T, nq) and v (T, nv) at times t (T,) [s].
 
         The tangent offset from the start of a step is the integral of the slopes at its nodes. The velocity
         interpolates the start and the nodes.
         """
-        index = _step_index(self.edges, t)  # (T,)
+        index = _step_index(self.edges, t)  # (T,) of the step that contains each time
         table = self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
-        basis = table.basis((t - times[index]) / lengths[index])  # (T, stages + 1)
+        basis = table.basis((t - times[index]) / lengths[index])  # (T, s + 1)
         starts = np.array([step.start for step in self.steps])[index]
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
@@ -55,19 +55,20 @@ class Polynomials:
 
 @dataclass(frozen=True, eq=False)
 class Cubics(ReadOnlyArrays):
-    """Cubic polynomials through the states at the ends of fixed steps."""
+    """The motion over K fixed steps: cubic polynomials through the states at their ends."""
 
     robot: ParallelRobot
-    edges: Array  # (K + 1,) [s]
+    edges: Array  # (K + 1,) instants at which the steps begin and end [s]
     q: Array  # (K + 1, nq)
     v: Array  # (K + 1, nv)
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s].
+        """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times t (T,) [s].
 
         On a step of length h from velocity v_0 to v_1, with u in [0, 1], the tangent offset from the start of
         the step is h v_0 u + c_2 u^2 + c_3 u^3. At u = 1, the end of the step, the offset is d and its
-        derivative in u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and c_3 = h v_0 + h v_1 - 2 d.
+        derivative with respect to u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and
+        c_3 = h v_0 + h v_1 - 2 d.
         """
         k = _step_index(self.edges, t)
         h = np.diff(self.edges)[k][:, None]
@@ -101,7 +102,7 @@ def _step_index(edges: Array, t: Array) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A function of (t, q, v) whose zeros are reported; a zero ends the simulation if `terminal`.
+    """A function of t [s], q (nq,), v (nv,) whose zeros are reported; `terminal` ones end the simulation.
 
     `direction` selects the zeros that count: +1 those at which the function grows, -1 those at which it
     falls, 0 all.
@@ -136,6 +137,7 @@ def occurrences(
     sign brackets a zero. If a function has two zeros between neighbouring instants, both are missed.
 
     Args:
+        step: the motion of this step alone.
         last_values: value of each function at the end of the previous step, updated here. This step starts
             at the same instant, but rounding may give the value the other sign. An additional interval of
             zero length, between the old and the new value, catches a zero that would be lost there.
@@ -148,9 +150,11 @@ def occurrences(
         points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
         last_values[event] = values[-1]
         for (begin, begin_value), (end, end_value) in pairwise(points):
-            # a zero exactly at `begin` belongs to the interval that ends there
+            if begin_value == 0.0:  # this zero belongs to the interval that ends there
+                continue
             has_same_sign = begin_value * end_value > 0
-            if begin_value == 0.0 or has_same_sign or event.direction * (end_value - begin_value) < 0:
+            has_wrong_direction = event.direction * (end_value - begin_value) < 0
+            if has_same_sign or has_wrong_direction:
                 continue
             t = float(end)
             if end_value != 0.0 and begin != end:
@@ -158,14 +162,12 @@ def occurrences(
             q, v = step(np.array([t]))
             occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
-    for k in range(len(occurred)):
-        if occurred[k].terminal:
-            return occurred[: k + 1]
-    return occurred
+    first_terminal = next((k for k, one in enumerate(occurred) if one.terminal), len(occurred))
+    return occurred[: first_terminal + 1]
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
-    """Find the zero [s] of an event's function between `begin` and `end` [s], where its signs differ."""
+    """Find the zero [s] of an event's function between `begin` and `end` [s], where the signs differ."""
     from scipy.optimize import brentq
 
     def value(t: float) -> float:
@@ -176,7 +178,11 @@ def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -
 
 
 def _event_value(event: Event, t: float, q: Array, v: Array) -> float:
-    """Return the value of an event's function; refuse values that are no numbers."""
+    """Return the value of an event's function at t [s], q (nq,) and v (nv,).
+
+    Raises:
+        InvalidInput: the value is not a number.
+    """
     value = event.function(t, q, v)
     try:
         number = float(value)
