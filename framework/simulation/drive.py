@@ -141,7 +141,7 @@ def planned_motion(source: Any) -> PlannedMotion | None:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """The motor torques of a simulated robot, and the external wrenches on it."""
+    """Motor torques and external wrenches of a simulated robot."""
 
     robot: ParallelRobot
     # computes torques (T, n_a) [N m], motor side, at times (T,), q (T, nq) and v (T, nv)

@@ -244,7 +244,10 @@ def _fixed_step_error(robot: ParallelRobot, v: Array, h: float) -> float:
 
 
 def _step_edges(task: IntegrationTask, step: float) -> Array:
-    """Compute the ends (K + 1,) of steps no longer than `step` [s], with one on every break of the drive."""
+    """Compute the ends (K + 1,) of steps no longer than `step` [s].
+
+    Every break of the drive is the end of a step.
+    """
     edges = [
         np.linspace(start, end, _count_steps(end - start, step) + 1)
         for start, end in pairwise(task.drive.edges(task.duration))
@@ -372,11 +375,11 @@ def explicit_steps(
     """
     from scipy.integrate import DOP853  # importing it takes 0.2 s, which planning does not need
 
-    equations, nv = dynamics.equations, len(start.v)
+    equations = dynamics.equations
     times = edges[:-1, None] + np.diff(edges)[:, None] * DOP853.C  # (K, stages)
     # torques that depend on time alone are computed for all stages at once
     torques = drive.torques_without_feedback(np.minimum(drive.shift_breaks(times).ravel(), edges[-1]))
-    motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, nv)
+    motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, -1)
 
     def force_at(k: int, i: int, q: Array, v: Array) -> Array:
         """Compute the generalised forces (nv,) of motors and external wrenches at stage i of step k."""
@@ -389,8 +392,8 @@ def explicit_steps(
             force += drive.world(equations.robot, t, q[None])[0]
         return force
 
-    y = np.concatenate(start)  # q, then v
-    slopes = np.empty((DOP853.n_stages, 2 * nv))
+    y = np.concatenate(start)  # (2 nv,) q, then v
+    slopes = np.empty((DOP853.n_stages, len(y)))
     for k, h in enumerate(np.diff(edges)):
         power = 0.0
         for i in range(len(slopes)):
@@ -399,7 +402,7 @@ def explicit_steps(
             slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
-        error = h * (DOP853.E5[: len(slopes)] @ slopes[:, :nv])  # of q: the embedded method has order 5
+        error, _ = np.split(h * (DOP853.E5[:-1] @ slopes), 2)  # of q, by the embedded method of order 5
         yield FixedStep(State(*np.split(y, 2)), power, float(np.abs(error).max()))
 
 

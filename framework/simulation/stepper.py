@@ -60,7 +60,10 @@ def _solve_accelerations(mass: Array, jacobian: Array, forces: Array, rates: Arr
 
 
 def _implicit_mass(mass: Array, stack: RobotStack, d: float) -> Array:
-    """Compute M + d^2 K + d D (R, nv, nv) for springs K and dampers D on the joints, d in [s]."""
+    """Compute M + d^2 K + d D (R, nv, nv) for a time d [s].
+
+    K and D are the diagonal matrices of the springs and dampers of the joints.
+    """
     matrix = mass.copy()
     diagonal = range(mass.shape[1])
     matrix[:, diagonal, diagonal] += d**2 * stack.stiffness + d * stack.damping

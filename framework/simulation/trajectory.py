@@ -5,7 +5,7 @@ An event is an instant at which a function of the state passes through zero.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -149,21 +149,29 @@ def occurrences(
         values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
         points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
         last_values[event] = values[-1]
-        for (begin, begin_value), (end, end_value) in pairwise(points):
-            if begin_value == 0.0:  # this zero belongs to the interval that ends there
-                continue
-            has_same_sign = begin_value * end_value > 0
-            has_wrong_direction = event.direction * (end_value - begin_value) < 0
-            if has_same_sign or has_wrong_direction:
-                continue
-            t = float(end)
-            if end_value != 0.0 and begin != end:
-                t = _find_zero(event, step, begin, t)
-            q, v = step(np.array([t]))
-            occurred.append(Occurrence(event.name, t, q[0], v[0], event.terminal))
+        for zero in _find_zeros(event, step, points):
+            q, v = step(np.array([zero]))
+            occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
     occurred.sort(key=lambda occurrence: occurrence.time)
     first_terminal = next((k for k, one in enumerate(occurred) if one.terminal), len(occurred))
     return occurred[: first_terminal + 1]
+
+
+def _find_zeros(event: Event, step: Trajectory, points: Sequence[tuple[float, float]]) -> Iterator[float]:
+    """Yield the zeros [s] of an event's function that its values at successive instants bracket.
+
+    Args:
+        points: instants [s] with the values of the function. The first two may be of one instant.
+    """
+    for (begin, begin_value), (end, end_value) in pairwise(points):
+        if begin_value == 0.0:  # this zero belongs to the interval that ends there
+            continue
+        has_same_sign = begin_value * end_value > 0
+        has_wrong_direction = event.direction * (end_value - begin_value) < 0
+        if has_same_sign or has_wrong_direction:
+            continue
+        is_at_end = end_value == 0.0 or begin == end
+        yield float(end) if is_at_end else _find_zero(event, step, begin, end)
 
 
 def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:

@@ -86,7 +86,7 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
 
 
 def bordered_solution(matrices: Array, *, border_of: int, size: int = 1) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n) with the border of one of them.
+    """Solve the bordered systems of matrices (T, n, n) with the border of one matrix.
 
     Args:
         border_of: index (0 .. T - 1) of the matrix whose singular vectors are the border.

@@ -164,7 +164,7 @@ class _Fronts(NamedTuple):
 def _trace_pieces(
     equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> dict[int, _Piece]:
-    """Trace two pieces from each of S starts, one in each direction; return them by number.
+    """Trace a piece in each direction from each of S starts; return the pieces by number.
 
     Piece k goes along the tangent of start k, piece S + k against it. All pieces take their steps together;
     a piece that ends leaves the `fronts`.
@@ -284,6 +284,29 @@ def advance(
     """
     predicted = step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * curvature
     q = equations.move(points.q, predicted)
+    q, converged = _correct(equations, points, q, MAX_CORRECTION_RATIO * step)
+    rows = np.flatnonzero(converged)
+    start = select(points, rows)
+    corrected = curve_points(q[rows], equations.evaluate(q[rows], start.border), start)
+    turn = np.linalg.norm(corrected.tangent - start.tangent, axis=1)
+    is_smooth = turn < MAX_TANGENT_TURN
+    accepted = np.zeros(len(q), dtype=bool)
+    accepted[rows] = is_smooth
+    return _replace_rows(points, rows[is_smooth], select(corrected, is_smooth)), accepted
+
+
+def _correct(
+    equations: LocusEquations, points: Points, predicted: Array, farthest: Array
+) -> tuple[Array, BoolArray]:
+    """Correct predicted configurations (S, nq) by Newton's method, normal to the tangents of S points.
+
+    Args:
+        farthest: (S,) bounds on the sum of all Newton steps [rad, robot lengths].
+
+    Returns:
+        The configurations (S, nq) after the last step; which of them converged, (S,).
+    """
+    q = predicted.copy()
     correction = np.zeros(len(q))  # [rad, robot lengths] by all Newton steps so far
     converged = np.zeros(len(q), dtype=bool)
     live = np.arange(len(q))  # indices of the points that have neither converged nor been rejected
@@ -293,20 +316,12 @@ def advance(
         q[live] = equations.move(q[live], change)
         size = np.abs(change).max(axis=1)
         correction[live] += size
-        is_regular &= correction[live] < MAX_CORRECTION_RATIO * step[live]
+        is_regular &= correction[live] < farthest[live]
         converged[live] = is_regular & (size < NEWTON_STEP)
         live = live[is_regular & ~converged[live]]
         if not len(live):
             break
-
-    rows = np.flatnonzero(converged)
-    start = select(points, rows)
-    corrected = curve_points(q[rows], equations.evaluate(q[rows], start.border), start)
-    turn = np.linalg.norm(corrected.tangent - start.tangent, axis=1)
-    is_smooth = turn < MAX_TANGENT_TURN
-    accepted = np.zeros(len(q), dtype=bool)
-    accepted[rows] = is_smooth
-    return _replace_rows(points, rows[is_smooth], select(corrected, is_smooth)), accepted
+    return q, converged
 
 
 def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:

@@ -316,29 +316,25 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
-    the left null vector of F'. For w = t + r n, with the tangent t of the known curve and the normal n to t
-    in the null space, this is y . F"(t, t) + 2 r y . F"(t, n) + r^2 y . F"(n, n) = 0. The root r = 0, up to
-    errors, is the known curve. The other root gives the other curve.
+    the left null vector of F'. On the null space this is a quadratic form of two variables. In its principal
+    axes n_1, n_2 with the values -a^2 and b^2, the solutions are w = b n_1 + a n_2 and w = b n_1 - a n_2.
     """
-    evaluated = equations.evaluate(crossing.q, crossing.border)
-    svd = np.linalg.svd(evaluated.slopes[0])
+    svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border).slopes[0])
     left_null = svd.U[:, -1]  # y (k - 1,)
-    null_1, null_2 = svd.Vh[-2:]  # (k,) each, an orthonormal basis of the null space
-    tangent = crossing.tangent[0]
-    normal = (null_1 @ tangent) * null_2 - (null_2 @ tangent) * null_1  # a right angle from the tangent
-    normal /= np.linalg.norm(normal)
-
-    def second_derivatives(w: Array) -> Array:
-        """Compute y . F"(w, .) (k,) by central differences of the slopes along w (k,)."""
-        ends = equations.move(crossing.q, DIFFERENCE_STEP * np.stack([w, -w]))
-        ahead, back = equations.evaluate(ends, crossing.border).slopes
-        return left_null @ (ahead - back) / (2 * DIFFERENCE_STEP)
-
-    by_tangent, by_normal = second_derivatives(tangent), second_derivatives(normal)
-    roots = np.roots([by_normal @ normal, 2 * (by_tangent @ normal), by_tangent @ tangent])
-    if not len(roots) or np.abs(roots.imag).max() > DISTINCT_SOLUTIONS:
+    null_space = svd.Vh[-2:]  # (2, k) orthonormal
+    steps = DIFFERENCE_STEP * np.vstack([null_space, -null_space])
+    four = select(crossing, np.zeros(4, dtype=int))
+    slopes = equations.evaluate(equations.move(four.q, steps), four.border).slopes
+    changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) along both n
+    form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
+    (negative, positive), axes = np.linalg.eigh(form)
+    if negative >= 0.0 or positive <= 0.0:
         return None
-    other = tangent + roots.real[np.argmax(np.abs(roots))] * normal
+
+    n_1, n_2 = axes.T @ null_space
+    b, a = np.sqrt([positive, -negative])
+    tangents = [b * n_1 + a * n_2, b * n_1 - a * n_2]
+    other = min(tangents, key=lambda w: abs(w @ crossing.tangent[0]))
     return other / np.linalg.norm(other)
 
 
