@@ -36,7 +36,7 @@ PANEL_HALF_WIDTH = 0.04  # in s, of a panel about an extremum; halved while the 
 MAX_HALVINGS = 5  # of this width
 CENTRING_PASSES = 3  # number of passes; each centres the panel on the extremum that the last pass found
 FIRST_BRACKET_STEP = 1e-10  # in s, first step of the search beside an extremum; each step doubles it
-WIDER_BORDER_RATIO = 0.05  # relative singular value below which a wider border may be needed
+WIDER_BORDER_RATIO = 0.05  # singular value over the largest, below which a wider border may be needed
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Measured:
     panel_loops: dict[tuple[float, float], LinearisedLoops] = field(default_factory=dict)
 
     def loops(self, start: float, end: float) -> LinearisedLoops:
-        """Return the linearised loops at the nodes of a panel (T = PANEL_NODES)."""
+        """Return the linearised loops at the nodes (T = PANEL_NODES) of a panel from start to end, in s."""
         if (start, end) not in self.panel_loops:
             self.panel_loops[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
         return self.panel_loops[start, end]
@@ -90,9 +90,9 @@ class Panel:
     """The measure g between two path coordinates as a Chebyshev series."""
 
     start: float  # s
-    end: float
-    series: Array  # (size,) Chebyshev coefficients of g
-    matrices: Array  # (size, n, n) at the nodes
+    end: float  # s
+    series: Array  # (PANEL_NODES,) Chebyshev coefficients of g
+    matrices: Array  # (PANEL_NODES, n, n) at the nodes
 
     def path_coordinates(self, local: Array) -> Array:
         """Convert local coordinates (T,) in [-1, 1] to path coordinates s (T,)."""
@@ -110,7 +110,7 @@ class Panel:
 
     def matrix(self, s: float) -> Array:
         """Interpolate the matrix (n, n) at s."""
-        local = (2 * s - self.start - self.end) / self.width
+        local = (2 * s - self.start - self.end) / self.width  # in [-1, 1]
         polynomials = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1)[0]  # (PANEL_NODES,)
         # columns of `coefficients(eye)` are the series of the cardinal functions of the nodes
         weights = polynomials @ coefficients(np.eye(PANEL_NODES))  # (PANEL_NODES,) of the nodes' matrices
@@ -129,7 +129,7 @@ def resolve_panels(measured: Measured) -> list[Panel]:
         Unresolved: g is not resolved on a panel of the least width.
         SingularPath: the matrix is singular all along a panel.
     """
-    waiting = list(pairwise(measured.knots))[::-1]  # a stack, the first panel on top
+    waiting = list(pairwise(measured.knots))[::-1]  # a stack of starts and ends, the first panel on top
     resolved = list[Panel]()
     while waiting:
         start, end = waiting.pop()
@@ -158,7 +158,8 @@ def find_candidates(resolved: list[Panel]) -> list[Candidate]:
     candidates = list[Candidate]()
     for panel in resolved:
         constant, *others = np.abs(panel.series)
-        if constant - sum(others) > level:  # a lower bound of |g| on the panel: g has no zero there
+        lower_bound = constant - sum(others)  # of |g| on the panel
+        if lower_bound > level:
             continue
         is_near_zero = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < level
         minima = panel.path_coordinates(panel.extrema[is_near_zero])
@@ -211,13 +212,13 @@ def count_small_values(matrix: Array, level: float) -> int:
 
 
 class Extremum(NamedTuple):
-    """An extremum of g at s, with a series of g about s."""
+    """An extremum of g at s, with a series of g on a panel about s."""
 
     s: float
     g: float
     rounding: float  # of g
-    start: float
-    end: float
+    start: float  # s at which the panel begins
+    end: float  # s at which the panel ends
     series: Array  # (PANEL_NODES,) Chebyshev coefficients of g on [start, end]
 
     @property
@@ -233,6 +234,7 @@ class Extremum(NamedTuple):
         """Return the nearest s below and above where |g| exceeds a level, else the panel's ends."""
 
         def find_towards(end: float) -> float:
+            """Find the nearest such s between the extremum and an end."""
             step = self._find_first_step(end, lambda g: np.abs(g) > level)
             return end if step is None else step.outer
 
@@ -267,7 +269,10 @@ class Extremum(NamedTuple):
         """Step from the extremum towards an end of the panel until g passes a test.
 
         Each step doubles the distance from the extremum; the last one ends at the end of the panel. None if g
-        passes the test at no step.
+        passes the test after no step.
+
+        Args:
+            test: returns for values g (T,) which of them pass, (T,).
         """
         room = abs(end - self.s)
         doublings = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0))))
@@ -294,10 +299,11 @@ def extremum_near(
     size: int,
     scalar: Callable[[Array], Array] = determinant,
 ) -> Extremum:
-    """Find the extremum nearest to s of a scalar function of the blocks G.
+    """Find the extremum nearest to s of g, or of another scalar function of the blocks G.
 
-    The series on a panel about s has extrema; the next panel is centred on the nearest one. Then panels are
-    halved until the series ends in rounding. If a panel has no extremum, s itself is returned.
+    Each of the first `CENTRING_PASSES` panels is centred on the extremum that the previous panel has nearest
+    to its middle. Then panels are halved until the series ends in rounding. If a panel has no extremum, its
+    middle is returned.
 
     Args:
         matrices: computes the matrices (T, n, n) at path coordinates (T,).
