@@ -34,7 +34,7 @@ from framework.singularity.type2 import singularity_measure, twist_norm, uncontr
 
 # Least singular value over its usual size, below which a pose is near singular, or singular.
 NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01
-LIMIT_BISECTIONS = 8  # of a motion that ends at a joint limit: at most 0.4 % of the motion is left out
+LIMIT_BISECTIONS = 8  # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
 # Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
@@ -64,9 +64,9 @@ class JoggedPose:
     """A pose reached by jogging, and its distance from a singularity."""
 
     q: Array  # (nq,)
-    x: Array  # (n,)
+    x: Array  # (n,) platform coordinates
     motors: Array  # (n_a,) joint side [rad, m]
-    g: float | None  # None if every joint has a motor
+    g: float | None  # see `singularity_measure`; None if every joint has a motor
     smallest: float | None  # least singular value of P; None if every joint has a motor
     level: str  # of proximity to a singularity: regular, near or singular
     kind: str  # of the singularity: type_1, type_2, leg_passive, constraint, closure, or ""
@@ -86,10 +86,12 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     """
     closed = assembled_at(robot, q)
     linearised = closed.linearised
+
     type1_value, type2_value = _least_singular_values(robot, linearised)
     usual_type1_value, usual_type2_value = _least_singular_values(robot, linearised_at_reference(robot))
     level = _proximity_level(type1_value, usual_type1_value)
     type2_level = _proximity_level(type2_value, usual_type2_value)
+
     kind, verdict = "", "regular: the motors hold the platform in every direction"
     if type2_level != "regular":
         level = type2_level
@@ -99,6 +101,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     elif level != "regular":
         kind = "type_1"
         verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+
     has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
@@ -130,7 +133,7 @@ def _proximity_level(value: float, usual: float) -> str:
 class LooseMotion(NamedTuple):
     """A motion of the platform along t_s to both sides of a singular pose, loops closed."""
 
-    q: Array  # (9, nq) from one end to the other, the singular pose in the middle
+    q: Array  # (9, nq) at LOOSE_SHARES of the motion, from one end to the other
     shift: float  # [m] largest shift of the platform's point to either side
     turn: float  # [rad] largest turn of the platform to either side
     motors: Array  # (n_a,) largest motion of each motor, joint side [rad, m]; of second order on the locus
@@ -146,23 +149,19 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    # t_s / size is the largest motion: its shift or its turn is the largest one allowed
+    # the largest motion is t_s / size: either its shift or its turn has the largest value allowed
     size = max(linear / (shift * robot.length), angular / largest_turn)
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if size == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
+
     largest_change = np.linalg.solve(E, pose.twist / size)  # (n,) of the platform's coordinates
     x = pose.x + LOOSE_SHARES[:, None] * largest_change
     stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_JOINT_STEP)
     if not stack.closed.all():
         return None
     motor_motions = np.abs(robot.actuated_coordinates(stack.q) - pose.motors)  # (9, n_a)
-    return LooseMotion(
-        q=stack.q,
-        shift=linear / size,
-        turn=angular / size,
-        motors=motor_motions.max(axis=0),
-    )
+    return LooseMotion(stack.q, shift=linear / size, turn=angular / size, motors=motor_motions.max(axis=0))
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
@@ -222,7 +221,7 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
     If q itself exceeds a limit, the limits are ignored.
 
     Args:
-        pose_after: computes the pose after a share of the motion.
+        pose_after: computes the pose after a share, 0 to 1, of the motion.
     """
     pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
@@ -242,7 +241,10 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
 
 
 def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """Move the platform straight towards coordinates `target` (n,) until the working mode ends."""
+    """Move the platform straight towards coordinates `target` (n,) until the working mode ends.
+
+    `start` is the pose at the start (T = 1).
+    """
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return describe_jogged_pose(robot, q)
@@ -318,6 +320,6 @@ def _check_request(index: int, count: int, value: float) -> None:
 
 
 def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
-    """Compute the least singular values of the Type 1 matrix and of P (T = 1)."""
-    type1_value = singular_values(type1_matrix(robot, linearised)).min()
-    return float(type1_value), float(clearance(robot, linearised)[0])
+    """Compute the least singular values of the Type 1 matrix and of P at one pose (T = 1)."""
+    type1_values = singular_values(type1_matrix(robot, linearised)[0])
+    return float(type1_values[-1]), float(clearance(robot, linearised)[0])

@@ -129,7 +129,7 @@ def _trace_modes(
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
-        cells = minima[(minimum_modes == mode).all(axis=1)]
+        cells = minima[(minimum_modes == mode).all(axis=1)]  # (k, 2) at which a round starts
         while True:
             todo = np.flatnonzero(unexplained & of_mode)
             cells = np.concatenate([cells, changes[_choose_evenly(todo), :2]])
@@ -137,7 +137,8 @@ def _trace_modes(
                 break
             for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
                 for part in _parts_on_branch(equations, poses, curve):
-                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # not all of it is known
+                    is_new = _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any()
+                    if is_new:
                         curves.append(part)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
             remaining = np.count_nonzero(unexplained & of_mode)
@@ -159,12 +160,12 @@ def _choose_evenly(indices: IntArray) -> IntArray:
 
 
 def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
-    """Compute the working modes (e, legs), a sign for each leg, at cells (e, 2) of the map."""
+    """Compute the working modes (e, legs), a sign for each leg, at indices (e, 2) of the map."""
     return leg_signs(robot, linearised_at(robot, _poses_at(poses, cells), None))
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
-    """Trace the locus over the map from starts (k, nq) in the working mode of the first start."""
+    """Trace the locus over the map from starts (k, nq), in the working mode of the first start."""
     robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
@@ -192,7 +193,7 @@ def _sign_changes(g: Array) -> IntArray:
     Returns:
         Indices (e, 4): i, j of the one pose, then i, j of its neighbour.
     """
-    along_i = np.argwhere(g[:-1] * g[1:] < 0)
+    along_i = np.argwhere(g[:-1] * g[1:] < 0)  # indices of the poses before the changes
     along_j = np.argwhere(g[:, :-1] * g[:, 1:] < 0)
     pairs_along_i = np.hstack([along_i, along_i + np.array([1, 0])])
     pairs_along_j = np.hstack([along_j, along_j + np.array([0, 1])])
@@ -238,10 +239,12 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
     axes = list(poses.axes)
     x = curve.x[:, axes]
     is_on, is_off = _compare_branches(equations, poses, curve, x)
+
     turns = x[:, ~equations.robot.translations[axes]]
     is_jump = (np.abs(np.diff(turns, axis=0)) > np.pi).any(axis=1)  # (m - 1,) from pi to -pi
     leaves_or_enters = is_off[1:] != is_off[:-1]
     breaks = np.flatnonzero(is_jump | leaves_or_enters) + 1
+
     parts = np.split(np.arange(len(x)), breaks)  # indices of the points of each part
     return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
 
@@ -284,13 +287,15 @@ def _compare_branches(
     if not len(inside):
         return is_on, is_off
     neighbours = select(neighbours, inside)
-    q = curve.q[inside]
     nearest_q = neighbours.q[:, 0]
+    q = curve.q[inside]
     ends, arrives = poses.continue_pose(nearest_q, neighbours.x[:, 0], curve.x[inside])
     with np.errstate(invalid="ignore"):  # poses that are not reached have NaN
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
         to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)
         to_point = np.abs(equations.offsets(nearest_q, q)).max(axis=1)
+
+    # whether the point is no farther away than the farthest neighbour
     is_among = to_point <= np.where(neighbours.reached, to_neighbours, 0.0).max(axis=1)
     is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
     is_off[inside] = ~is_on[inside] & (arrives | neighbours.reached.all(axis=1))

@@ -47,11 +47,11 @@ from framework.singularity.locus_equations import MAX_JOINT_STEP, LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
 
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
-RANDOM_STARTS = 40
-MAX_CURVES = 100
-# |det [dF/du ; t']| at a located branch point over that of its neighbours; closer, the corrector loses digits
+RANDOM_STARTS = 40  # number of random configurations from which the search begins
+MAX_CURVES = 100  # after which no further branches are traced
+# |det [dF/du ; t']| at a branch point over that of its neighbours. Closer by, the corrector loses digits.
 BRANCH_POINT_RATIO = 1e-6
-WAY_STEPS = 10  # from the region's centre to a random target
+WAY_STEPS = 10  # number of steps from the region's centre to a random target
 # A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
 # of its value at the last point inside the mode.
 CUT_CLEARANCE_RATIO = 1e-3
@@ -188,7 +188,7 @@ def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]
 
 
 def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
-    """Return whether a curve passes through a point (S = 1), by its distance from the chords."""
+    """Return whether a curve passes through a point (S = 1), judged by the chords of the curve."""
     offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point to those of the curve
     chord = np.diff(offsets, axis=0)  # (m - 1, k)
     length = np.linalg.norm(chord, axis=1)
@@ -198,7 +198,10 @@ def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> boo
 
 
 def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
-    """Describe a traced curve by platform, motors, modes, cusps and branch points."""
+    """Describe a traced curve by platform, motors, modes, cusps and branch points.
+
+    `crossings` are the branch points (S = 1 each).
+    """
     robot = equations.robot
     points = curve.points
     linearised = linearised_at(robot, points.q, None)
@@ -206,6 +209,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     motors = robot.actuated_coordinates(points.q)
     hinges = ~robot.sliding[robot.actuated]
     motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # pieces of a curve may differ by whole turns
+
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
     kind = "type_2"
@@ -213,6 +217,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
         kind = "joints_only"
     elif np.abs(motor_steps).max(initial=0.0) < DISTINCT_SOLUTIONS:
         kind = "self_motion"
+
     return LocusCurve(
         q=points.q,
         x=x,
@@ -287,12 +292,13 @@ def root_between(
 
 
 def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
-    """Find the point between two neighbours (S = 1) at which another curve crosses.
+    """Find the point between two neighbours (S = 1) of a curve at which another curve crosses.
 
     If no point between the two can be computed, the neighbour with the smaller determinant is returned.
     """
 
     def measure(point: Points) -> float:
+        """Return det [dF/du ; t'], zero at the branch point."""
         return float(point.determinant[0])
 
     small = BRANCH_POINT_RATIO * max(abs(measure(start)), abs(measure(end)))
@@ -393,6 +399,7 @@ class Region(NamedTuple):
         margin = CUT_CLEARANCE_RATIO * last_inside  # the determinant at the edge
 
         def excess(point: Points) -> float:
+            """Compute the excess of the least determinant of a leg over that at the edge."""
             return float(self.least_determinants(point.q, mode)[0]) - margin
 
         inside = points.single(-2)
