@@ -129,23 +129,31 @@ def _trace_modes(
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
-        cells = minima[(minimum_modes == mode).all(axis=1)]  # (k, 2) at which a round starts
-        while True:
-            todo = np.flatnonzero(unexplained & of_mode)
-            cells = np.concatenate([cells, changes[_choose_evenly(todo), :2]])
-            if not len(cells):
-                break
-            for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
-                for part in _parts_on_branch(equations, poses, curve):
-                    is_new = _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any()
-                    if is_new:
-                        curves.append(part)
+        todo = np.flatnonzero(of_mode & unexplained)
+        minima_of_mode = minima[(minimum_modes == mode).all(axis=1)]
+        cells = np.concatenate([minima_of_mode, changes[_choose_evenly(todo), :2]])  # at which a round starts
+        while len(cells):
+            curves += _trace_new_parts(equations, poses, cells, curves)
             unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
-            remaining = np.count_nonzero(unexplained & of_mode)
-            if len(todo) <= STARTS_PER_ROUND or remaining in (0, len(todo)):
+            remaining = np.flatnonzero(of_mode & unexplained)
+            is_complete = len(todo) <= STARTS_PER_ROUND  # all of them have been starts
+            if is_complete or len(remaining) == len(todo):
                 break
-            cells = cells[:0]  # later rounds start from sign changes alone
+            todo = remaining
+            cells = changes[_choose_evenly(todo), :2]
     return curves, unexplained
+
+
+def _trace_new_parts(
+    equations: LocusEquations, poses: MapPoses, cells: IntArray, known: list[MapCurve]
+) -> list[MapCurve]:
+    """Trace curves from the poses at indices (k, 2); return their parts on the branch that are not known."""
+    parts = list[MapCurve]()
+    for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
+        for part in _parts_on_branch(equations, poses, curve):
+            if _is_apart(poses, part.x, known + parts, SAME_CURVE_CELLS).any():
+                parts.append(part)
+    return parts
 
 
 def _poses_at(poses: MapPoses, cells: IntArray) -> Array:
