@@ -1,9 +1,9 @@
-"""Pseudo-arclength continuation of many curves F(u) = 0 at once, with one equation less than unknowns.
+"""Pseudo-arclength continuation of curves F(u) = 0, with one equation less than unknowns.
 
 The predictor follows the tangent and the curvature of a curve; the corrector is Newton's method in the plane
 normal to the tangent (H. B. Keller 1977). The step is shortened if the corrector moves far or the tangent
-turns much. All pieces of curves are traced together, in both directions from every start, until they meet the
-next start, leave a region or cannot be continued. Then the pieces are joined to curves.
+turns much. A curve is traced from a start in one direction until it returns to the start, leaves a region or
+cannot be continued, then in the other direction. Starts on curves that are already known are skipped.
 
 Lengths and offsets of curves are those of the unknowns u, the k moving joints in radians and robot lengths.
 """
@@ -15,25 +15,24 @@ from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
-from framework.numerics.arrays import Array, BoolArray, IntArray, join, select
+from framework.numerics.arrays import Array, BoolArray, join, select
 from framework.numerics.ordered_sums import solve
 from framework.singularity.bordered_system import Border
 from framework.singularity.locus_equations import MAX_JOINT_STEP, Evaluated, LocusEquations
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
-# A point counts as on a curve if its distance from a chord is at most this share of the chord's length. A
-# step in which the tangent turns by MAX_TANGENT_TURN gives 0.02.
+# A point is on a curve if its distance from a chord is at most this share of the chord's length. A step in
+# which the tangent turns by MAX_TANGENT_TURN gives 0.02.
 MAX_CURVE_OFFSET = 0.05
-MIN_CURVE_COSINE = 0.7  # between tangents of one curve; different curves usually cross at larger angles
+MIN_CURVE_COSINE = 0.7  # between tangent and chord of one curve; curves usually cross at larger angles
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
 MIN_GROWTH, MAX_GROWTH = 0.5, 2.0  # ratio of a step to the previous one
 MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
-MAX_POINTS = 3000  # of a piece
+MAX_POINTS = 3000  # from a start in one direction
 MAX_SEARCH_STEPS = 25  # Newton steps from a random configuration
-MIN_START_DISTANCE = 1e-5  # [rad, robot lengths]; of starts that are closer only the first is used
 
 
 class Points(NamedTuple):
@@ -101,139 +100,68 @@ def trace_curves(
             first point outside.
         longest: largest step [rad, robot lengths]; at most MAX_STEP in any case.
     """
-    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q), axis=2)  # (S, S)
-    is_repeated = np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1)  # close to an earlier start
-    starts = select(starts, ~is_repeated)
-
-    pieces = _trace_pieces(equations, starts, inside, min(longest, MAX_STEP))
     curves = list[Curve]()
-    done = set[int]()  # indices of starts on the curves so far
-    for first in range(len(starts.q)):
-        if first in done:
+    for k in range(len(starts.q)):
+        start = starts.single(k)
+        if any(passes_point(equations, curve.points, start) for curve in curves):
             continue
-        forward, end = _chain_pieces(pieces, first, done)
+        forward, end = _trace_from(equations, start, inside, min(longest, MAX_STEP))
         if end == "closed":
-            curves.append(Curve(join(forward), (end, end)))
+            curves.append(Curve(forward, (end, end)))
             continue
-        backward, begin = _chain_pieces(pieces, first + len(starts.q), done)
+        backward, begin = _trace_from(equations, start.reverse(), inside, min(longest, MAX_STEP))
         # both begin with the start, which is taken from `forward`
-        other_half = select(join(backward).backwards(), slice(-1))
-        curves.append(Curve(join([other_half, *forward]), (begin, end)))
+        other_half = select(backward.backwards(), slice(-1))
+        curves.append(Curve(join([other_half, forward]), (begin, end)))
     return curves
 
 
-class _Piece(NamedTuple):
-    """A part of a curve from a start, in one direction, to where tracing stopped."""
+def _trace_from(
+    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
+) -> tuple[Points, str]:
+    """Trace a curve from a start (S = 1) along its tangent; return the points and why they end.
 
-    points: Points  # from the start to the end
-    end: str  # met (the last point is another start), or as in `Curve.ends`
-    following: int  # number of the piece that continues from the start that was met; -1 if none was met
-
-
-class _Fronts(NamedTuple):
-    """The last points of the F pieces that are being traced."""
-
-    points: Points
-    curvature: Array  # (F, k) derivatives of the tangents with respect to arc length
-    step: Array  # (F,) [rad, robot lengths] to be tried next
-    piece: IntArray  # (F,) number of the piece, see `_trace_pieces`
-
-    def move_to(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts after a step, with the lengths of the next steps.
-
-        After an accepted step the next one aims at `TURN_SHARE` of the largest turn of the tangent.
-
-        Args:
-            ahead: points reached; where the step is rejected, the points at which it began.
-            accepted: (F,) whether the step is accepted.
-            step: (F,) length of the accepted step, or half the length of the rejected one [rad, lengths].
-            longest: largest step [rad, lengths].
-        """
-        change = ahead.tangent - self.points.tangent
-        turn = np.linalg.norm(change, axis=1)  # [rad] in this step
-        aim = TURN_SHARE * MAX_TANGENT_TURN
-        growth = np.clip(aim / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
-        return _Fronts(
-            points=ahead,
-            curvature=np.where(accepted[:, None], change / step[:, None], self.curvature),
-            step=np.where(accepted, np.minimum(step * growth, longest), step),
-            piece=self.piece,
-        )
-
-
-def _trace_pieces(
-    equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
-) -> dict[int, _Piece]:
-    """Trace a piece in each direction from each of S starts; return the pieces by number.
-
-    Piece k goes along the tangent of start k, piece S + k against it. All pieces take their steps together;
-    a piece that ends leaves the `fronts`.
+    Each step aims at `TURN_SHARE` of the largest turn of the tangent. The reasons are those of `Curve.ends`.
     """
-    first_points = join([starts, starts.reverse()])  # of all 2 S pieces
-    count = len(first_points.q)
-    fronts = _Fronts(
-        points=first_points,
-        curvature=np.zeros_like(first_points.tangent),
-        step=np.full(count, min(FIRST_STEP, longest)),
-        piece=np.arange(count),
-    )
-    traced = [[first_points.single(k)] for k in range(count)]  # the points of each piece so far
-    pieces: dict[int, _Piece] = {}
-    while len(fronts.piece):
-        ahead, accepted = advance(equations, fronts.points, fronts.step, fronts.curvature)
-        step = np.where(accepted, fronts.step, 0.5 * fronts.step)
-        stalled = ~accepted & (step < MIN_STEP)
-        following = _find_following(equations, fronts.points, ahead, step, starts)
+    traced = [start]
+    step = min(FIRST_STEP, longest)
+    curvature = np.zeros_like(start.tangent)
+    while len(traced) < MAX_POINTS:
+        point = traced[-1]
+        ahead = advance(equations, point, step, curvature)
+        if ahead is None:
+            step *= 0.5
+            if step < MIN_STEP:
+                return join(traced), "stalled"
+            continue
+        if len(traced) > 1 and passes_point(equations, join([point, ahead]), start):
+            return join([*traced, start]), "closed"
+        traced.append(ahead)
+        if not inside(ahead.q)[0]:
+            return join(traced), "left"
 
-        # why each piece ends; "" if the piece goes on. The first true condition decides.
-        conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]
-        ends = np.select(conditions, ["stalled", "", "met", "left"], "")
-        for k in np.flatnonzero(accepted | stalled):
-            piece = int(fronts.piece[k])
-            if ends[k] == "met":
-                traced[piece].append(first_points.single(int(following[k])))
-            elif accepted[k]:
-                traced[piece].append(ahead.single(k))
-                if not ends[k] and len(traced[piece]) == MAX_POINTS:
-                    ends[k] = "long"
-            if ends[k]:
-                pieces[piece] = _Piece(join(traced[piece]), str(ends[k]), int(following[k]))
-        fronts = select(fronts.move_to(ahead, accepted, step, longest), ends == "")
-    return pieces
+        change = ahead.tangent - point.tangent
+        curvature = change / step
+        turn = max(float(np.linalg.norm(change)), MIN_STEP)  # [rad] in this step
+        growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / turn, MIN_GROWTH, MAX_GROWTH)
+        step = min(step * growth, longest)
+    return join(traced), "long"
 
 
-def _find_following(
-    equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
-) -> IntArray:
-    """Find the numbers (F,) of the pieces that continue from starts passed in the last steps, else -1.
+def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
+    """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords.
 
-    A step from `points` to the points `ahead` passes a start if the start lies between the planes normal to
-    the tangents at both ends of the step, is close to the chord of the step, and has a similar tangent.
-    Pieces are numbered as in `_trace_pieces`.
-
-    Args:
-        points, ahead: F points at the beginning and at the end of the steps.
-        step: (F,) lengths of the steps [rad, robot lengths].
-        starts: the S starts of all pieces.
+    A chord passes through the point if it is close to the point and has about the direction of the point's
+    tangent.
     """
-    from_front = equations.offsets(points.q[:, None], starts.q)  # (F, S, k) from fronts to starts
-    from_end = equations.offsets(ahead.q[:, None], starts.q)  # from the ends of the steps to starts
-    chord = from_front - from_end  # of the step, measured modulo turns about each start
-
-    # all (F, S): distances of each start along the tangent, ahead of the front and of the step's end
-    distance = np.matvec(from_front, points.tangent)
-    remaining = np.matvec(from_end, ahead.tangent)
-    length = np.linalg.norm(chord, axis=2)
-    chord_distance = np.linalg.norm(chord_offsets(from_front, chord), axis=2)
-    cosine = ahead.tangent @ starts.tangent.T
-    passes = (distance > MIN_START_DISTANCE) & (remaining <= 0)
-    passes &= length < 2 * step[:, None]  # a longer chord is a jump of a hinge by a whole turn
-    passes &= chord_distance < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE
-    passes &= np.abs(cosine) > MIN_CURVE_COSINE
-
-    first = np.argmin(np.where(passes, distance, np.inf), axis=1)  # (F,) the nearest start ahead
-    is_against = cosine[np.arange(len(first)), first] <= 0  # the curve runs against the start's tangent
-    return np.where(passes.any(axis=1), first + len(starts.q) * is_against, -1)
+    offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
+    chord = np.diff(offsets, axis=0)  # (m - 1, k)
+    length = np.linalg.norm(chord, axis=1)
+    distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
+    passes = distance < MAX_CURVE_OFFSET * length
+    passes &= np.abs(chord @ point.tangent[0]) > MIN_CURVE_COSINE * length
+    passes &= length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
+    return bool(passes.any())
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:
@@ -248,98 +176,29 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
     return offset - share[..., None] * chord
 
 
-def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect the points of the piece numbered `first` and of all following pieces.
+def advance(equations: LocusEquations, point: Points, step: float, curvature: Array) -> Points | None:
+    """Compute the point of a curve a step [rad, robot lengths] ahead of a point (S = 1).
 
-    The starts of all these pieces are added to `done`.
-
-    Returns:
-        The points of each piece; why the last piece ends, as in `Curve.ends`.
+    The predictor is quadratic, with the derivative `curvature` (1, k) of the tangent by arc length. Newton's
+    method corrects the prediction normal to the tangent. None if the corrector fails: its system is singular,
+    the corrections are long compared with the step, or the tangent turns too far.
     """
-    count = len(pieces) // 2
-    piece = pieces[first]
-    parts = [piece.points]
-    done.add(first % count)
-    while piece.end == "met":
-        start = piece.following % count
-        if start == first % count:
-            return parts, "closed"
-        if start in done:  # two starts are so close to each other that pieces disagree on their order
-            return parts, "long"
-        done.add(start)
-        piece = pieces[piece.following]
-        parts.append(select(piece.points, slice(1, None)))  # the previous part ends with the start
-    return parts, piece.end
-
-
-def advance(
-    equations: LocusEquations, points: Points, step: Array, curvature: Array
-) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) ahead of S points, and whether each step is accepted (S,).
-
-    The predictor is quadratic, with the derivatives `curvature` (S, k) of the tangents by arc length.
-    Newton's method corrects all points together. A step is rejected if its system is singular, its
-    corrections are long compared with the step, or its tangent turns too far. The point of a rejected step
-    does not move.
-    """
-    predicted = step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * curvature
-    q = equations.move(points.q, predicted)
-    q, converged = _correct(equations, points, q, MAX_CORRECTION_RATIO * step)
-    rows = np.flatnonzero(converged)
-    start = select(points, rows)
-    corrected = curve_points(q[rows], equations.evaluate(q[rows], start.border), start)
-    turn = np.linalg.norm(corrected.tangent - start.tangent, axis=1)
-    is_smooth = turn < MAX_TANGENT_TURN
-    accepted = np.zeros(len(q), dtype=bool)
-    accepted[rows] = is_smooth
-    return _replace_rows(points, rows[is_smooth], select(corrected, is_smooth)), accepted
-
-
-def _correct(
-    equations: LocusEquations, points: Points, predicted: Array, farthest: Array
-) -> tuple[Array, BoolArray]:
-    """Correct predicted configurations (S, nq) by Newton's method, normal to the tangents of S points.
-
-    Args:
-        farthest: (S,) bounds on the sum of all Newton steps [rad, robot lengths].
-
-    Returns:
-        The configurations (S, nq) after the last step; which of them converged, (S,).
-    """
-    q = predicted.copy()
-    correction = np.zeros(len(q))  # [rad, robot lengths] by all Newton steps so far
-    converged = np.zeros(len(q), dtype=bool)
-    live = np.arange(len(q))  # indices of the points that have neither converged nor been rejected
+    q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
+    correction = 0.0  # [rad, robot lengths] by all Newton steps so far
     for _ in range(MAX_CORRECTIONS):
-        evaluated = equations.evaluate(q[live], select(points.border, live))
-        change, is_regular = _newton_correction(evaluated, points.tangent[live])
-        q[live] = equations.move(q[live], change)
-        size = np.abs(change).max(axis=1)
-        correction[live] += size
-        is_regular &= correction[live] < farthest[live]
-        converged[live] = is_regular & (size < NEWTON_STEP)
-        live = live[is_regular & ~converged[live]]
-        if not len(live):
-            break
-    return q, converged
-
-
-def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:
-    """Return a copy of S points in which rows (R,) are replaced by R `new` points."""
-    index = np.arange(len(points.q))  # of each row, in the stack of old and new points
-    index[rows] = len(index) + np.arange(len(rows))
-    return select(join([points, new]), index)
-
-
-def _newton_correction(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
-    """Compute Newton steps (S, k) normal to tangents (S, k), and which systems are regular (S,).
-
-    The step of a singular system is zero.
-    """
-    values = np.concatenate([evaluated.values, np.zeros((len(tangent), 1))], axis=1)
-    change = -solve(_append_tangent(evaluated.slopes, tangent), values)
-    regular = np.asarray(np.isfinite(change).all(axis=1))
-    return np.where(regular[:, None], change, 0.0), regular
+        evaluated = equations.evaluate(q, point.border)
+        values = np.append(evaluated.values, [[0.0]], axis=1)
+        change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)
+        size = np.abs(change).max()
+        correction += size
+        if not correction < MAX_CORRECTION_RATIO * step:  # also if the system is singular
+            return None
+        q = equations.move(q, change)
+        if size < NEWTON_STEP:
+            ahead = curve_points(q, evaluated, point)
+            turn = np.linalg.norm(ahead.tangent - point.tangent)
+            return ahead if turn < MAX_TANGENT_TURN else None
+    return None
 
 
 def _append_tangent(slopes: Array, tangent: Array) -> Array:
@@ -356,7 +215,7 @@ def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Poi
     """Return the points of curves at q (S, nq).
 
     Args:
-        evaluated: the equations at q.
+        evaluated: the equations at q, or one converged Newton step away from q.
         previous: points whose tangents and escaping motions decide the signs of the new ones; None if the
             signs are arbitrary.
     """

@@ -33,14 +33,13 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
     FIRST_STEP,
-    MAX_CURVE_OFFSET,
     MAX_STEP,
     Curve,
     Points,
     advance,
-    chord_offsets,
     curve_points,
     find_solutions,
+    passes_point,
     trace_curves,
 )
 from framework.singularity.locus_equations import MAX_JOINT_STEP, LocusEquations
@@ -165,7 +164,7 @@ def _trace_branches(
         starts = []
         for crossing in chain.from_iterable(new_crossings):
             for point in points_on_crossing_curve(equations, crossing):
-                is_known = any(_passes_point(equations, curve, point) for curve in curves)
+                is_known = any(passes_point(equations, curve.points, point) for curve in curves)
                 if region.contains(point.q)[0] and not is_known:
                     starts.append(point)
     return list(zip(curves, crossings, strict=True))
@@ -185,16 +184,6 @@ def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]
         if singular_values(slopes)[:, -1].max() > RANK_LOST:
             branch_points.append(branch_point(equations, points.single(k), points.single(k + 1)))
     return branch_points
-
-
-def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
-    """Return whether a curve passes through a point (S = 1), judged by the chords of the curve."""
-    offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point to those of the curve
-    chord = np.diff(offsets, axis=0)  # (m - 1, k)
-    length = np.linalg.norm(chord, axis=1)
-    distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
-    is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
-    return bool(((distance < MAX_CURVE_OFFSET * length) & is_step).any())
 
 
 def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
@@ -272,7 +261,7 @@ def root_between(
     """
     from scipy.optimize import brentq
 
-    chord = np.linalg.norm(equations.offsets(start.q[0], end.q[0]))
+    chord = float(np.linalg.norm(equations.offsets(start.q[0], end.q[0])))
     curvature = (end.tangent - start.tangent) / chord
     corrected = list[Points]()
 
@@ -280,8 +269,8 @@ def root_between(
         """Evaluate the measure at a share of the chord; 0 if small, or where the corrector fails."""
         if share in (0.0, 1.0):
             return measure(end if share else start)
-        point, accepted = advance(equations, start, np.array([share * chord]), curvature)
-        if not accepted[0]:
+        point = advance(equations, start, share * chord, curvature)
+        if point is None:
             return 0.0  # ends the iteration
         corrected.append(point)
         value = measure(point)
@@ -313,9 +302,10 @@ def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> lis
     tangent = _second_tangent(equations, crossing)
     if tangent is None:
         return []
-    starts = join([crossing, crossing])._replace(tangent=np.stack([tangent, -tangent]))
-    points, accepted = advance(equations, starts, np.full(2, FIRST_STEP), np.zeros_like(starts.tangent))
-    return [points.single(k) for k in np.flatnonzero(accepted)]
+    starts = [crossing._replace(tangent=direction[None]) for direction in (tangent, -tangent)]
+    no_curvature = np.zeros_like(crossing.tangent)
+    points = [advance(equations, start, FIRST_STEP, no_curvature) for start in starts]
+    return [point for point in points if point is not None]
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
