@@ -3,7 +3,7 @@
 The predictor follows the tangent and the curvature of a curve; the corrector is Newton's method in the plane
 normal to the tangent (H. B. Keller 1977). The step is shortened if the corrector moves far or the tangent
 turns much. A curve is traced from a start in one direction until it returns to the start, leaves a region or
-cannot be continued, then in the other direction. Starts on curves that are already known are skipped.
+cannot be continued. If it does not return, it is traced in the other direction, too.
 
 Lengths and offsets of curves are those of the unknowns u, the k moving joints in radians and robot lengths.
 """
@@ -87,33 +87,22 @@ def find_solutions(equations: LocusEquations, q: Array) -> Array:
     return q[size < NEWTON_STEP]
 
 
-def trace_curves(
-    equations: LocusEquations,
-    starts: Points,
-    inside: Callable[[Array], BoolArray],
-    longest: float,
-) -> list[Curve]:
-    """Trace the distinct curves through S starts.
+def trace_curve(
+    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
+) -> Curve:
+    """Trace the curve through a start (S = 1).
 
     Args:
         inside: returns whether each of T configurations (T, nq) is in the region, (T,). A curve ends with its
             first point outside.
         longest: largest step [rad, robot lengths]; at most MAX_STEP in any case.
     """
-    curves = list[Curve]()
-    for k in range(len(starts.q)):
-        start = starts.single(k)
-        if any(passes_point(equations, curve.points, start) for curve in curves):
-            continue
-        forward, end = _trace_from(equations, start, inside, min(longest, MAX_STEP))
-        if end == "closed":
-            curves.append(Curve(forward, (end, end)))
-            continue
-        backward, begin = _trace_from(equations, start.reverse(), inside, min(longest, MAX_STEP))
-        # both begin with the start, which is taken from `forward`
-        other_half = select(backward.backwards(), slice(-1))
-        curves.append(Curve(join([other_half, forward]), (begin, end)))
-    return curves
+    forward, end = _trace_from(equations, start, inside, min(longest, MAX_STEP))
+    if end == "closed":
+        return Curve(forward, (end, end))
+    backward, begin = _trace_from(equations, start.reverse(), inside, min(longest, MAX_STEP))
+    other_half = select(backward.backwards(), slice(-1))  # the start is the first point of `forward`
+    return Curve(join([other_half, forward]), (begin, end))
 
 
 def _trace_from(

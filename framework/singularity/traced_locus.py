@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +39,7 @@ from framework.singularity.curve_tracing import (
     curve_points,
     find_solutions,
     passes_point,
-    trace_curves,
+    trace_curve,
 )
 from framework.singularity.locus_equations import MAX_JOINT_STEP, LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
@@ -148,26 +147,27 @@ def trace_locus(
 def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace the curves through solutions (S, nq), and all curves that branch off.
+    """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
+
+    `longest` is the longest step [rad, robot lengths].
 
     Returns:
         Each curve with its branch points (S = 1 each).
     """
-    curves = list[Curve]()
-    crossings = list[list[Points]]()  # the branch points of each curve
-    starts = [curve_points(solutions, equations.evaluate(solutions), previous=None)]
+    points = curve_points(solutions, equations.evaluate(solutions), previous=None)
+    starts = [points.single(k) for k in range(len(solutions))]
+    curves = list[tuple[Curve, list[Points]]]()
     while starts and len(curves) < MAX_CURVES:
-        new_curves = trace_curves(equations, join(starts), region.contains, longest)
-        new_crossings = [_find_branch_points(equations, curve) for curve in new_curves]
-        curves += new_curves
-        crossings += new_crossings
-        starts = []
-        for crossing in chain.from_iterable(new_crossings):
-            for point in points_on_crossing_curve(equations, crossing):
-                is_known = any(passes_point(equations, curve.points, point) for curve in curves)
-                if region.contains(point.q)[0] and not is_known:
-                    starts.append(point)
-    return list(zip(curves, crossings, strict=True))
+        start = starts.pop(0)
+        if any(passes_point(equations, curve.points, start) for curve, _ in curves):
+            continue
+        curve = trace_curve(equations, start, region.contains, longest)
+        crossings = _find_branch_points(equations, curve)
+        curves.append((curve, crossings))
+        for crossing in crossings:
+            branches = points_on_crossing_curve(equations, crossing)
+            starts += [point for point in branches if region.contains(point.q)[0]]
+    return curves
 
 
 def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
@@ -197,7 +197,7 @@ def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Poi
     x = robot.platform.coordinates(linearised.frames)
     motors = robot.actuated_coordinates(points.q)
     hinges = ~robot.sliding[robot.actuated]
-    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # pieces of a curve may differ by whole turns
+    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # a closed curve may turn motors by whole turns
 
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
