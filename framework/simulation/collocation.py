@@ -387,7 +387,11 @@ class NewtonMatrix:
 
 
 def _eliminate_loops(jacobian: Array) -> tuple[Array, Array]:
-    """Compute right inverse Q R'^-1 (s, nv, m) and null space (s, nv, nv - m) of J (s, m, nv)."""
+    """Compute the right inverse and the null space of J (s, m, nv).
+
+    Returns:
+        Q R'^-1 (s, nv, m); an orthonormal basis Z (s, nv, nv - m).
+    """
     m = jacobian.shape[1]
     Q, R = np.linalg.qr(jacobian.transpose(0, 2, 1), mode="complete")
     right_inverse = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)

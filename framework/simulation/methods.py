@@ -402,7 +402,7 @@ def explicit_steps(
             slopes[i] = np.concatenate([v, dynamics.acceleration(q, v, force)])
             power += DOP853.B[i] * float(force @ v - equations.damping @ v**2)
         y = y + h * (DOP853.B @ slopes)
-        error, _ = np.split(h * (DOP853.E5[:-1] @ slopes), 2)  # of q, by the embedded method of order 5
+        error = h * (DOP853.E5[:-1] @ slopes)[: len(start.q)]  # of q, by the embedded method of order 5
         yield FixedStep(State(*np.split(y, 2)), power, float(np.abs(error).max()))
 
 

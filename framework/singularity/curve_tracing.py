@@ -15,7 +15,7 @@ from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
-from framework.numerics.arrays import Array, BoolArray, join, select
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, join, select
 from framework.numerics.ordered_sums import solve
 from framework.singularity.bordered_system import Border
 from framework.singularity.locus_equations import MAX_JOINT_STEP, Evaluated, LocusEquations
@@ -28,7 +28,7 @@ MIN_CURVE_COSINE = 0.7  # between tangent and chord of one curve; curves usually
 MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
-MIN_GROWTH, MAX_GROWTH = 0.5, 2.0  # ratio of a step to the previous one
+MAX_GROWTH = 2.0  # ratio of a step to the previous one
 MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
 MAX_POINTS = 3000  # from a start in one direction
@@ -108,9 +108,12 @@ def trace_curve(
 def _trace_from(
     equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
 ) -> tuple[Points, str]:
-    """Trace a curve from a start (S = 1) along its tangent; return the points and why they end.
+    """Trace a curve from a start (S = 1) along its tangent.
 
-    Each step aims at `TURN_SHARE` of the largest turn of the tangent. The reasons are those of `Curve.ends`.
+    Each step aims at `TURN_SHARE` of the largest turn of the tangent.
+
+    Returns:
+        The points from the start on; why they end, as in `Curve.ends`.
     """
     traced = [start]
     step = min(FIRST_STEP, longest)
@@ -131,9 +134,9 @@ def _trace_from(
 
         change = ahead.tangent - point.tangent
         curvature = change / step
-        turn = max(float(np.linalg.norm(change)), MIN_STEP)  # [rad] in this step
-        growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / turn, MIN_GROWTH, MAX_GROWTH)
-        step = min(step * growth, longest)
+        turn = max(float(np.linalg.norm(change)), LEAST_DIVISOR)  # [rad] in this step
+        step *= min(TURN_SHARE * MAX_TANGENT_TURN / turn, MAX_GROWTH)
+        step = min(step, longest)
     return join(traced), "long"
 
 

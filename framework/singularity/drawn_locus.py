@@ -87,13 +87,13 @@ def locus_patch(robot: ParallelRobot, q: Array, x: Array) -> Array | None:
 
 
 def _move_onto_locus(robot: ParallelRobot, q: Array, x: Array, shifts: Array, normal: Array) -> Array | None:
-    """Move points along a normal (3,) onto the locus; return them as shifts (T, 3) [m].
+    """Move points (T, 3) [m] along a normal (3,) onto the locus.
 
     None if the loops do not close somewhere, or the locus is farther away than MAX_PATCH_HEIGHT.
 
     Args:
         q, x: configuration (nq,) and platform coordinates (n,) of a pose.
-        shifts: the points (T, 3) [m], from the platform's position in this pose.
+        shifts: the points (T, 3) [m], relative to the platform in this pose, as is the result.
     """
     farthest = MAX_PATCH_HEIGHT * robot.length
     height = np.zeros(len(shifts))  # [m] along the normal

@@ -143,7 +143,7 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
 def _miss_at_extremum(
     measured: Measured, panel: Panel, known: list[Contact], level: float, start: float
 ) -> NearMiss | None:
-    """Return the near miss at the extremum of g that is nearest to s = `start`, if it is one.
+    """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
     An extremum is no near miss if g is zero there, if a contact lies between the points where |g| has
     doubled, or if the least singular value exceeds `level` at the start.

@@ -312,26 +312,36 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
     """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
-    the left null vector of F'. On the null space this is a quadratic form of two variables. In its principal
-    axes n_1, n_2 with the values -a^2 and b^2, the solutions are w = b n_1 + a n_2 and w = b n_1 - a n_2.
+    the left null vector of F'. On the null space this is a quadratic form of two variables.
     """
     svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border).slopes[0])
     left_null = svd.U[:, -1]  # y (k - 1,)
     null_space = svd.Vh[-2:]  # (2, k) orthonormal
-    steps = DIFFERENCE_STEP * np.vstack([null_space, -null_space])
-    four = select(crossing, np.zeros(4, dtype=int))
-    slopes = equations.evaluate(equations.move(four.q, steps), four.border).slopes
-    changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) along both n
+    steps = DIFFERENCE_STEP * np.vstack([null_space, -null_space])  # (4, k) ahead, then back
+    centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
+    slopes = equations.evaluate(equations.move(centre.q, steps), centre.border).slopes
+    changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
     form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
-    (negative, positive), axes = np.linalg.eigh(form)
-    if negative >= 0.0 or positive <= 0.0:
-        return None
 
-    n_1, n_2 = axes.T @ null_space
-    b, a = np.sqrt([positive, -negative])
-    tangents = [b * n_1 + a * n_2, b * n_1 - a * n_2]
+    tangents = _zero_directions(form) @ null_space
+    if not len(tangents):
+        return None
     other = min(tangents, key=lambda w: abs(w @ crossing.tangent[0]))
     return other / np.linalg.norm(other)
+
+
+def _zero_directions(form: Array) -> Array:
+    """Find the directions w (2, 2), one a row, with w' Q w = 0 for a symmetric form Q (2, 2).
+
+    In the principal axes n_1, n_2 with the values -a^2 and b^2, they are b n_1 + a n_2 and b n_1 - a n_2. A
+    definite form has no such directions, (0, 2).
+    """
+    (negative, positive), axes = np.linalg.eigh(form)
+    if negative >= 0.0 or positive <= 0.0:
+        return np.zeros((0, 2))
+    n_1, n_2 = axes.T
+    a, b = np.sqrt([-negative, positive])
+    return np.array([b * n_1 + a * n_2, b * n_1 - a * n_2])
 
 
 class Region(NamedTuple):
