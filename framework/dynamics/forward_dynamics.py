@@ -1,7 +1,7 @@
 """Forward dynamics: accelerations under motor torques, and the forces in loops and joints.
 
-The accelerations come from the simulation (`simulation.consistent_states`) and are regular at Type 2. The forces
-in loops and joints are computed as for a prescribed motion (`Instant`).
+The accelerations come from the simulation (`simulation.consistent_states`) and are regular at Type 2. The
+forces in loops and joints are computed as for a prescribed motion (`Instant`).
 """
 
 from __future__ import annotations
