@@ -234,7 +234,10 @@ class StepEquations:
         return rate
 
     def _balance(self, a: Array, multipliers: Array, slope_guess: Array) -> _Balance:
-        """Evaluate the equations at accelerations a (s, nv) and multipliers (s, m) at the nodes."""
+        """Evaluate the equations at accelerations a (s, nv) and multipliers (s, m) at the nodes.
+
+        For `slope_guess` see `_nodes`.
+        """
         q, v, slope = self._nodes(a, slope_guess)
         equations = self.equations
         world = self.drive.world
@@ -272,7 +275,13 @@ class StepEquations:
             raise StepFailed("singular equations") from None
 
     def _solution(self, a: Array, multipliers: Array, balance: _Balance, iterations: int) -> CollocationStep:
-        """Return the solution of the step, with its power and its unresolved part."""
+        """Return the solution of the step, with its power and its unresolved part.
+
+        Args:
+            a, multipliers: accelerations (s, nv) and multipliers (s, m) at the nodes.
+            balance: the equations at the last iterate but one.
+            iterations: number of Newton steps.
+        """
         robot = self.equations.robot
         q, v, slope = self._nodes(a, balance.slope)
         drives = self.equations.motor_forces(balance.torque) + self.drive.world(robot, self.times, q)

@@ -110,8 +110,8 @@ def consistent_state(
 ) -> State:
     """Find the consistent state next to q (nq,), v (nv,) by Newton's method.
 
-    In a consistent state the loops are closed, and massless parts are in balance under motor torques (n_a,)
-    [N m] and the external wrenches at t = 0.
+    In a consistent state the loops are closed, and massless parts are in balance under the motor torques
+    `torque` (n_a,) [N m] and the external wrenches of `world` at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; the message names its joints.
@@ -232,9 +232,10 @@ class Accelerations(NamedTuple):
 def accelerations(
     equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array
 ) -> Accelerations:
-    """Compute joint accelerations (T, nv) under motor torques (T, n_a) [N m], motor side.
+    """Compute joint accelerations (T, nv) at T states.
 
     Args:
+        torque: motor torques (T, n_a) [N m], motor side.
         q, v: configurations (T, nq) and velocities (T, nv) that close the loops.
         applied: generalised external forces (T, nv).
 
@@ -266,7 +267,7 @@ def accelerations(
 
 
 def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
-    """Refuse q (nq,) unless the forces (nv,) balance along massless motions `light` (nv, k).
+    """Refuse q (nq,) unless `force` (nv,) is in balance along massless motions `light` (nv, k).
 
     `row` names the row of q in the message; it is empty for a single state.
 

@@ -91,7 +91,12 @@ class WorldForces:
         return force
 
     def slope(self, robot: ParallelRobot, t: Array, frames: FrameStack) -> Array:
-        """Compute the derivatives (T, nv, nv) of the forces by tangent steps of q at times t (T,) [s]."""
+        """Compute the derivatives (T, nv, nv) of the forces by tangent steps of q.
+
+        Args:
+            t: times (T,) [s].
+            frames: those of the robot at these times.
+        """
         wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
         slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
         return sum(slopes, start=np.zeros((len(t), robot.nv, robot.nv)))
@@ -250,7 +255,15 @@ class Drive:
 def _drive_by_plan(
     robot: ParallelRobot, motion: PlannedMotion, breaks: Sequence[float], world: WorldForces
 ) -> Drive:
-    """Make the drive from planned torques without dry friction, as the simulated robot has none."""
+    """Make the drive from a planned motion, without dry friction, as the simulated robot has none.
+
+    Args:
+        breaks: further instants [s] at which the torque jumps or has a kink.
+        world: the external wrenches.
+
+    Raises:
+        InvalidInput: the plan has another number of motors.
+    """
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:
         raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")

@@ -282,7 +282,7 @@ class ContactDynamics:
     equations: EquationsOfMotion  # whose springs and dampers act
 
     def acceleration(self, q: Array, v: Array, force: Array) -> Array:
-        """Compute joint accelerations (nv,) at q (nq,), v (nv,) under applied forces (nv,)."""
+        """Compute joint accelerations (nv,) at q (nq,), v (nv,) under applied generalised forces (nv,)."""
         springs = self.equations.stiffness * (q - self.equations.robot.joint_rest)
         total = force - springs - self.equations.damping * v
         return pin.constraintDynamics(
@@ -372,6 +372,10 @@ def explicit_steps(
     With y = (q, v) and the coefficients A, B, C of the method, stage i of a step of length h evaluates the
     slope K_i = dy/dt at the state y + h sum_j A_ij K_j and the time t + C_i h. The step ends at
     y + h sum_i B_i K_i. The weights B also integrate the power over the step.
+
+    Args:
+        dynamics: the robot, which computes accelerations.
+        start: the state at the first of the instants.
     """
     from scipy.integrate import DOP853  # importing it takes 0.2 s, which planning does not need
 
@@ -382,7 +386,7 @@ def explicit_steps(
     motors = None if torques is None else equations.motor_forces(torques).reshape(*times.shape, -1)
 
     def force_at(k: int, i: int, q: Array, v: Array) -> Array:
-        """Compute the generalised forces (nv,) of motors and external wrenches at stage i of step k."""
+        """Compute generalised forces (nv,) of motors and external wrenches at stage i of step k."""
         t = times[k, i : i + 1]
         if motors is None:
             force = equations.motor_forces(drive(t, q[None], v[None]))[0]

@@ -72,7 +72,7 @@ class Simulation(ReadOnlyArrays):
         return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Compute platform coordinates (T, n) [m, rad], or with order 1 the twist on the platform's axes."""
+        """Compute platform coordinates (T, n) [m, rad] at t (T,) [s]; with order 1 the twist on its axes."""
         if order not in (0, 1):
             raise InvalidInput(f"order: 0 or 1, got {order!r}")
         q, v = self._states(t)
@@ -158,6 +158,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     accelerates it over its length in the duration.
 
     Args:
+        run: the run, with the energy that motors and external wrenches supplied.
         q, v: states (K + 1, nq) and (K + 1, nv) at the ends of all steps.
     """
     robot = equations.robot

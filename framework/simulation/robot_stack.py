@@ -156,7 +156,10 @@ class RobotStack:
         return terms._replace(bias=bias, tree_rate=dJ)
 
     def drift(self, terms: Terms, v: Array) -> Array:
-        """Compute the second time derivative (R, m) of the loop equations at zero joint accelerations."""
+        """Compute second time derivatives (R, m) of the loop equations without joint accelerations.
+
+        `terms` are those at velocities v (R, nv).
+        """
         frames = terms.frames
         rates = frames.carried * v[:, None]  # (R, F, nv) rates of the joints that carry each frame
         screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])

@@ -101,11 +101,16 @@ def simulate(
     settings = _method_settings(method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, damping)
-    source = Drive.of(robot, drive, breaks, wrenches)
+    complete_drive = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
-    span = _simulated_duration(duration, planned)
-    state = _consistent_start(equations, source, planned, start, start_velocity)
-    task = IntegrationTask(equations, source, state, span, events, progress)
+    task = IntegrationTask(
+        equations=equations,
+        drive=complete_drive,
+        duration=_simulated_duration(duration, planned),
+        start=_consistent_start(equations, complete_drive, planned, start, start_velocity),
+        events=events,
+        report_progress=progress,
+    )
     run = METHODS[method].run(task, settings)
     return simulation_result(
         equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
@@ -123,7 +128,11 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 def _method_settings(
     method: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
-    """Return the method's settings with the caller's numbers in place of defaults."""
+    """Return the method's settings, with the caller's numbers in place of defaults where not None.
+
+    Raises:
+        InvalidInput: a number is out of range, or the method has no such setting.
+    """
     settings = METHODS[method].settings
     if tolerance is not None:
         if not settings.stages:
@@ -163,7 +172,7 @@ def _consistent_start(
     start: ArrayLike | None,
     start_velocity: ArrayLike | None,
 ) -> State:
-    """Return the consistent state at t = 0 next to the given or the planned start."""
+    """Return the consistent state at t = 0 next to the caller's start or, by default, the planned one."""
     robot = equations.robot
     q, v = robot.reference.q, np.zeros(robot.nv)
     if start is not None:

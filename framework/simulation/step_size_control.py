@@ -189,7 +189,7 @@ def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
 def _extrapolate_guess(
     equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
-    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of a length [s].
+    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of this length [s].
 
     They are extrapolated from the previous step; without one they are zero.
     """

@@ -86,7 +86,7 @@ Trajectory = Polynomials | Cubics  # gives q (T, nq) and v (T, nv) at any times 
 
 
 def _step_index(edges: Array, t: Array) -> IntArray:
-    """Return the index (T,) of the step that contains each of the times t (T,).
+    """Return for times t (T,) the indices (T,) of the steps, between `edges` (K + 1,), that contain them.
 
     Raises:
         InvalidInput: a time lies outside of all steps.
@@ -161,6 +161,7 @@ def _find_zeros(event: Event, step: Trajectory, points: Sequence[tuple[float, fl
     """Yield the zeros [s] of an event's function that its values at successive instants bracket.
 
     Args:
+        step: the motion of the step.
         points: instants [s] with the values of the function. The first two may be of one instant.
     """
     for (begin, begin_value), (end, end_value) in pairwise(points):

@@ -110,7 +110,8 @@ def _trace_from(
 ) -> tuple[Points, str]:
     """Trace a curve from a start (S = 1) along its tangent.
 
-    Each step aims at `TURN_SHARE` of the largest turn of the tangent.
+    Each step aims at `TURN_SHARE` of the largest turn of the tangent. For `inside` and `longest` see
+    `trace_curve`.
 
     Returns:
         The points from the start on; why they end, as in `Curve.ends`.

@@ -140,11 +140,14 @@ class LooseMotion(NamedTuple):
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute closed poses along t_s, with the motors nearly at rest; None if the loops do not close.
+    """Compute poses along t_s with the loops closed; None if the loops do not close.
 
     To first order the loops allow this motion with locked motors. When the loops are closed exactly, the
-    motions of the motors are of second order in that of the platform. `shift` is the largest shift of the
-    platform [robot lengths].
+    motions of the motors are of second order in that of the platform.
+
+    Args:
+        pose: a singular pose.
+        shift: largest shift of the platform [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
@@ -165,7 +168,7 @@ def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Move one platform coordinate to `value`, the others at rest.
+    """Move the platform coordinate number `index` to `value` [m, rad], the others at rest.
 
     The motion ends at the limit of the working mode.
 
@@ -265,7 +268,7 @@ def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> Jog
 
 
 def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Turn one motor's joint to `value` [rad, m] in this assembly mode, with the others at rest.
+    """Turn the joint of motor number `index` to `value` [rad, m] in this assembly mode, the others at rest.
 
     Raises:
         InvalidInput: q is not assembled, there is no such motor, or the motors depend on one another.
@@ -312,7 +315,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
 
 
 def _check_request(index: int, count: int, value: float) -> None:
-    """Refuse an index out of range and a value that is not finite."""
+    """Raise InvalidInput for an index outside 0 .. count - 1, or a value that is not finite."""
     if not 0 <= index < count:
         raise InvalidInput(f"index: needs 0 .. {count - 1}, got {index}")
     if not np.isfinite(value):

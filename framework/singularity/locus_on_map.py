@@ -147,7 +147,11 @@ def _trace_modes(
 def _trace_new_parts(
     equations: LocusEquations, poses: MapPoses, cells: IntArray, known: list[MapCurve]
 ) -> list[MapCurve]:
-    """Trace curves from the poses at indices (k, 2); return their parts on the branch that are not known."""
+    """Trace curves from the map's poses at indices `cells` (k, 2).
+
+    Returns:
+        The parts of the curves on the map's branch that are not among the `known` ones.
+    """
     parts = list[MapCurve]()
     for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
         for part in _parts_on_branch(equations, poses, curve):

@@ -78,7 +78,7 @@ class Unresolved(NotConverged):
     """The measure is not smooth near `s`, however narrow the panel."""
 
     def __init__(self, name: str, s: float, width: float) -> None:
-        """Store s, and the width of the panel as residual."""
+        """Store s, and the width of the panel as residual; `name` is that of the robot."""
         super().__init__(
             f"{name}: the singularity measure cannot be resolved near s = {s:.6g}", residual=width, s=s
         )
@@ -153,7 +153,7 @@ class Candidate(NamedTuple):
 
 
 def find_candidates(resolved: list[Panel]) -> list[Candidate]:
-    """Find the minima of |g| and the roots of g that may be contacts."""
+    """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels."""
     level = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
     candidates = list[Candidate]()
     for panel in resolved:
@@ -175,7 +175,7 @@ def bound_measure(resolved: list[Panel]) -> float:
 
 
 def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on a panel by a Chebyshev series; None if no border suffices.
+    """Resolve g on the panel from `start` to `end`, in s, by a Chebyshev series; None if no border suffices.
 
     Borders are tried from one column up to the number of small singular values.
     """

@@ -172,9 +172,9 @@ def _continue_branch(branch: Branch) -> Measured:
     return type1
 
 
-def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
-    """Add a continuation at the first of several path coordinates where one succeeds; None if none does."""
-    for s in parameters:
+def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
+    """Add a continuation to a branch at the first of several s where one succeeds; None if none does."""
+    for s in suspects:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
             if continued is not None:
@@ -210,8 +210,9 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
 
 
 def _most_singular_s(type1: Measured, s: float) -> float:
-    """Find the s of the least singular value among knots near s, and s rounded to three digits.
+    """Find the s of the least singular value of the Type 1 matrix among points near s.
 
+    The points are knots of the branch, and s rounded to three digits.
     A knot on the singularity itself may be on another branch. Then the guesses are wrong between the knots on
     both sides of it, and the singularity lies between these. Singular points are often at an s of few digits.
     """
@@ -283,7 +284,7 @@ def _is_type_1(type1: Measured, s: float) -> bool:
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
-    """Describe the singular point at a contact: its twist, dg/ds and pose."""
+    """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
     branch = passive.branch
     s = contact.s
     points = stencil(s)

@@ -205,8 +205,9 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
 
 
 def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
-    """Return the contact, transversal or tangential, of the direction `along` (n,) with the locus.
+    """Return the contact of a direction with the locus at a `closed` pose (T = 1): transversal or tangential.
 
+    The direction `along` (n,) has rates of the platform's coordinates.
     The contact is transversal if all `corank` vanishing singular values change at first order. With the
     border of the pose itself, their slopes are the singular values of dG along a unit motion of the joints.
     """

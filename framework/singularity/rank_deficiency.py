@@ -106,7 +106,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
 def _refine_root(
     measured: Measured, candidate: Candidate, size: int, largest_residual: float
 ) -> Contact | None:
-    """Refine a root of g by Newton's method; None if the matrix does not lose rank near by.
+    """Refine a candidate for a root of g by Newton's method; None if the matrix loses no rank near by.
 
     Args:
         size: width of the border.
@@ -145,8 +145,8 @@ def _miss_at_extremum(
 ) -> NearMiss | None:
     """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
-    An extremum is no near miss if g is zero there, if a contact lies between the points where |g| has
-    doubled, or if the least singular value exceeds `level` at the start.
+    An extremum is no near miss if g is zero there, if a `known` contact lies between the points where |g| has
+    doubled, or if the least singular value exceeds `level` at the start. `panel` is that of the start.
     """
     matrix = panel.matrix(start)
     if singular_values(matrix)[-1] >= level:
@@ -167,8 +167,8 @@ def _miss_at_end(
 ) -> NearMiss | None:
     """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards.
 
-    The end is no near miss if its least singular value exceeds `level`, or if a contact is closer than the
-    distance over which g changes by its own value.
+    The end is no near miss if its least singular value exceeds `level`, or if a `known` contact is closer
+    than the distance over which g changes by its own value. `panel` is the one at this end.
     """
     matrix = panel.matrices[0 if s == 0.0 else -1]
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
@@ -231,7 +231,7 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
 def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
     """Refine the roots of g beside an extremum by Newton's method, each with its own border.
 
-    A root from which Newton's method leads elsewhere is returned unchanged.
+    A root from which Newton's method leads elsewhere is returned unchanged. `size` is the width of a border.
     """
     roots = []
     for root in extremum.roots():
@@ -251,7 +251,10 @@ def _loses_rank(measured: Measured, s: float, size: int) -> bool:
 
 
 def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
-    """Return whether the matrix loses rank at a root and, inside the path, g changes its sign."""
+    """Return whether the matrix loses rank at a root and, inside the path, g changes its sign.
+
+    `size` is the width of the border.
+    """
     s = root.place
     if not _loses_rank(measured, s, size):
         return False
@@ -273,7 +276,7 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
     """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
     The Gauss-Newton method minimises |G|, whose entries all vanish at the contact. If they vanish without a
-    slope, the contact is the extremum of `_product_with_end_blocks`.
+    slope, the contact is the extremum of `_product_with_end_blocks`. `size` is the width of the border.
     """
     s = start
     for _ in range(MAX_COMMON_STEPS):

@@ -254,7 +254,7 @@ def root_between(
     *,
     small: float = 0.0,
 ) -> Points | None:
-    """Find the point between two neighbours (S = 1) of a curve where a measure changes its sign.
+    """Find the point between neighbours `start` and `end` (S = 1) where a measure changes its sign.
 
     Brent's method finds the share of the chord at which |measure| is at most `small`. If the corrector fails,
     as near a branch point, the last corrected point is returned, or None without any.
@@ -281,7 +281,7 @@ def root_between(
 
 
 def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
-    """Find the point between two neighbours (S = 1) of a curve at which another curve crosses.
+    """Find the point between neighbours `start` and `end` (S = 1) at which another curve crosses.
 
     If no point between the two can be computed, the neighbour with the smaller determinant is returned.
     """
@@ -298,7 +298,7 @@ def branch_point(equations: LocusEquations, start: Points, end: Points) -> Point
 
 
 def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Compute points of the curve that crosses at a `branch_point`, at most one on each side."""
+    """Compute points of the curve that crosses at a branch point `crossing`, at most one on each side."""
     tangent = _second_tangent(equations, crossing)
     if tangent is None:
         return []
@@ -309,7 +309,7 @@ def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> lis
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
-    """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
+    """Compute the unit tangent (k,) of the other curve at a branch point `crossing`; None if not real.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
     the left null vector of F'. On the null space this is a quadratic form of two variables.
@@ -392,7 +392,7 @@ class Region(NamedTuple):
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
-        """Move a last point outside the working mode back to the edge of the mode."""
+        """Move the last of the points, if outside the working mode, back to the edge of the mode."""
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points
