@@ -86,7 +86,9 @@ Trajectory = Polynomials | Cubics  # gives q (T, nq) and v (T, nv) at any times 
 
 
 def _step_index(edges: Array, t: Array) -> IntArray:
-    """Return for times t (T,) the indices (T,) of the steps, between `edges` (K + 1,), that contain them.
+    """Find the index (T,) of the step that contains each of the times t (T,).
+
+    The K steps lie between the instants `edges` (K + 1,).
 
     Raises:
         InvalidInput: a time lies outside of all steps.

@@ -331,7 +331,7 @@ def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None
 
 
 def _zero_directions(form: Array) -> Array:
-    """Find the directions w (2, 2), one a row, with w' Q w = 0 for a symmetric form Q (2, 2).
+    """Find the two directions, the rows of (2, 2), in which a symmetric form (2, 2) is zero.
 
     In the principal axes n_1, n_2 with the values -a^2 and b^2, they are b n_1 + a n_2 and b n_1 - a n_2. A
     definite form has no such directions, (0, 2).
