@@ -6,8 +6,9 @@ The measure
     piecewise_measure    g along a path, as Chebyshev series on panels
 
 Along a path
-    points_on_path       singular points, classified, and their shift by deflections
+    points_on_path       singular points, classified
     rank_deficiency      all points where a matrix loses rank, found with `piecewise_measure`
+    measure_gradient     the gradient of g, and the shift of singular points by deflections
 
 At one pose
     pose_classes         every kind of singularity

@@ -20,8 +20,9 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.singularity.bordered_system import MAX_ITERATIONS, Border
 from framework.singularity.locus_equations import MAX_JOINT_STEP
+from framework.singularity.measure_gradient import measure_gradient
 from framework.singularity.traced_locus import REGION_REACH, trace_locus
-from framework.singularity.type2 import has_signed_measure, measure_gradient
+from framework.singularity.type2 import has_signed_measure
 from framework.tolerances import NEWTON_STEP, SAME_PLACE
 
 PATCH_POINTS = 11  # number of points along an edge of the patch

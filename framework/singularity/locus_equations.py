@@ -23,7 +23,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, IntArray
 from framework.numerics.rotations import wrap_angles
 from framework.singularity.bordered_system import Border
-from framework.singularity.type2 import has_signed_measure, measure_gradient
+from framework.singularity.measure_gradient import measure_gradient
+from framework.singularity.type2 import has_signed_measure
 
 MAX_JOINT_STEP = 0.5  # [rad, robot lengths] in a Newton step that is to stay near its start
 

@@ -2,9 +2,6 @@
 
 At a Type 2 singularity the passive columns P of the independent loop equations lose rank, P eta = 0. With
 locked motors the passive joints can move at the rates eta, and the platform along t_s.
-
-With the border (b, c) of `bordered_system`, P eta + b g = 0, c' eta = 1 and psi' P + g c' = 0, psi' b = 1.
-The derivatives of g are therefore dg = -psi' dP eta (Govaerts 2000, section 3.3).
 """
 
 from __future__ import annotations
@@ -13,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.linearised_loops import LinearisedLoops
 from framework.kinematics.loop_matrices import (
     instantaneous_motions,
@@ -25,7 +21,6 @@ from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import Border, solve_bordered
 from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
 # Kinds that no law can cross, because the platform's path does not determine the motion of the joints there.
@@ -164,33 +159,6 @@ def sign_along(twist: Array, direction: Array) -> float:
 def has_signed_measure(robot: ParallelRobot) -> bool:
     """Return whether g has a sign, with passive joints and no redundant motors."""
     return len(robot.following) > 0 and robot.n_a == robot.n
-
-
-class MeasureGradient(NamedTuple):
-    """The bordered scalar g of a square P and its gradient, at T configurations."""
-
-    g: Array  # (T,)
-    eta: Array  # (T, n_p) dimensionless passive rates closest to an escaping motion, c' eta = 1
-    by_q: Array  # (T, nv) dg/dq [1/rad, 1/m]
-
-
-def measure_gradient(robot: ParallelRobot, linearised: LinearisedLoops, border: Border) -> MeasureGradient:
-    """Compute g and dg/dq (T, nv) at configurations with a square P.
-
-    In dg = -psi' dP eta, psi' dP are the changes of the loop forces on the passive joints under constant
-    multipliers psi.
-
-    Args:
-        border: b and c of P, (n_p, 1) for all configurations or (T, n_p, 1).
-    """
-    P = passive_matrix(robot, linearised)
-    solution = solve_bordered(P, border)
-    eta = solution.eta[:, :, 0]
-    psi = solve_bordered(P.swapaxes(1, 2), Border(border.c, border.b)).eta[:, :, 0]
-    multipliers = psi / (robot.loop_lengths * robot.structure.row_sizes)  # of the loop equations with units
-    force_changes = loop_curvature(robot, robot.loops, linearised.frames, multipliers)  # (T, nv, nv)
-    by_q = -np.vecmat(passive_motion(robot, eta), force_changes)
-    return MeasureGradient(solution.G[:, 0, 0], eta, by_q)
 
 
 class SingularityMeasure(NamedTuple):
