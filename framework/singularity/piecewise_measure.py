@@ -188,7 +188,7 @@ def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None
     for size in range(1, max(widest, 1) + 1):
         solution = bordered_solution(matrices, border_of=middle, size=size)
         g = solution.g
-        largest = float(np.abs(g).max())
+        largest = np.abs(g).max()
         if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
             raise SingularPath(
                 f"{measured.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
@@ -205,7 +205,7 @@ def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None
 def count_small_values(matrix: Array, level: float) -> int:
     """Count the singular values of a matrix below `level` times the largest, or times 1 if less."""
     values = singular_values(matrix)  # descending
-    return int(np.sum(values < level * min(float(values[0]), 1.0)))
+    return int(np.sum(values < level * min(values[0], 1.0)))
 
 
 # ------------------------------------------------------------------ extrema near zero
@@ -275,7 +275,7 @@ class Extremum(NamedTuple):
             test: returns for values g (T,) which of them pass, (T,).
         """
         room = abs(end - self.s)
-        doublings = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0))))
+        doublings = np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))
         distances = np.minimum(FIRST_BRACKET_STEP * 2.0 ** np.arange(doublings + 1), room)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
@@ -322,13 +322,13 @@ def extremum_near(
         values = scalar(bordered_solution(stack, border_of=-1, size=size).G)  # at the nodes, then at s
         series = coefficients(values[:-1, None])[:, 0]
         # the last third of the coefficients is rounding if g is resolved, else it is the truncation error
-        rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)
+        rounding = max(np.abs(series[-PANEL_NODES // 3 :]).sum(), MEASURE_ROUNDING)
         local_extrema = extrema(series)  # in [-1, 1]
         if not len(local_extrema):
             return Extremum(s, float(values[-1]), rounding, start, end, series)
         local = 2 * (s - start) / (end - start) - 1
-        nearest = float(local_extrema[np.argmin(np.abs(local_extrema - local))])
-        s = start + 0.5 * (end - start) * (nearest + 1)
+        nearest = local_extrema[np.argmin(np.abs(local_extrema - local))]
+        s = float(start + 0.5 * (end - start) * (nearest + 1))
         if k_pass >= CENTRING_PASSES:
             if rounding <= 10 * MEASURE_ROUNDING:
                 break

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import singular_values
 from framework.singularity.bordered_system import DIFFERENCE_STEP, Root, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
@@ -95,9 +95,9 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
             root = _refine_root(measured, candidate, size, largest_residual)
-            is_known = root is None or any(stretch.contains(root.s) for stretch in stretches)
-            # a root at the edge of two panels is found twice
-            if root is not None and not is_known and _is_apart(root.s, single, SAME_PLACE):
+            if root is None or any(stretch.contains(root.s) for stretch in stretches):
+                continue
+            if _is_apart(root.s, single, SAME_PLACE):  # a root at the edge of two panels is found twice
                 single.append(root)
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
@@ -127,16 +127,17 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
     """
     least_values = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
     level = NEAR_MISS**measured.power * np.max(least_values)
-    ends = [
-        _miss_at_end(measured, resolved[0], known, level, s=0.0),
-        _miss_at_end(measured, resolved[-1], known, level, s=1.0),
+    found = [
+        _miss_at_end(measured, resolved[0], known, level, 0.0),
+        _miss_at_end(measured, resolved[-1], known, level, 1.0),
     ]
-    misses = [miss for miss in ends if miss is not None]
     for panel in resolved:
-        for start in map(float, panel.path_coordinates(panel.extrema)):
-            miss = _miss_at_extremum(measured, panel, known, level, start)
-            if miss is not None and _is_apart(miss.s, misses, DISTINCT_EXTREMA):
-                misses.append(miss)
+        starts = panel.path_coordinates(panel.extrema).tolist()
+        found += [_miss_at_extremum(measured, panel, known, level, start) for start in starts]
+    misses = list[NearMiss]()
+    for miss in found:
+        if miss is not None and _is_apart(miss.s, misses, DISTINCT_EXTREMA):
+            misses.append(miss)
     return sorted(misses, key=lambda miss: miss.s)
 
 
@@ -165,7 +166,7 @@ def _miss_at_extremum(
 def _miss_at_end(
     measured: Measured, panel: Panel, known: list[Contact], level: float, s: float
 ) -> NearMiss | None:
-    """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards.
+    """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
     The end is no near miss if its least singular value exceeds `level`, or if a `known` contact is closer
     than the distance over which g changes by its own value. `panel` is the one at this end.
@@ -204,7 +205,7 @@ class RootStretch(NamedTuple):
     reach: float  # in s, to either side
 
     def contains(self, s: float) -> bool:
-        """Return whether s lies on the stretch."""
+        """Return whether s is on the stretch."""
         return abs(s - self.s) <= self.reach
 
 
@@ -281,15 +282,14 @@ def _find_common_contact(measured: Measured, start: float, size: int) -> Contact
     s = start
     for _ in range(MAX_COMMON_STEPS):
         G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each
-        curvature = max(float(np.sum(slope * slope)), np.finfo(float).tiny)
-        step = -float(np.sum(G * slope) / curvature)  # in s
+        step = -np.sum(G * slope) / max(np.sum(slope * slope), LEAST_DIVISOR)  # in s
         if not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
         if abs(step) < NEWTON_STEP:
             break
 
-    slopes = singular_values(slope) / max(float(np.abs(second_derivative).max()), 1.0)
+    slopes = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
     kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
     # where G has no slope, Gauss-Newton converges only linearly
     if slopes[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
