@@ -15,11 +15,10 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, collect_frames
+from framework.kinematics.frames import FrameStack, collect_frames, move_with_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.pinocchio_memory import Scratch, scratch_of
 from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, check_damping
 
 
@@ -31,7 +30,7 @@ class Terms(NamedTuple):
     frames: FrameStack
     residual: Array  # (R, m) of the loop equations [m, rad]
     jacobian: Array  # (R, m, nv) of the loop equations
-    tree_rate: Array  # (R, 6, nv) time derivative of the tree's Jacobian on world axes
+    twists: Array  # (2, R, bodies, 6) of all bodies, and their time derivatives without joint accelerations
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,50 +121,48 @@ class RobotStack:
         runs, nv = v.shape
         models = self._models(runs)
         scratch = scratch_of(self.robots[0])
-        data = scratch.data
         mass = np.empty((runs, nv, nv))
         bias = np.empty((runs, nv))
-        dJ = np.empty((runs, 6, nv))
+        twists = np.empty((2, runs, *scratch.velocities.shape))
 
         def compute(k: int) -> pin.Model:
             """Compute the terms of the tree in run k; return the model for its frames."""
-            bias[k] = pin.nonLinearEffects(models[k], data, q[k], v[k])
-            mass[k] = pin.crba(models[k], data, q[k])
-            pin.computeJointJacobiansTimeVariation(models[k], data, q[k], v[k])
-            dJ[k] = data.dJ
+            mass[k] = pin.crba(models[k], scratch.data, q[k])
+            bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
             return models[k]
 
         frames = collect_frames(scratch, q, compute)
         mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
         mass[:, range(nv), range(nv)] += self.rotors
         loops = loop_equations(self.first.rows, frames)
-        return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
+        return Terms(mass, bias, frames, loops.residual, loops.jacobian, twists)
 
     def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
         """Return `terms`, computed at q (R, nq), for other velocities v (R, nv).
 
-        Only bias forces and the rate of the tree's Jacobian depend on velocities.
+        Only bias forces and twists depend on velocities.
         """
         bias = np.empty_like(terms.bias)
-        dJ = np.empty_like(terms.tree_rate)
-        data = scratch_of(self.robots[0]).data
+        twists = np.empty_like(terms.twists)
+        scratch = scratch_of(self.robots[0])
         for k, model in enumerate(self._models(len(q))):
-            pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
-            dJ[k] = data.dJ
-            bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
-        return terms._replace(bias=bias, tree_rate=dJ)
+            bias[k], twists[:, k] = _velocity_terms(model, scratch, q[k], v[k])
+        return terms._replace(bias=bias, twists=twists)
 
-    def drift(self, terms: Terms, v: Array) -> Array:
-        """Compute second time derivatives (R, m) of the loop equations without joint accelerations.
-
-        `terms` are those at velocities v (R, nv).
-        """
-        frames = terms.frames
-        rates = frames.carried * v[:, None]  # (R, F, nv) rates of the joints that carry each frame
-        screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        twists_and_rates = matmul(rates, screws_and_rates)  # (2, R, F, 6)
-        motions = FrameMotions.of(frames.placements, *twists_and_rates)
+    def drift(self, terms: Terms) -> Array:
+        """Compute second time derivatives (R, m) of the loop equations without joint accelerations."""
+        motions = move_with_bodies(self.robots[0], terms.frames, terms.twists)
         return closure_drift(self.first.rows, motions)
+
+
+def _velocity_terms(model: pin.Model, scratch: Scratch, q: Array, v: Array) -> tuple[Array, Array]:
+    """Compute bias forces (nv,) and twists (2, bodies, 6), see `Terms`, at q (nq,) and v (nv,).
+
+    The screws of the joints, from which frames are collected, are computed, too.
+    """
+    bias = pin.nonLinearEffects(model, scratch.data, q, v)
+    pin.computeForwardKinematicsDerivatives(model, scratch.data, q, v, np.zeros_like(v))
+    return bias, np.stack([scratch.velocities, scratch.accelerations])
 
 
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:

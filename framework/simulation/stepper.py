@@ -83,7 +83,7 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
     implicit_mass = _implicit_mass(terms.mass, stack, 0.5 * h)
 
     loop_rate = matvec(terms.jacobian, v)  # (R, m)
-    drift = stack.drift(terms, v)
+    drift = stack.drift(terms)
     # residuals (R, m) at q, by a Taylor series from the middle back to the start
     gap = terms.residual - 0.5 * h * loop_rate + 0.125 * h**2 * drift
 
@@ -94,7 +94,7 @@ def midpoint(stack: RobotStack, start: State, driven: Array, h: float) -> State:
 
     v_middle = v + 0.5 * h * guess
     terms = stack.with_velocities(terms, middle, v_middle)
-    rates = closing - 0.5 * stack.drift(terms, v_middle)
+    rates = closing - 0.5 * stack.drift(terms)
     v_end = v + h * _solve_accelerations(implicit_mass, terms.jacobian, forces - terms.bias, rates)
     return State(integrate(robot, q, 0.5 * h * (v + v_end)), v_end)
 
