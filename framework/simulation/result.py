@@ -124,12 +124,14 @@ def simulation_result(
     edges = trajectory.edges
     occurrences = tuple(run.record.occurred)
     end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])
+
     if isinstance(trajectory, Cubics):  # fixed steps
         times = np.append(edges[edges < end], end)
     else:
         times = np.linspace(edges[0], end, samples)
     q, v = trajectory(times)
-    edge_q, edge_v = trajectory(edges)
+    edge_q, edge_v = trajectory(edges)  # at the ends of all steps
+
     tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
     return Simulation(
         robot=robot,

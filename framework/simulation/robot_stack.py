@@ -102,7 +102,7 @@ class RobotStack:
 
     def equations(self, run: int) -> EquationsOfMotion:
         """Return the equations of motion of one run."""
-        k = run if len(self.robots) > 1 else 0
+        k = run if len(self.robots) > 1 else 0  # one robot serves all runs
         return replace(
             self.first,
             robot=self.robots[k],

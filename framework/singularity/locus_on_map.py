@@ -205,11 +205,12 @@ def _sign_changes(g: Array) -> IntArray:
     Returns:
         Indices (e, 4): i, j of the one pose, then i, j of its neighbour.
     """
-    along_i = np.argwhere(g[:-1] * g[1:] < 0)  # indices of the poses before the changes
-    along_j = np.argwhere(g[:, :-1] * g[:, 1:] < 0)
-    pairs_along_i = np.hstack([along_i, along_i + np.array([1, 0])])
-    pairs_along_j = np.hstack([along_j, along_j + np.array([0, 1])])
-    return np.vstack([pairs_along_i, pairs_along_j])
+    changes_along_i = g[:-1] * g[1:] < 0  # (I - 1, J)
+    changes_along_j = g[:, :-1] * g[:, 1:] < 0  # (I, J - 1)
+    first_i, first_j = np.argwhere(changes_along_i), np.argwhere(changes_along_j)  # poses before the changes
+    first = np.vstack([first_i, first_j])
+    second = np.vstack([first_i + np.array([1, 0]), first_j + np.array([0, 1])])
+    return np.hstack([first, second])
 
 
 def _find_minima(g: Array) -> IntArray:
@@ -272,10 +273,10 @@ class _Neighbours(NamedTuple):
 def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
     """Return the map's poses about points x (m, 2)."""
     nearest = np.round((x - poses.lower) / poses.cell).astype(int)
-    cells = nearest[:, None] + AROUND  # (m, 9, 2)
+    cells = nearest[:, None] + AROUND  # (m, 9, 2) indices of the nine poses
     on_map = ((cells >= 0) & (cells < poses.g.shape)).all(axis=2)
-    valid_cells = np.where(on_map[:, :, None], cells, 0)  # any pose in place of those beyond the map
-    i, j = np.moveaxis(valid_cells, 2, 0)  # (m, 9) each
+    cells[~on_map] = 0  # any pose in place of those beyond the map
+    i, j = np.moveaxis(cells, 2, 0)  # (m, 9) each
     return _Neighbours(x=poses.x[i, j], q=poses.q[i, j], reached=on_map & poses.reached[i, j])
 
 
