@@ -229,7 +229,7 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
     q = passive.guess(np.array([s]))  # (1, nq) interpolated: the loops need not close at a singularity
     values = singular_values(passive.matrix(q)[0])
     # with power 2 the matrix is P'P, whose singular values are squares
-    count = np.sum(values < VANISHING_TOGETHER**passive.power)
+    count = int(np.sum(values < VANISHING_TOGETHER**passive.power))
     if count < 2:
         return unresolved
     reason = "the path passes a singularity, or so near to one that it cannot be told from it"
