@@ -70,6 +70,7 @@ class LocusEquations:
         require_square(robot)
         if not has_signed_measure(robot):
             raise InvalidInput(f"{robot.name}: a locus needs passive joints and one motor for each freedom")
+
         names = robot.axis_names + robot.actuator_names
         if free is None:
             chosen = (0, 1) if robot.n == 2 else tuple(np.flatnonzero(robot.translations).tolist())
@@ -78,6 +79,7 @@ class LocusEquations:
             free = (robot.axis_names[chosen[0]], robot.axis_names[chosen[1]])
         for name in free:
             check_choice("freedom", name, names)
+
         first, second = free
         in_motors = first in robot.actuator_names
         freedoms = robot.actuator_names if in_motors else robot.axis_names

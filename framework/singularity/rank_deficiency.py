@@ -215,7 +215,7 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
     `size` is the width of the border.
     """
     s = extremum.s
-    if extremum.is_touch:
+    if extremum.is_touch:  # g is zero at the extremum within its rounding
         if not _loses_rank(measured, s, size):
             return [], 0.0
         lower, upper = extremum.bracket(extremum.rounding)  # between these, g is zero within rounding

@@ -258,6 +258,9 @@ def root_between(
 
     Brent's method finds the share of the chord at which |measure| is at most `small`. If the corrector fails,
     as near a branch point, the last corrected point is returned, or None without any.
+
+    Args:
+        measure: computes the measure of a point (S = 1).
     """
     from scipy.optimize import brentq
 

@@ -179,8 +179,11 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
     _, values, V_rows = np.linalg.svd(P)
     eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values
+
+    # give eta signs that are continuous from one configuration to the next
     cosines = np.sum(eta[1:] * eta[:-1], axis=1)  # (T - 1,) between successive configurations
     flips = np.where(cosines < 0, -1.0, 1.0)
     eta[1:] *= np.cumprod(flips)[:, None]
+
     g = values[:, -1] * np.linalg.slogdet(P).sign
     return SingularityMeasure(g, passive_motion(robot, eta))
