@@ -225,12 +225,14 @@ class Drive:
             if len(breaks) or wrenches is not None:
                 raise InvalidInput("torque: a Drive has its own breaks and wrenches; leave out both options")
             return source
+
         motion = planned_motion(source)
         planned_wrenches = getattr(motion, "wrenches", NO_WRENCHES)
         applied = planned_wrenches if wrenches is None else ExternalWrenches.of(wrenches)
         world = WorldForces.of(robot, applied, getattr(motion, "law", None))
         if motion is not None:
             return _drive_by_plan(robot, motion, breaks, world)
+
         if not callable(source):
             raise InvalidInput(
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
@@ -239,17 +241,18 @@ class Drive:
         count = _count_arguments(source)
         if count not in (1, 3):
             raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {count} arguments")
+        has_feedback = count == 3
 
         def torques_at(t: Array, q: Array, v: Array) -> Array:
             """Compute torques (T, n_a), calling the function at each instant with (t) or (t, q, v)."""
             torques = np.empty((len(t), robot.n_a))
             for k, instant in enumerate(map(float, t)):
-                torque = source(instant, q[k], v[k]) if count == 3 else source(instant)
+                torque = source(instant, q[k], v[k]) if has_feedback else source(instant)
                 where = f"torque: at t = {instant:.9g} s"
                 torques[k] = finite_numbers(where, np.atleast_1d(torque), robot.n_a)
             return torques
 
-        return Drive(robot, torques_at, count == 3, tuple(sorted(map(float, breaks))), world)
+        return Drive(robot, torques_at, has_feedback, tuple(sorted(map(float, breaks))), world)
 
 
 def _drive_by_plan(
@@ -267,10 +270,13 @@ def _drive_by_plan(
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:
         raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
+    # a result of `inverse_dynamics` has torques that are smooth between their edges
     edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
     all_breaks = sorted([*map(float, edges[1:-1]), *breaks])
     frictionless = getattr(motion, "torque_without_friction", motion.torque)
-    return Drive(robot, lambda t, q, v: frictionless(t), False, tuple(all_breaks), world)
+    return Drive(
+        robot, lambda t, q, v: frictionless(t), feedback=False, breaks=tuple(all_breaks), world=world
+    )
 
 
 def _count_arguments(function: Callable[..., Any]) -> int:

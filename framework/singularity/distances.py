@@ -97,10 +97,12 @@ def _worst_torques(
     if not translations.any():
         undefined = np.full(len(J), np.nan)
         return undefined, undefined
+
     units = robot.length / (robot.column_scale[robot.actuated] * gear)  # back to metres and radians
     torques = J[:, translations] * units  # (T, translations, n_a)
     moves_point = np.abs(V_rows[:, :, translations]).max(axis=2) > RANK_LOST  # (T, n)
     is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
+
     norm = singular_values(torques)[:, 0]
     largest = np.linalg.norm(torques, axis=1).max(axis=1)
     return np.where(is_lost, np.inf, norm), np.where(is_lost, np.inf, largest)

@@ -230,6 +230,7 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
+
     last_inside = describe_jogged_pose(robot, q)
     inside, outside = 0.0, 1.0  # shares of the motion
     for _ in range(LIMIT_BISECTIONS):

@@ -205,9 +205,9 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
 def _most_singular_s(type1: Measured, s: float) -> float:
     """Find the s of the least singular value of the Type 1 matrix among points near s.
 
-    The points are knots of the branch, and s rounded to three digits.
-    A knot on the singularity itself may be on another branch. Then the guesses are wrong between the knots on
-    both sides of it, and the singularity lies between these. Singular points are often at an s of few digits.
+    The points are knots of the branch, and s rounded to three digits, as singular points are often at an s of
+    few digits. A knot on the singularity itself may be on another branch. Then the guesses are wrong between
+    the knots on both sides of it, and the singularity lies between these.
     """
     knots = type1.branch.s
     k = np.searchsorted(knots, s)

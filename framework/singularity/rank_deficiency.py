@@ -82,6 +82,7 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
     largest_residual = max(ROOT_RESIDUAL * bound_measure(resolved), MEASURE_ROUNDING)
     for candidate in sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum):
         size = _border_width(measured, candidate.panel.matrix(candidate.s))
+        # where several singular values are small, they may vanish together
         common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
             if _is_apart(common.s, multiple, DISTINCT_EXTREMA):
@@ -127,15 +128,16 @@ def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Cont
     """
     least_values = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
     level = NEAR_MISS**measured.power * np.max(least_values)
-    found = [
+    candidates = [
         _miss_at_end(measured, resolved[0], known, level, 0.0),
         _miss_at_end(measured, resolved[-1], known, level, 1.0),
     ]
     for panel in resolved:
         starts = panel.path_coordinates(panel.extrema).tolist()
-        found += [_miss_at_extremum(measured, panel, known, level, start) for start in starts]
+        candidates += [_miss_at_extremum(measured, panel, known, level, start) for start in starts]
+
     misses = list[NearMiss]()
-    for miss in found:
+    for miss in candidates:
         if miss is not None and _is_apart(miss.s, misses, DISTINCT_EXTREMA):
             misses.append(miss)
     return sorted(misses, key=lambda miss: miss.s)
