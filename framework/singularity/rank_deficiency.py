@@ -180,7 +180,7 @@ def _miss_at_end(
     if singular_values(matrix)[-1] >= level or value * slope * outwards >= 0.0:
         return None
     width = float(0.5 * panel.width * abs(value / slope))  # in s; local coordinates span 2
-    if not all(abs(contact.s - s) > width for contact in known):
+    if not _is_apart(s, known, width):
         return None
     return NearMiss(s, _signed_least_value(matrix[None]), width, _border_width(measured, matrix))
 
