@@ -23,8 +23,8 @@ from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
-from framework.simulation.schemes import State
-from framework.simulation.world_forces import WorldForces
+from framework.simulation.drive import WorldForces
+from framework.simulation.equations import State
 
 SENSORS = ("motors", "joints")  # where the encoders are
 MAX_DEVIATION = 1.0  # [robot lengths, rad] of the platform from the plan; a larger one ends the run

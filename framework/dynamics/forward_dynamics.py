@@ -1,7 +1,7 @@
 """Forward dynamics: accelerations under motor torques, and the forces in loops and joints.
 
-The accelerations come from the simulation (`simulation.accelerations`) and are regular at Type 2. The forces
-in loops and joints are computed as for a prescribed motion (`Instant`).
+The accelerations come from the simulation (`simulation.consistent_states`) and are regular at Type 2. The
+forces in loops and joints are computed as for a prescribed motion (`Instant`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from framework.kinematics.motion_rates import Motion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.ordered_sums import matvec
-from framework.simulation.accelerations import accelerations
+from framework.simulation.consistent_states import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from framework.tolerances import FILE_ROUNDING
 

@@ -9,10 +9,11 @@ The unknowns at every node are all accelerations a (nv,) and multipliers lambda 
 
     M a + c + g + K (q - rest) + D v - S' n tau - f - J' lambda = 0        F(q) = 0
 
-with the external forces f, the velocities v = v0 + h A a, and q integrated from q0 by h A v. The loops
-are closed at all nodes, and the last node is the end of the step, so they do not drift. The mass matrix is
-never inverted, so coordinates without mass follow from the balance of their springs in the same solution.
-Newton's method uses all derivatives except the curvature of joints with several rotations.
+with the external forces f, the velocities v = v0 + h A a, and q integrated from q0 by h A v. Here h [s] is
+the length of the step, and A is the matrix of the table that integrates values at the nodes. The loops are
+closed at all nodes, and the last node is the end of the step, so they do not drift. The mass matrix is never
+inverted, so coordinates without mass follow from the balance of their springs in the same solution. Newton's
+method uses all derivatives except the curvature of joints with several rotations.
 
 The loops and their forces are eliminated from Newton's matrix node by node (`NewtonMatrix`). Its unknowns are
 the changes dq at the nodes, with dq = h A dv = h^2 A A da:
@@ -42,29 +43,25 @@ from framework.kinematics.frame_variations import loop_curvature
 from framework.kinematics.frames import difference_rates, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, ReadOnlyArrays
 from framework.simulation.drive import Drive
-from framework.simulation.equations import EquationsOfMotion, Tangent
-from framework.simulation.schemes import State
+from framework.simulation.equations import EquationsOfMotion, State, Tangent
+from framework.tolerances import NEWTON_STEP
 
-MAX_ITERATIONS = 12  # of Newton's method
+MAX_ITERATIONS = 12  # of Newton's method, and for the rate of the tangent offset of balls
 REFACTORING_RATE = 0.02  # ratio of successive Newton steps above which the matrix is factorised anew
-COORDINATE_ROUNDING = 1e-15  # share of a coordinate below which Newton steps are rounding
+COORDINATE_ROUNDING = 1e-15  # share of a coordinate, or of its motion in a step, that is rounding
 MAX_NEWTON_STEP = 3.0  # [rad, robot lengths] of a joint; a longer Newton step ends the iteration
-# Newton's method diverges if its steps grow by more than the first number while they are longer than the
-# second [rad, robot lengths]
-DIVERGENCE_RATE, DIVERGENCE_STEP = 2.0, 1e-8
-MAX_SLOPE_ITERATIONS = 20  # for the rate of the tangent offset of balls
 
 
 @dataclass(frozen=True, eq=False)
 class Collocation(ReadOnlyArrays):
     """The nodes of a collocation method with s stages, and matrices that act on values at the nodes.
 
-    A matrix takes the polynomial through the values to its integrals or to its Legendre coefficients.
+    A matrix maps the values to integrals, or to Legendre coefficients, of the polynomial through them.
     """
 
-    nodes: Array  # c (s,) in (0, 1]
+    nodes: Array  # c (s,) in (0, 1]; the step is [0, 1]
     once: Array  # A (s, s): from values to integrals from 0 to each node
-    rates: Array  # (s, s) inverse of `once`
+    rates: Array  # A^-1 (s, s)
     series: Array  # (s, s) from values to Legendre coefficients on [0, 1]
     series_with_start: Array  # (s + 1, s + 1) the same for the value at 0 followed by those at the nodes
     series_of_integral: Array  # (s + 1, s) from values to Legendre coefficients of the integral from 0
@@ -81,25 +78,24 @@ class Collocation(ReadOnlyArrays):
 
 @lru_cache(maxsize=32)
 def radau_table(stages: int) -> Collocation:
-    """Compute the table of Radau IIA with s stages.
+    """Compute the table of Radau IIA with s = `stages`.
 
-    The inner nodes are the zeros of the Jacobi polynomial P_(s-1)^(1,0), since (1 - x) P_(s-1)^(1,0) is
-    P_(s-1) - P_s. The matrices follow from Legendre polynomials in x = 2 c - 1.
+    The nodes other than the end are the zeros of the Jacobi polynomial P_(s-1)^(1,0), since
+    (1 - x) P_(s-1)^(1,0) is P_(s-1) - P_s. The matrices follow from Legendre polynomials in x = 2 c - 1.
     """
     from scipy.special import roots_jacobi
 
-    inner = np.empty(0)  # nodes in [-1, 1] other than the end
+    inner = np.empty(0)  # (s - 1,)
     if stages > 1:
         inner, _ = roots_jacobi(stages - 1, 1.0, 0.0)
-    nodes = np.append((inner + 1) / 2, 1.0)
-    x = 2 * nodes - 1
+    x = np.append(inner, 1.0)
     series = np.linalg.inv(legendre.legvander(x, stages - 1))
     integrals_of_basis = legendre.legint(np.eye(stages), lbnd=-1, scl=0.5, axis=0)  # (s + 1, s)
     series_of_integral = integrals_of_basis @ series
     once = legendre.legvander(x, stages) @ series_of_integral
     series_with_start = np.linalg.inv(legendre.legvander(np.append(-1.0, x), stages))
     return Collocation(
-        nodes=nodes,
+        nodes=(x + 1) / 2,
         once=once,
         rates=np.asarray(np.linalg.inv(once)),
         series=series,
@@ -120,10 +116,10 @@ class CollocationStep(ReadOnlyArrays):
     q: Array  # (s, nq)
     v: Array  # (s, nv)
     a: Array  # (s, nv)
-    multipliers: Array  # (s, m)
+    multipliers: Array  # (s, m) of the loop equations
     slope: Array  # (s, nv) rate of the tangent offset from `start`; equals v if the robot has no balls
-    power: Array  # (s,) of the motors and the world [W]
-    iterations: int
+    power: Array  # (s,) of the motors and the external wrenches [W]
+    iterations: int  # of Newton's method
     unresolved: float  # estimate of the first Legendre coefficient left out [rad, robot lengths]
 
     @property
@@ -166,7 +162,7 @@ class StepEquations:
             StepFailed: Newton's method does not converge, or meets a singular matrix.
         """
         accuracy = accuracy + COORDINATE_ROUNDING * float(np.abs(self.start.q).max())
-        matrix = None  # None: factorise the matrix before the next Newton step
+        matrix = None  # factorised before the first step, and again where steps shrink too slowly
         last_size = np.inf
         slope = np.zeros_like(a)
         for iteration in range(1, MAX_ITERATIONS + 1):
@@ -177,19 +173,21 @@ class StepEquations:
                 raise StepFailed("not finite")
             if matrix is None:
                 matrix = self._newton_matrix(balance.tangent, multipliers)
+
             q_change, a_change, multiplier_change = matrix.solve(balance.force, residual)
-            size = float(np.abs(q_change / self.equations.robot.column_scale).max())
+            size = float(np.abs(q_change / self.equations.robot.column_scale).max())  # [rad, robot lengths]
             if not size < MAX_NEWTON_STEP:
                 raise StepFailed("Newton steps too far")
             a = a + a_change
             multipliers = multipliers + multiplier_change
+
             rate = size / last_size if last_size > 0 else 0.0
             error = size
             if iteration > 1 and rate < 0.5:  # later steps shrink by `rate`; their sum is a geometric series
                 error = size * rate / (1 - rate)
             if error <= accuracy:
                 return self._solution(a, multipliers, balance, iteration)
-            if iteration > 2 and rate > DIVERGENCE_RATE and size > DIVERGENCE_STEP:
+            if iteration > 2 and rate > 2.0 and size > NEWTON_STEP:  # longer steps are more than rounding
                 raise StepFailed("Newton diverges")
             if rate > REFACTORING_RATE:
                 matrix = None
@@ -207,7 +205,10 @@ class StepEquations:
         return self.drive.torques_without_feedback(self.times)
 
     def _nodes(self, a: Array, slope_guess: Array) -> tuple[Array, Array, Array]:
-        """Integrate accelerations a (s, nv); return q (s, nq), v (s, nv), slope (s, nv) at the nodes."""
+        """Integrate accelerations a (s, nv) to q (s, nq), v (s, nv) and slope (s, nv) at the nodes.
+
+        The slope, see `CollocationStep`, is iterated from `slope_guess` (s, nv).
+        """
         integral = self.length * self.table.once
         v = self.start.v + integral @ a
         slope = self._offset_rate(v, slope_guess)
@@ -223,7 +224,7 @@ class StepEquations:
         if not robot.has_balls:
             return v
         rate = guess if guess.any() else v
-        for _ in range(MAX_SLOPE_ITERATIONS):
+        for _ in range(MAX_ITERATIONS):
             q = integrate(robot, q0, self.length * self.table.once @ rate)
             next_rate = difference_rates(robot, q0, q, v)
             change = np.abs(next_rate - rate).max()
@@ -233,7 +234,10 @@ class StepEquations:
         return rate
 
     def _balance(self, a: Array, multipliers: Array, slope_guess: Array) -> _Balance:
-        """Evaluate the equations at accelerations (s, nv) and multipliers (s, m)."""
+        """Evaluate the equations at accelerations a (s, nv) and multipliers (s, m) at the nodes.
+
+        For `slope_guess` see `_nodes`.
+        """
         q, v, slope = self._nodes(a, slope_guess)
         equations = self.equations
         world = self.drive.world
@@ -242,12 +246,13 @@ class StepEquations:
         applied = equations.motor_forces(torque)
         if world.acts:
             applied += world(equations.robot, self.times, q)
-            tangent = tangent._replace(by_q=tangent.by_q - world.slope(equations.robot, self.times, q))
+            world_slope = world.slope(equations.robot, self.times, tangent.frames)
+            tangent = tangent._replace(by_q=tangent.by_q - world_slope)
         loop_forces = np.einsum("smi,sm->si", tangent.jacobian, multipliers)  # J' lambda
         return _Balance(slope, torque, tangent, tangent.force - applied - loop_forces)
 
     def _newton_matrix(self, tangent: Tangent, multipliers: Array) -> NewtonMatrix:
-        """Factorise Newton's matrix at multipliers (s, m).
+        """Factorise Newton's matrix at the terms `tangent` and multipliers (s, m) of the nodes.
 
         The force depends on q through the tree, springs, feedback and the curvature of the loops under their
         multipliers. It depends on v through the tree, dampers and feedback.
@@ -263,18 +268,23 @@ class StepEquations:
             gains_q, gains_v = robot.gear_ratio[:, None] * gains  # (n_a, nv) each, joint side
             by_q[:, robot.actuated] -= gains_q
             by_v[:, robot.actuated] -= gains_v
-        by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)
+        by_motion = np.concatenate([tangent.mass, by_v, by_q], axis=2)  # (s, nv, 3 nv)
         try:
             return NewtonMatrix.of(self.length, self.table.rates, by_motion, tangent.jacobian)
         except np.linalg.LinAlgError:
             raise StepFailed("singular equations") from None
 
     def _solution(self, a: Array, multipliers: Array, balance: _Balance, iterations: int) -> CollocationStep:
-        """Return the step with its power and the unresolved part."""
+        """Return the solution of the step, with its power and its unresolved part.
+
+        Args:
+            a, multipliers: accelerations (s, nv) and multipliers (s, m) at the nodes.
+            balance: the equations at the last iterate but one.
+            iterations: number of Newton steps.
+        """
         robot = self.equations.robot
         q, v, slope = self._nodes(a, balance.slope)
-        power = np.vecdot(robot.gear_ratio * balance.torque, v[:, robot.actuated])  # (s,)
-        power += np.vecdot(self.drive.world(robot, self.times, q), v)
+        drives = self.equations.motor_forces(balance.torque) + self.drive.world(robot, self.times, q)
         return CollocationStep(
             table=self.table,
             time=self.time,
@@ -286,7 +296,7 @@ class StepEquations:
             a=a,
             multipliers=multipliers,
             slope=slope,
-            power=power,
+            power=np.vecdot(drives, v),
             iterations=iterations,
             unresolved=self._unresolved_part(slope),
         )
@@ -294,11 +304,11 @@ class StepEquations:
     def _unresolved_part(self, slope: Array) -> float:
         """Estimate the first Legendre coefficient that the step leaves out [rad, robot lengths].
 
-        The coefficients are those of the tangent offset. The largest of the last two coefficients of its
-        slope is extrapolated by the ratio of this coefficient to the largest of the two before. Pairs are
-        compared because every other coefficient of an even or odd motion vanishes.
+        The coefficients are those of the tangent offset. They are extrapolated from the coefficients of its
+        slope (s, nv), which decay from the largest of the last two but two to the largest of the last two.
+        Pairs are compared because every other coefficient of an even or odd motion vanishes.
         """
-        sizes = np.abs(self.table.series @ slope) / self.equations.robot.column_scale
+        sizes = np.abs(self.table.series @ slope) / self.equations.robot.column_scale  # (s, nv)
         last = float(sizes[-2:].max())
         previous = float(sizes[-4:-2].max(initial=0.0))
         decay = min(1.0, last / max(previous, LEAST_DIVISOR))
@@ -312,19 +322,25 @@ class NewtonMatrix:
     """Newton's matrix of a step of length h [s], reduced to the null space of J and factorised."""
 
     length: float
-    rates: Array  # (s, s) inverse of the table's A
-    by_motion: Array  # (s, nv, 3 nv) derivatives of the force by a, v and q
-    right_inverse: Array  # (s, nv, m) of J: Q R'^-1
+    rates: Array  # (s, s) A^-1 of the table
+    by_motion: Array  # (s, nv, 3 nv) derivatives of the force by a, v and q, side by side
+    right_inverse: Array  # (s, nv, m) Q R'^-1 of J
     Z: Array  # (s, nv, nv - m) null space of J
     lu: Array  # (s (nv - m), s (nv - m)) LU factors, as LAPACK stores them
-    pivots: Array
+    pivots: Array  # of the LU factors
 
     @staticmethod
     def of(length: float, rates: Array, by_motion: Array, jacobian: Array) -> NewtonMatrix:
-        """Factorise the matrix for loops with a jacobian (s, m, nv).
+        """Factorise the matrix, multiplied by h^2.
 
         With M, D, K the derivatives of the force by a, v, q and A of the table, block (i, j) of the matrix
         is Z_i' (M_i (A^-1 A^-1)_ij + h D_i (A^-1)_ij + h^2 K_i 1_ij) Z_j for the nodes i and j.
+
+        Args:
+            length: h [s].
+            rates: A^-1 (s, s).
+            by_motion: M, D, K side by side, (s, nv, 3 nv).
+            jacobian: J (s, m, nv) of the loop equations.
 
         Raises:
             numpy.linalg.LinAlgError: the equations are singular.
@@ -332,15 +348,18 @@ class NewtonMatrix:
         from scipy.linalg.lapack import dgetrf
 
         right_inverse, Z = _eliminate_loops(jacobian)
-        s, nv, f = Z.shape
+        s, nv, f = Z.shape  # f = nv - m
+
         # Z_i' M_i, Z_i' D_i and Z_i' K_i of all nodes i below one another, (s f, nv) each
         reduced = (Z.transpose(0, 2, 1) @ by_motion).reshape(s * f, 3 * nv)
         ZM, ZD, ZK = np.split(reduced, 3, axis=1)
         all_Z = Z.transpose(1, 0, 2).reshape(nv, s * f)  # Z_j of all nodes j side by side
-        blocks = (s, f, s, f)
+
+        blocks = (s, f, s, f)  # axes: node i, motion of Z_i, node j, motion of Z_j
         matrix = (rates @ rates)[:, None, :, None] * (ZM @ all_Z).reshape(blocks)
         matrix += (length * rates)[:, None, :, None] * (ZD @ all_Z).reshape(blocks)
         matrix[range(s), :, range(s)] += length**2 * (ZK.reshape(s, f, nv) @ Z)  # diagonal blocks
+
         lu, pivots, is_singular = dgetrf(matrix.reshape(s * f, s * f))
         if is_singular:
             raise np.linalg.LinAlgError("singular matrix")
@@ -349,8 +368,8 @@ class NewtonMatrix:
     def solve(self, force: Array, residual: Array) -> tuple[Array, Array, Array]:
         """Compute the Newton step: changes of q (s, nv), accelerations (s, nv) and multipliers (s, m).
 
-        The change of q is dq = -(right inverse of J) residual + Z z. The balance of forces along Z determines
-        z. The multipliers balance the remaining forces, which are orthogonal to Z.
+        The change of q is dq = -Q R'^-1 residual + Z z. The balance of forces along Z determines z. The
+        multipliers balance the remaining forces, which are orthogonal to Z.
 
         Args:
             force: residual of the balance of forces, (s, nv).
@@ -358,11 +377,12 @@ class NewtonMatrix:
         """
         from scipy.linalg.lapack import dgetrs
 
-        dq = -np.matvec(self.right_inverse, residual)
+        dq = -np.matvec(self.right_inverse, residual)  # closes the loops
         unbalanced = force + np.matvec(self.by_motion, self._motion_change(dq))
         along_Z = np.matvec(self.Z.transpose(0, 2, 1), unbalanced)
         z = dgetrs(self.lu, self.pivots, -(self.length**2) * along_Z.ravel())[0]
         dq += np.matvec(self.Z, z.reshape(along_Z.shape))
+
         motion = self._motion_change(dq)
         unbalanced = force + np.matvec(self.by_motion, motion)
         multipliers = np.matvec(self.right_inverse.transpose(0, 2, 1), unbalanced)
@@ -376,7 +396,11 @@ class NewtonMatrix:
 
 
 def _eliminate_loops(jacobian: Array) -> tuple[Array, Array]:
-    """Compute right inverse (s, nv, m) and null space (s, nv, nv - m) of J (s, m, nv)."""
+    """Compute the right inverse and the null space of J (s, m, nv).
+
+    Returns:
+        Q R'^-1 (s, nv, m); an orthonormal basis Z (s, nv, nv - m).
+    """
     m = jacobian.shape[1]
     Q, R = np.linalg.qr(jacobian.transpose(0, 2, 1), mode="complete")
     right_inverse = Q[:, :, :m] @ np.linalg.inv(R[:, :m]).transpose(0, 2, 1)

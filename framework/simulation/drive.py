@@ -1,6 +1,9 @@
-"""The drive of a simulated robot: planned torques, a torque of time or a feedback torque, with one call.
+"""What drives a simulated robot: motor torques and external wrenches.
 
-A drive also holds the external wrenches, since a table of wrenches may be given along the planned motion.
+Motor torques are planned, a function of time, or feedback of the state; a `Drive` computes all of them by one
+call. It also holds the external wrenches, since a table of wrenches may be given along the planned motion. A
+wrench w on a frame causes the generalised forces J' w, with pinocchio's Jacobian J (6, nv) of the frame's
+origin on base axes. Nothing of the inverse dynamics is used here.
 """
 
 from __future__ import annotations
@@ -11,15 +14,102 @@ from inspect import Parameter, signature
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import pinocchio as pin
 
 from framework.errors import InvalidInput, finite_numbers
-from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches
-from framework.kinematics.frames import integrate
+from framework.kinematics.external_wrenches import NO_WRENCHES, ExternalWrenches, wrench_slope
+from framework.kinematics.frames import FrameStack, integrate
+from framework.kinematics.mechanism import frame_index
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.numerics.arrays import Array, ArrayLike
-from framework.simulation.world_forces import NO_FORCES, WorldForces
 
+AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+PathCoordinate = Callable[[Array], Array]  # from instants (T,) [s] to path parameters s (T,)
 FEEDBACK_DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the differences of a feedback torque
+
+
+# ------------------------------------------------------------------ external wrenches
+
+
+@dataclass(frozen=True, eq=False)
+class WorldForces:
+    """The generalised forces that external wrenches exert on a robot over time."""
+
+    wrenches: ExternalWrenches
+    path_coordinate: PathCoordinate | None  # None if all wrenches are constant
+
+    @staticmethod
+    def of(
+        robot: ParallelRobot, wrenches: ExternalWrenches, path_coordinate: PathCoordinate | None
+    ) -> WorldForces:
+        """Return the forces of external wrenches on a robot.
+
+        Args:
+            path_coordinate: path parameter s (T,) at instants (T,) [s]; None without a planned motion.
+
+        Raises:
+            InvalidInput: a wrench acts on an unknown frame, or is a table over s and there is no motion that
+                determines s.
+        """
+        wrenches.check_frames(robot)
+        # frames of the wrenches that are tables over the path, with a row for each s
+        tables = [entry.frame for entry in wrenches.entries if entry.rows.ndim == 2]
+        if tables and path_coordinate is None:
+            raise InvalidInput(
+                f"wrenches: {tables[0]}: a table over the path needs a planned motion, which determines s; "
+                f"give 6 numbers"
+            )
+        return WorldForces(wrenches, path_coordinate)
+
+    @property
+    def acts(self) -> bool:
+        """Whether any wrench acts."""
+        return bool(self.wrenches.entries)
+
+    def __call__(
+        self, robot: ParallelRobot, t: Array, q: Array, models: Sequence[pin.Model] | None = None
+    ) -> Array:
+        """Compute the generalised forces (T, nv) [N m, N] at times t (T,) [s] and q (T, nq).
+
+        Args:
+            models: a pinocchio model for each state, all of the robot's structure; by default the robot's.
+        """
+        data = scratch_of(robot).data
+        s = self._path_coordinates(t)
+        models = [robot.model] * len(q) if models is None else models
+        force = np.zeros((len(q), robot.nv))
+        for entry in self.wrenches.entries:
+            frame = frame_index(robot.model, entry.frame)
+            wrenches = entry(s)  # (T, 6)
+            for k, configuration in enumerate(q):
+                jacobian = pin.computeFrameJacobian(models[k], data, configuration, frame, AXES)
+                wrench = wrenches[k]
+                if entry.turns:  # the wrench is given on the frame's axes: rotate force and moment
+                    wrench = (wrench.reshape(2, 3) @ data.oMf[frame].rotation.T).ravel()
+                force[k] += wrench @ jacobian
+        return force
+
+    def slope(self, robot: ParallelRobot, t: Array, frames: FrameStack) -> Array:
+        """Compute the derivatives (T, nv, nv) of the forces by tangent steps of q.
+
+        Args:
+            t: times (T,) [s].
+            frames: those of the robot at these times.
+        """
+        wrenches = self.wrenches.evaluate(robot, frames, self._path_coordinates(t))
+        slopes = (wrench_slope(robot, frames.screws, wrench) for wrench in wrenches)
+        return sum(slopes, start=np.zeros((len(t), robot.nv, robot.nv)))
+
+    def _path_coordinates(self, t: Array) -> Array:
+        """Return s (T,) at t (T,) [s]; 0 if all wrenches are constant."""
+        return np.zeros(len(t)) if self.path_coordinate is None else self.path_coordinate(t)
+
+
+NO_FORCES = WorldForces(ExternalWrenches(), None)
+
+
+# ------------------------------------------------------------------ motor torques
 
 
 @runtime_checkable
@@ -56,16 +146,21 @@ def planned_motion(source: Any) -> PlannedMotion | None:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Motor torques (T, n_a) [N m] at times (T,), states q (T, nq) and v (T, nv)."""
+    """Motor torques and external wrenches of a simulated robot."""
 
     robot: ParallelRobot
+    # computes torques (T, n_a) [N m], motor side, at times (T,), q (T, nq) and v (T, nv)
     function: Callable[[Array, Array, Array], Array]
-    feedback: bool
+    feedback: bool  # whether torques depend on the state; if not, q and v are ignored
     breaks: tuple[float, ...]  # instants [s] at which the torque or one of its derivatives jumps
     world: WorldForces = NO_FORCES
 
     def __call__(self, t: Array, q: Array, v: Array) -> Array:
-        """Compute the motor torques (T, n_a) [N m]; refuse values that are not finite."""
+        """Compute the motor torques (T, n_a) [N m] at times t (T,) [s], q (T, nq) and v (T, nv).
+
+        Raises:
+            InvalidInput: a torque is not finite.
+        """
         torque = self.function(t, q, v)
         is_finite = np.isfinite(torque).all(axis=1)  # (T,)
         if not is_finite.all():
@@ -92,22 +187,20 @@ class Drive:
         return t
 
     def gains(self, t: float, q: Array, v: Array) -> Array | None:
-        """Compute the derivatives (2, n_a, nv) of a feedback torque by q and v; None without feedback.
+        """Compute the derivatives (2, n_a, nv) of a feedback torque by q (nq,) and v (nv,) at t [s].
 
-        They are central differences at one state q (nq,), v (nv,); steps of q are tangent vectors.
+        None without feedback.
         """
         if not self.feedback:
             return None
         nv = self.robot.nv
-        steps = FEEDBACK_DIFFERENCE * np.vstack([np.eye(nv), -np.eye(nv)])  # forwards, then backwards
-        same_q, same_v = np.tile(q, (2 * nv, 1)), np.tile(v, (2 * nv, 1))
-        all_q = np.vstack([integrate(self.robot, q, steps), same_q])  # (4 nv, nq) steps of q, then of v
-        all_v = np.vstack([same_v, v + steps])
-        torques = self(np.full(4 * nv, t), all_q, all_v)
-        # axes of the reshaped torques: q or v, forwards or backwards, joint, motor
-        forwards, backwards = torques.reshape(2, 2, nv, -1).swapaxes(0, 1)
-        slopes = (forwards - backwards) / (2 * FEEDBACK_DIFFERENCE)
-        return slopes.swapaxes(1, 2)
+        times = np.full(nv, t)
+        steps = FEEDBACK_DIFFERENCE * np.eye(nv)  # of one joint in each row
+        same_q, same_v = np.tile(q, (nv, 1)), np.tile(v, (nv, 1))
+        ahead, back = integrate(self.robot, q, steps), integrate(self.robot, q, -steps)
+        by_q = self(times, ahead, same_v) - self(times, back, same_v)  # (nv, n_a)
+        by_v = self(times, same_q, v + steps) - self(times, same_q, v - steps)
+        return np.stack([by_q.T, by_v.T]) / (2 * FEEDBACK_DIFFERENCE)
 
     @staticmethod
     def of(
@@ -132,12 +225,14 @@ class Drive:
             if len(breaks) or wrenches is not None:
                 raise InvalidInput("torque: a Drive has its own breaks and wrenches; leave out both options")
             return source
+
         motion = planned_motion(source)
         planned_wrenches = getattr(motion, "wrenches", NO_WRENCHES)
         applied = planned_wrenches if wrenches is None else ExternalWrenches.of(wrenches)
         world = WorldForces.of(robot, applied, getattr(motion, "law", None))
         if motion is not None:
             return _drive_by_plan(robot, motion, breaks, world)
+
         if not callable(source):
             raise InvalidInput(
                 f"torque: needs a plan, a result of inverse_dynamics, torque(t) or torque(t, q, v), got "
@@ -146,30 +241,42 @@ class Drive:
         count = _count_arguments(source)
         if count not in (1, 3):
             raise InvalidInput(f"torque: takes (t) or (t, q, v), this one asks for {count} arguments")
+        has_feedback = count == 3
 
         def torques_at(t: Array, q: Array, v: Array) -> Array:
             """Compute torques (T, n_a), calling the function at each instant with (t) or (t, q, v)."""
             torques = np.empty((len(t), robot.n_a))
             for k, instant in enumerate(map(float, t)):
-                torque = source(instant, q[k], v[k]) if count == 3 else source(instant)
+                torque = source(instant, q[k], v[k]) if has_feedback else source(instant)
                 where = f"torque: at t = {instant:.9g} s"
                 torques[k] = finite_numbers(where, np.atleast_1d(torque), robot.n_a)
             return torques
 
-        return Drive(robot, torques_at, count == 3, tuple(sorted(map(float, breaks))), world)
+        return Drive(robot, torques_at, has_feedback, tuple(sorted(map(float, breaks))), world)
 
 
 def _drive_by_plan(
     robot: ParallelRobot, motion: PlannedMotion, breaks: Sequence[float], world: WorldForces
 ) -> Drive:
-    """Make the drive from planned torques without dry friction, as the simulated robot has none."""
+    """Make the drive from a planned motion, without dry friction, as the simulated robot has none.
+
+    Args:
+        breaks: further instants [s] at which the torque jumps or has a kink.
+        world: the external wrenches.
+
+    Raises:
+        InvalidInput: the plan has another number of motors.
+    """
     motors = np.shape(motion.torque(0.0))[-1]
     if motors != robot.n_a:
         raise InvalidInput(f"torque: the plan drives {motors} motors, {robot.name} has {robot.n_a}")
+    # a result of `inverse_dynamics` has torques that are smooth between their edges
     edges = getattr(getattr(motion, "torques", None), "edges", np.empty(0))
     all_breaks = sorted([*map(float, edges[1:-1]), *breaks])
     frictionless = getattr(motion, "torque_without_friction", motion.torque)
-    return Drive(robot, lambda t, q, v: frictionless(t), False, tuple(all_breaks), world)
+    return Drive(
+        robot, lambda t, q, v: frictionless(t), feedback=False, breaks=tuple(all_breaks), world=world
+    )
 
 
 def _count_arguments(function: Callable[..., Any]) -> int:

@@ -14,6 +14,7 @@ Pinocchio is called once for each state; all other computations treat the whole 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -25,19 +26,32 @@ from framework.kinematics.closures import loop_equations
 from framework.kinematics.frames import FrameStack, collect_frames, difference, forces_on_joints
 from framework.kinematics.inverse_kinematics import require_joints_close
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import Scratch
+from framework.kinematics.pinocchio_memory import scratch_of
 from framework.model.loop_rows import LoopRows
 from framework.numerics.arrays import Array, ArrayLike
 from framework.tolerances import EIGENVALUE_ROUNDING
 
 
-class Tangent(NamedTuple):
-    """The left side of the equations at T states with its derivatives, and the loop equations."""
+class State(NamedTuple):
+    """Configuration q (nq,) and velocity v (nv,) of a robot, or (R, nq) and (R, nv) of R robots."""
 
-    force: Array  # (T, nv) M a + c + g + K (q - rest) + D v
+    q: Array
+    v: Array
+
+
+def stack_states(states: Sequence[State]) -> State:
+    """Return K states (nq,), (nv,) as one stack (K, nq), (K, nv)."""
+    q, v = zip(*states, strict=True)
+    return State(np.array(q), np.array(v))
+
+
+class Tangent(NamedTuple):
+    """The left side of the equations at T states with its derivatives, and the m loop equations."""
+
+    force: Array  # (T, nv) M a + c + g + K (q - rest) + D v [N m, N]
     by_q: Array  # (T, nv, nv) derivatives of the force by tangent steps of q
     by_v: Array  # (T, nv, nv) derivatives of the force by v
-    mass: Array  # (T, nv, nv) with rotors
+    mass: Array  # (T, nv, nv) M, with rotors
     frames: FrameStack
     residual: Array  # (T, m) F [m, rad]
     jacobian: Array  # (T, m, nv) J
@@ -49,14 +63,16 @@ class EquationsOfMotion:
 
     robot: ParallelRobot
     damping: Array  # (nv,) [N m s/rad, N s/m] of every joint rate
-    rows: LoopRows  # the independent ones
-    rotors: Array  # (nv,) [kg m^2], joint side; 1 on idle joints without mass
+    rows: LoopRows  # of the independent loop equations
+    rotors: Array  # (nv,) inertia [kg m^2, kg], joint side; 1 on idle joints without mass
     stiffness: Array  # (nv,) [N m/rad, N/m]
-    scratch: Scratch  # working memory of pinocchio: one object does not serve two threads at once
 
     @staticmethod
     def of(robot: ParallelRobot, damping: ArrayLike | None = None) -> EquationsOfMotion:
-        """Return the equations of a robot; `damping`, one number or (nv,), is added to that of its joints.
+        """Return the equations of motion of a robot.
+
+        Args:
+            damping: viscous damping added to that of the joints, one number or (nv,) [N m s/rad, N s/m].
 
         Raises:
             InvalidInput: damping of the wrong length or negative; loops that only springs can close.
@@ -70,7 +86,6 @@ class EquationsOfMotion:
             rows=robot.loops,
             rotors=robot.rotors,
             stiffness=robot.all_stiffness,
-            scratch=Scratch.of(robot.model, robot.frames),
         )
         return equations._load_idle_joints()
 
@@ -93,18 +108,19 @@ class EquationsOfMotion:
         return spring_forces(self.robot, self.stiffness, self.robot.joint_rest, q)
 
     def motor_forces(self, torque: Array) -> Array:
-        """Compute the generalised forces S' n tau (T, nv) of motor torques tau (T, n_a), motor side."""
+        """Compute generalised forces S' n tau (T, nv) of motor torques tau (T, n_a) [N m], motor side."""
         force = np.zeros((len(torque), self.robot.nv))
         force[:, self.robot.actuated] = self.robot.gear_ratio * torque
         return force
 
     def tangent(self, q: Array, v: Array, a: Array) -> Tangent:
-        """Compute all terms and derivatives at q (T, nq), v and a (T, nv).
+        """Compute all terms and their derivatives at q (T, nq), v (T, nv) and a (T, nv).
 
-        For the open tree pinocchio computes the frames, tau = M a + c + g, the derivatives of tau, and M.
+        For the tree without loops pinocchio computes the frames, M a + c + g with its derivatives, and M.
         Rotors, springs and dampers are added here.
         """
-        model, data = self.robot.model, self.scratch.data
+        model, scratch = self.robot.model, scratch_of(self.robot)
+        data = scratch.data
         T, nv = v.shape
         force = np.empty((T, nv))
         by_q, by_v, mass = np.empty((3, T, nv, nv))
@@ -118,7 +134,7 @@ class EquationsOfMotion:
             mass[k] = data.M
             return model
 
-        frames = collect_frames(self.scratch, q, compute)
+        frames = collect_frames(scratch, q, compute)
         diagonal = range(nv)
         mass[:, diagonal, diagonal] += self.rotors
         by_q[:, diagonal, diagonal] += self.stiffness
@@ -133,22 +149,24 @@ class EquationsOfMotion:
         return self.tangent(q[None], rest, rest)
 
     def energy(self, q: Array, v: Array) -> Array:
-        """Compute the sum (T,) [J] of kinetic, gravitational and elastic energy.
+        """Compute the sum (T,) [J] of kinetic, gravitational and elastic energy at q (T, nq), v (T, nv).
 
         Heights are above the base. Rotors add n^2 I v^2 / 2, springs K (q - rest)^2 / 2.
         """
-        model, data = self.robot.model, self.scratch.data
+        model, data = self.robot.model, scratch_of(self.robot).data
         tree = [pin.computeMechanicalEnergy(model, data, *state) for state in zip(q, v, strict=True)]
         rotors = 0.5 * (v**2 @ self.robot.rotors)
-        offset = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest
-        springs = 0.5 * (offset**2 @ self.stiffness)
+        deflection = difference(self.robot, self.robot.neutral, q) - self.robot.joint_rest  # (T, nv)
+        springs = 0.5 * (deflection**2 @ self.stiffness)
         return np.array(tree) + (rotors + springs)
 
 
 def spring_forces(robot: ParallelRobot, stiffness: Array, rest: Array, q: Array) -> Array:
     """Compute the spring forces K (q - rest) (T, nv) at q (T, nq).
 
-    K and `rest`, an offset from the neutral configuration, are (nv,) or (T, nv).
+    Args:
+        stiffness: K, (nv,) or (T, nv) [N m/rad, N/m].
+        rest: rest position of the springs as an offset from the neutral configuration, (nv,) or (T, nv).
     """
     if not stiffness.any():
         return np.zeros((len(q), robot.nv))

@@ -15,9 +15,8 @@ from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.numerics.output import select_fields
 from framework.simulation.drive import PlannedMotion
 from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.events import Occurrence
 from framework.simulation.methods import Integration
-from framework.simulation.trajectory import Cubics, Trajectory
+from framework.simulation.trajectory import Cubics, Occurrence, Trajectory
 from framework.tolerances import FILE_ROUNDING
 
 
@@ -73,7 +72,7 @@ class Simulation(ReadOnlyArrays):
         return self.trajectory(np.atleast_1d(np.asarray(t, dtype=float)))
 
     def platform(self, t: ArrayLike, order: int = 0) -> Array:
-        """Compute platform coordinates (T, n) [m, rad], or with order 1 the twist on the platform's axes."""
+        """Compute platform coordinates (T, n) [m, rad] at t (T,) [s]; with order 1 the twist on its axes."""
         if order not in (0, 1):
             raise InvalidInput(f"order: 0 or 1, got {order!r}")
         q, v = self._states(t)
@@ -114,17 +113,25 @@ def simulation_result(
     samples: int,
     seconds: float,
 ) -> Simulation:
-    """Return the result of a run: sampled states and errors."""
+    """Return the result of a run, with states at equidistant instants and errors.
+
+    Args:
+        planned: the planned motion with which the run is compared, if any.
+        samples: number of equidistant instants; fixed steps are reported at their ends instead.
+        seconds: computing time [s].
+    """
     robot, trajectory = equations.robot, run.trajectory
     edges = trajectory.edges
     occurrences = tuple(run.record.occurred)
     end = min([edges[-1], *(event.time for event in occurrences if event.terminal)])
-    if isinstance(trajectory, Cubics):  # fixed steps are reported as they are
+
+    if isinstance(trajectory, Cubics):  # fixed steps
         times = np.append(edges[edges < end], end)
     else:
         times = np.linspace(edges[0], end, samples)
     q, v = trajectory(times)
-    edge_q, edge_v = trajectory(edges)
+    edge_q, edge_v = trajectory(edges)  # at the ends of all steps
+
     tracking, turning = (None, None) if planned is None else _path_errors(robot, planned, times, q)
     return Simulation(
         robot=robot,
@@ -149,16 +156,18 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
     """Compute the `energy_error` of a `Simulation`.
 
     The error is divided by the largest of the work exchanged, the range of the energy, and the kinetic
-    energy. The divisor is at least the rounding error of the work that lifts or moves the robot by its
-    length.
+    energy. The divisor is at least the rounding error of the work that lifts the robot by its length, or
+    accelerates it over its length in the duration.
 
     Args:
+        run: the run, with the energy that motors and external wrenches supplied.
         q, v: states (K + 1, nq) and (K + 1, nv) at the ends of all steps.
     """
     robot = equations.robot
     energy = equations.energy(q, v)  # (K + 1,)
     error = np.abs(energy - energy[0] - np.array(run.record.supplied)).max()
     kinetic = energy - equations.energy(q, np.zeros_like(v))
+
     gravity = np.linalg.norm(robot.model.gravity.linear)
     duration = run.trajectory.edges[-1] - run.trajectory.edges[0]
     acceleration = gravity + robot.length / duration**2
@@ -168,7 +177,7 @@ def _energy_error(equations: EquationsOfMotion, run: Integration, q: Array, v: A
 
 
 def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
-    """Compute the largest residual [m or rad] of all loop equations at q (T, nq).
+    """Compute the largest residual [m or rad] of all loop equations at times (T,) [s] and q (T, nq).
 
     Redundant loop equations are included: they were not integrated, but must hold as well.
 
@@ -179,7 +188,7 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
     dropped = robot.structure.dropped
     integrated = gaps[:, robot.structure.independent]
     allowed = FILE_ROUNDING * robot.row_lengths[dropped] + 10 * integrated.max(initial=0.0)
-    torn = gaps[:, dropped] > allowed  # (T, dropped)
+    torn = gaps[:, dropped] > allowed  # (T, redundant equations)
     if torn.any():
         instant = int(np.argmax(torn.any(axis=1)))
         row = int(dropped[np.argmax(torn[instant])])
@@ -196,7 +205,7 @@ def _largest_gap(robot: ParallelRobot, times: Array, q: Array) -> float:
 def _path_errors(
     robot: ParallelRobot, planned: PlannedMotion, times: Array, q: Array
 ) -> tuple[float, float | None]:
-    """Compute `tracking_error` and `turning_error` of a `Simulation` at q (T, nq)."""
+    """Compute `tracking_error` and `turning_error` of a `Simulation` at times (T,) [s] and q (T, nq)."""
     x = planned.platform(np.minimum(times, planned.duration))
     offset = robot.platform.residual(frames_at(robot, q), x)  # (T, n)
     masks = [mask for mask in (robot.translations, ~robot.translations) if mask.any()]  # (n,) each

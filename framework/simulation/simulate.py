@@ -30,19 +30,17 @@ from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import check_duration
 from framework.numerics.arrays import Array, ArrayLike
-from framework.simulation.consistent import consistent_state
+from framework.simulation.consistent_states import ROUNDING_STEP, consistent_state
 from framework.simulation.drive import Drive, PlannedMotion, planned_motion
-from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.events import Event
+from framework.simulation.equations import EquationsOfMotion, State
 from framework.simulation.methods import METHODS, IntegrationTask, MethodSettings
 from framework.simulation.result import Simulation, simulation_result
-from framework.simulation.schemes import State
+from framework.simulation.trajectory import Event
 from framework.tolerances import AT_REST, SAME_PLACE
 
 DEFAULT_SAMPLES = 501
 SAMPLE_RANGE = (2, 10_000_000)
 STAGE_RANGE = (3, 30)
-MIN_TOLERANCE = 1e-14  # [rad, robot lengths]: smaller errors are rounding
 
 
 def simulate(
@@ -83,8 +81,8 @@ def simulate(
         step: fixed step of fast and explicit, longest step of the others [s].
         stages: collocation nodes of a step, 3 to 30.
         damping: viscous damping added to that of the joints [N m s/rad, N s/m], one number or (nv,).
-        wrenches: wrenches of the world, as for `plan_crossing`; by default those of the planned motion; {}
-            for none. A table over s needs a planned motion, which tells s at each instant.
+        wrenches: external wrenches, as for `plan_crossing`; by default those of the planned motion; {} for
+            none. A table over s needs a planned motion, which determines s at each instant.
         breaks: instants [s] at which torque(t) jumps or has a kink; planned motions bring their own.
         events: functions whose zeros are reported; see `Event`.
         samples: number of equidistant instants in the result of reference and stiff; the other methods
@@ -103,11 +101,16 @@ def simulate(
     settings = _method_settings(method, tolerance, step, stages)
     samples = whole_number("samples", samples, *SAMPLE_RANGE)
     equations = EquationsOfMotion.of(robot, damping)
-    source = Drive.of(robot, drive, breaks, wrenches)
+    complete_drive = Drive.of(robot, drive, breaks, wrenches)
     planned = planned_motion(drive)
-    span = _simulated_duration(duration, planned)
-    state = _consistent_start(equations, source, planned, start, start_velocity)
-    task = IntegrationTask(equations, source, state, span, events, progress)
+    task = IntegrationTask(
+        equations=equations,
+        drive=complete_drive,
+        duration=_simulated_duration(duration, planned),
+        start=_consistent_start(equations, complete_drive, planned, start, start_velocity),
+        events=events,
+        report_progress=progress,
+    )
     run = METHODS[method].run(task, settings)
     return simulation_result(
         equations, method, run, planned, samples=samples, seconds=clock.perf_counter() - began
@@ -125,13 +128,17 @@ def _robot_and_drive(robot: Any, drive: Any) -> tuple[ParallelRobot, Any]:
 def _method_settings(
     method: str, tolerance: float | None, step: float | None, stages: int | None
 ) -> MethodSettings:
-    """Return the method's settings with the caller's numbers in place of defaults."""
+    """Return the method's settings, with the caller's numbers in place of defaults where not None.
+
+    Raises:
+        InvalidInput: a number is out of range, or the method has no such setting.
+    """
     settings = METHODS[method].settings
     if tolerance is not None:
         if not settings.stages:
             raise InvalidInput(f"tolerance: method {method} has none; its step [s] sets how exact it is")
-        if not MIN_TOLERANCE <= finite_numbers("tolerance", [tolerance], 1)[0] < 1:
-            raise InvalidInput(f"tolerance: must lie in [{MIN_TOLERANCE:g}, 1), got {tolerance!r}")
+        if not ROUNDING_STEP <= finite_numbers("tolerance", [tolerance], 1)[0] < 1:
+            raise InvalidInput(f"tolerance: must lie in [{ROUNDING_STEP:g}, 1), got {tolerance!r}")
         settings = settings._replace(tolerance=float(tolerance))
     if stages is not None:
         if not settings.stages:
@@ -165,7 +172,7 @@ def _consistent_start(
     start: ArrayLike | None,
     start_velocity: ArrayLike | None,
 ) -> State:
-    """Return the consistent state at t = 0 next to the given or the planned start."""
+    """Return the consistent state at t = 0 next to the caller's start or, by default, the planned one."""
     robot = equations.robot
     q, v = robot.reference.q, np.zeros(robot.nv)
     if start is not None:

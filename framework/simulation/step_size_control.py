@@ -17,25 +17,22 @@ import numpy as np
 from framework.errors import NotConverged
 from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.simulation.collocation import (
+    COORDINATE_ROUNDING,
     Collocation,
     CollocationStep,
     StepEquations,
     StepFailed,
     radau_table,
 )
-from framework.simulation.consistent import allowed_velocity
+from framework.simulation.consistent_states import allowed_velocity
 from framework.simulation.drive import Drive
-from framework.simulation.equations import EquationsOfMotion
-from framework.simulation.schemes import State
+from framework.simulation.equations import EquationsOfMotion, State
+from framework.tolerances import SAME_PLACE
 
-BRIDGING_LENIENCY = 1e3  # factor on the tolerance of a step over a singularity; `unresolved` reports it
-MIN_STEP_RATIO = 1e-9  # of the duration: the simulation stops where shorter steps are needed
+BRIDGING_LENIENCY = 1e3  # factor on the tolerance of a bridging step, whose `unresolved` part is reported
 BRIDGED_SHORTENING = 8.0  # steps shorter than the usual one by this factor indicate a singularity
 BRIDGING_RATIOS = (2.0, 1.4, 0.9, 2.8, 1.7, 1.15, 0.65)  # bridging steps over the usual step, tried in turn
-FAILED_STEP_RATIO = 0.25  # after a step without solution, the next is shorter by this factor
-MOVE_ROUNDING = 1e-15  # share of a joint's motion in a step that rounding leaves unresolved
 FIRST_STEP_RATIO = 1 / 8  # of the duration
-COUNT_ROUNDING = 1e-9  # of a step: a shorter remainder is no step of its own
 # bounds on the growth from step to step, and a safety factor
 MAX_STEP_GROWTH, MIN_STEP_GROWTH, STEP_SAFETY = 3.0, 0.2, 0.9
 NEWTON_SHARE = 0.01  # share of the tolerance to which a step is solved
@@ -49,14 +46,16 @@ GUESS_COEFFICIENTS = 4  # number of Legendre coefficients that are extrapolated 
 class StepSizeControl:
     """The length of the next step and the quantities that determine its choice; lengths in seconds.
 
-    Bridging steps are being tried while `short` is not 0.
+    There are two states. While `short` is 0, the next step is an ordinary one. Otherwise it is a bridging
+    step, of a length in `BRIDGING_RATIOS`. If all bridging steps are rejected, ordinary steps continue with
+    the length `short`.
     """
 
     length: float  # of the next step
-    longest: float  # length that no step exceeds
+    longest: float  # length that no ordinary step exceeds
     usual: float = 0.0  # length of accepted steps; falls at most by half from step to step
-    short: float = 0.0  # length of the next step if all bridging steps are rejected
-    tried: int = 0  # number of `BRIDGING_RATIOS` tried at the present singularity
+    short: float = 0.0
+    tried: int = 0  # number of bridging steps tried at the present singularity
     accepted: int = 0  # number of accepted steps
 
     def next_length(self, remaining: float) -> float:
@@ -64,22 +63,21 @@ class StepSizeControl:
 
         The last two steps before that instant are equally long, so that no tiny step is left over.
         """
-        count = max(1, int(np.ceil(remaining / self.length - COUNT_ROUNDING)))
+        count = max(1, int(np.ceil(remaining / self.length - SAME_PLACE)))
         return remaining / count if count <= 2 else self.length
 
     def accept(self, length: float, factor: float) -> None:
-        """Accept a step of this length [s]; make the next one longer by `factor`."""
+        """Accept a step of this length [s]; multiply the length of the next one by `factor`."""
         self.length = min(self.longest, length * factor)
         self.usual = max(length, 0.5 * self.usual)
         self.short, self.tried = 0.0, 0
         self.accepted += 1
 
     def reject(self, length: float, factor: float, remaining: float) -> None:
-        """Reject a step of this length [s] and choose the next.
+        """Reject a step of this length [s] and choose the next, with `remaining` [s] to go.
 
-        The next step is shorter by `factor`. Where steps become far shorter than usual, bridging steps of
-        different lengths are tried first. If all of them are rejected, the simulation continues with the
-        length `short`.
+        The length is multiplied by `factor`. Where steps become far shorter than usual, bridging steps of
+        different lengths are tried first.
         """
         shorter = self.short or length * min(factor, REFUSED_STEP_RATIO)
         is_bridging = self.short > 0.0 or shorter < self.usual / BRIDGED_SHORTENING
@@ -118,37 +116,40 @@ def collocate(
     table = radau_table(stages)
     control = StepSizeControl(min(longest, duration * FIRST_STEP_RATIO), longest)
     for time, end in pairwise(drive.edges(duration)):
-        previous = None
+        previous = None  # the last step, from which the next one is guessed
+        failure = ""  # why the last attempt was rejected, if it was
         while time < end:
+            if failure and control.length < SAME_PLACE * duration:
+                raise _stalled_error(equations, time, control.length, f"and even they fail: {failure}")
             remaining = end - time
             length = control.next_length(remaining)
+            step_equations = StepEquations(equations, drive, table, time, length, start)
             guess = _extrapolate_guess(equations, table, previous, length)
             try:
-                step = StepEquations(equations, drive, table, time, length, start).solve(
-                    *guess, NEWTON_SHARE * tolerance
-                )
-            except StepFailed as failure:
+                step = step_equations.solve(*guess, NEWTON_SHARE * tolerance)
+            except StepFailed as error:
+                failure = str(error)
                 previous = None
-                reason = str(failure)
-                control.reject(length, FAILED_STEP_RATIO, remaining)
-            else:
-                admissible = tolerance + MOVE_ROUNDING * _largest_motion(equations, step)
-                leniency = BRIDGING_LENIENCY if control.short else 1.0
-                growth = _step_growth(admissible / max(step.unresolved, LEAST_DIVISOR), stages)
-                if step.unresolved <= leniency * admissible:
-                    yield step
-                    start = end_state(equations, step)
-                    previous = step
-                    time = end if length == remaining else time + length
-                    control.accept(length, growth)
-                    projected_steps = control.accepted * duration / time
-                    if control.accepted >= PROJECTED_AFTER and projected_steps > MAX_STEPS:
-                        raise _stalled_error(equations, time, length, "they are too many")
-                    continue
-                reason = "the motion is not resolved"
+                control.reject(length, MIN_STEP_GROWTH, remaining)
+                continue
+
+            admissible = tolerance + COORDINATE_ROUNDING * _largest_motion(equations, step)
+            growth = _step_growth(admissible / max(step.unresolved, LEAST_DIVISOR), stages)
+            leniency = BRIDGING_LENIENCY if control.short else 1.0
+            if step.unresolved > leniency * admissible:
+                failure = "the motion is not resolved"
                 control.reject(length, growth, remaining)
-            if control.length < MIN_STEP_RATIO * duration:
-                raise _stalled_error(equations, time, control.length, f"and even they fail: {reason}")
+                continue
+
+            yield step
+            failure = ""
+            previous = step
+            start = end_state(equations, step)
+            time = end if length == remaining else time + length
+            control.accept(length, growth)
+            # at this rate the whole simulation needs accepted * duration / time steps
+            if control.accepted >= PROJECTED_AFTER and control.accepted * duration / time > MAX_STEPS:
+                raise _stalled_error(equations, time, length, "they are too many")
 
 
 def _largest_motion(equations: EquationsOfMotion, step: CollocationStep) -> float:
@@ -158,7 +159,7 @@ def _largest_motion(equations: EquationsOfMotion, step: CollocationStep) -> floa
 
 
 def _step_growth(ratio: float, stages: int) -> float:
-    """Return the growth of the next step for the ratio of admissible to unresolved part.
+    """Return the factor on the length of the next step for the ratio of admissible to unresolved part.
 
     The unresolved part is proportional to the length of a step to the power stages + 1.
     """
@@ -167,7 +168,10 @@ def _step_growth(ratio: float, stages: int) -> float:
 
 
 def _stalled_error(equations: EquationsOfMotion, time: float, length: float, why: str) -> NotConverged:
-    """Return the error of a simulation that needs steps as short as `length` [s] at `time` [s]."""
+    """Return the error of a simulation that needs steps as short as `length` [s] at `time` [s].
+
+    `why` ends the first sentence of the message.
+    """
     return NotConverged(
         f"{equations.robot.name}: the simulation stops at t = {time:.9g} s, where it needs steps of "
         f"{length:.1e} s {why}. Either the loops lock or branch there, or the torque jumps: instants "
@@ -185,9 +189,9 @@ def end_state(equations: EquationsOfMotion, step: CollocationStep) -> State:
 def _extrapolate_guess(
     equations: EquationsOfMotion, table: Collocation, previous: CollocationStep | None, length: float
 ) -> tuple[Array, Array]:
-    """Extrapolate accelerations (s, nv) and multipliers (s, m) from the previous step; zero without one.
+    """Guess accelerations (s, nv) and multipliers (s, m) at the nodes of a step of this length [s].
 
-    `length` [s] is that of the step to be guessed.
+    They are extrapolated from the previous step; without one they are zero.
     """
     if previous is None:
         a = np.zeros((table.stages, equations.robot.nv))

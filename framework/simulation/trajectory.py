@@ -1,8 +1,13 @@
-"""A simulated motion as a function of time, also between the ends of its steps."""
+"""A simulated motion as a function of time, also between the ends of its steps, and the events on it.
+
+An event is an instant at which a function of the state passes through zero.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,26 +21,26 @@ from framework.tolerances import SAME_PLACE
 
 @dataclass(frozen=True, eq=False)
 class Polynomials:
-    """The polynomials of collocation steps, of the degree of their stages; velocities are continuous."""
+    """The motion over collocation steps of s stages: polynomials of degree s with continuous velocities."""
 
     robot: ParallelRobot
-    steps: tuple[CollocationStep, ...]
+    steps: tuple[CollocationStep, ...]  # successive ones, all with the same table
 
     @property
     def edges(self) -> Array:
-        """The ends (K + 1,) of the K steps [s]."""
+        """The instants (K + 1,) at which the K steps begin and end [s]."""
         return np.array([self.steps[0].time, *(step.end for step in self.steps)])
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Evaluate positions (T, nq) and velocities (T, nv) at times (T,) [s].
+        """Evaluate q (T, nq) and v (T, nv) at times t (T,) [s].
 
         The tangent offset from the start of a step is the integral of the slopes at its nodes. The velocity
         interpolates the start and the nodes.
         """
-        index = _step_index(self.edges, t)  # (T,)
+        index = _step_index(self.edges, t)  # (T,) of the step that contains each time
         table = self.steps[0].table
         times, lengths = np.array([(step.time, step.length) for step in self.steps]).T
-        basis = table.basis((t - times[index]) / lengths[index])  # (T, stages + 1)
+        basis = table.basis((t - times[index]) / lengths[index])  # (T, s + 1)
         starts = np.array([step.start for step in self.steps])[index]
         offset, v = np.empty((2, len(t), self.robot.nv))
         for k in np.unique(index):
@@ -50,19 +55,20 @@ class Polynomials:
 
 @dataclass(frozen=True, eq=False)
 class Cubics(ReadOnlyArrays):
-    """Cubic polynomials through the states at the ends of fixed steps."""
+    """The motion over K fixed steps: cubic polynomials through the states at their ends."""
 
     robot: ParallelRobot
-    edges: Array  # (K + 1,) [s]
+    edges: Array  # (K + 1,) instants at which the steps begin and end [s]
     q: Array  # (K + 1, nq)
     v: Array  # (K + 1, nv)
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
-        """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times (T,) [s].
+        """Evaluate cubic Hermite interpolants q (T, nq) and their rates v (T, nv) at times t (T,) [s].
 
         On a step of length h from velocity v_0 to v_1, with u in [0, 1], the tangent offset from the start of
         the step is h v_0 u + c_2 u^2 + c_3 u^3. At u = 1, the end of the step, the offset is d and its
-        derivative in u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and c_3 = h v_0 + h v_1 - 2 d.
+        derivative with respect to u is h v_1. Hence c_2 = 3 d - 2 h v_0 - h v_1 and
+        c_3 = h v_0 + h v_1 - 2 d.
         """
         k = _step_index(self.edges, t)
         h = np.diff(self.edges)[k][:, None]
@@ -80,7 +86,9 @@ Trajectory = Polynomials | Cubics  # gives q (T, nq) and v (T, nv) at any times 
 
 
 def _step_index(edges: Array, t: Array) -> IntArray:
-    """Return the index (T,) of the step that contains each of the times t (T,).
+    """Find the index (T,) of the step that contains each of the times t (T,).
+
+    The K steps lie between the instants `edges` (K + 1,).
 
     Raises:
         InvalidInput: a time lies outside of all steps.
@@ -89,3 +97,108 @@ def _step_index(edges: Array, t: Array) -> IntArray:
     if not np.all((t >= edges[0] - slack) & (t <= edges[-1] + slack)):
         raise InvalidInput(f"time {t!r} is outside the simulation, [{edges[0]:g}, {edges[-1]:g}] s")
     return np.searchsorted(edges[1:-1], t, side="right")
+
+
+# ------------------------------------------------------------------ events
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """A function of t [s], q (nq,), v (nv,) whose zeros are reported; `terminal` ones end the simulation.
+
+    `direction` selects the zeros that count: +1 those at which the function grows, -1 those at which it
+    falls, 0 all.
+    """
+
+    function: Callable[[float, Array, Array], float]
+    name: str = "event"
+    terminal: bool = False
+    direction: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Occurrence:
+    """The occurrence of an event, with the state at that instant."""
+
+    name: str
+    time: float  # [s]
+    q: Array  # (nq,)
+    v: Array  # (nv,)
+    terminal: bool
+
+
+def occurrences(
+    events: Sequence[Event],
+    step: Trajectory,
+    samples: int,
+    last_values: dict[Event, float],
+) -> list[Occurrence]:
+    """Find the events of one step in order of time, up to the first terminal event.
+
+    Each function is evaluated at `samples` equidistant instants after the start of the step. A change of its
+    sign brackets a zero. If a function has two zeros between neighbouring instants, both are missed.
+
+    Args:
+        step: the motion of this step alone.
+        last_values: value of each function at the end of the previous step, updated here. This step starts
+            at the same instant, but rounding may give the value the other sign. An additional interval of
+            zero length, between the old and the new value, catches a zero that would be lost there.
+    """
+    occurred: list[Occurrence] = []
+    times = np.linspace(step.edges[0], step.edges[-1], samples + 1)
+    states = step(times)
+    for event in events:
+        values = [_event_value(event, float(t), q, v) for t, q, v in zip(times, *states, strict=True)]
+        points = [(times[0], last_values.get(event, values[0])), *zip(times, values, strict=True)]
+        last_values[event] = values[-1]
+        for zero in _find_zeros(event, step, points):
+            q, v = step(np.array([zero]))
+            occurred.append(Occurrence(event.name, zero, q[0], v[0], event.terminal))
+    occurred.sort(key=lambda occurrence: occurrence.time)
+    first_terminal = next((k for k, one in enumerate(occurred) if one.terminal), len(occurred))
+    return occurred[: first_terminal + 1]
+
+
+def _find_zeros(event: Event, step: Trajectory, points: Sequence[tuple[float, float]]) -> Iterator[float]:
+    """Yield the zeros [s] of an event's function that its values at successive instants bracket.
+
+    Args:
+        step: the motion of the step.
+        points: instants [s] with the values of the function. The first two may be of one instant.
+    """
+    for (begin, begin_value), (end, end_value) in pairwise(points):
+        if begin_value == 0.0:  # this zero belongs to the interval that ends there
+            continue
+        has_same_sign = begin_value * end_value > 0
+        has_wrong_direction = event.direction * (end_value - begin_value) < 0
+        if has_same_sign or has_wrong_direction:
+            continue
+        is_at_end = end_value == 0.0 or begin == end
+        yield float(end) if is_at_end else _find_zero(event, step, begin, end)
+
+
+def _find_zero(event: Event, trajectory: Trajectory, begin: float, end: float) -> float:
+    """Find the zero [s] of an event's function between `begin` and `end` [s], where the signs differ."""
+    from scipy.optimize import brentq
+
+    def value(t: float) -> float:
+        q, v = trajectory(np.array([t]))
+        return _event_value(event, t, q[0], v[0])
+
+    return float(brentq(value, begin, end, xtol=np.spacing(end)))
+
+
+def _event_value(event: Event, t: float, q: Array, v: Array) -> float:
+    """Return the value of an event's function at t [s], q (nq,) and v (nv,).
+
+    Raises:
+        InvalidInput: the value is not a number.
+    """
+    value = event.function(t, q, v)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if np.isnan(number):
+        raise InvalidInput(f"event {event.name}: needs one number, got {value!r} at t = {t:.9g} s")
+    return number

@@ -8,7 +8,7 @@ The measure
 Along a path
     points_on_path       singular points, classified
     rank_deficiency      all points where a matrix loses rank, found with `piecewise_measure`
-    spring_shift         the shift of a singular point by deflections
+    measure_gradient     the gradient of g, and the shift of singular points by deflections
 
 At one pose
     pose_classes         every kind of singularity

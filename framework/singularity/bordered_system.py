@@ -26,8 +26,9 @@ from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import solve_or_fit
 from framework.tolerances import NEWTON_STEP
 
-STENCIL_HALF_WIDTH = 1e-4  # half the width of the central difference, as a share of the interval of p
-MAX_ITERATIONS = 20
+# Step of central differences: a share of the interval of p, or [rad, robot lengths] of joint motions.
+DIFFERENCE_STEP = 1e-4
+MAX_ITERATIONS = 20  # of Newton's method
 
 
 class Border(NamedTuple):
@@ -40,23 +41,23 @@ class Border(NamedTuple):
     def of(M: Array, size: int = 1) -> Border:
         """Return the border b, c (..., n, size) for matrices near M (..., n, n).
 
-        b and c are the singular vectors of the `size` least singular values of M = U S V'. For M itself G is
-        minus the diagonal matrix of these values. So det G has the sign (-1)^size, whereas det M has the sign
-        of det U det V. If the signs differ, the last column of b is negated, which gives det G the sign of
-        det M.
+        b and c are the left and right singular vectors of the `size` least singular values of M = U S V'. For
+        M itself G is minus the diagonal matrix of these values. So det G has the sign (-1)^size, whereas
+        det M has the sign of det U det V. If the signs differ, the last column of b is negated, which gives
+        det G the sign of det M.
         """
         U, _, V_rows = np.linalg.svd(M)
         b = U[..., -size:].copy()
         c = V_rows[..., -size:, :].swapaxes(-1, -2)
-        relative_sign = np.sign((-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows))  # 1 if equal
-        b[..., -1] *= relative_sign[..., None]
+        sign_of_product = np.sign((-1) ** size * np.linalg.det(U) * np.linalg.det(V_rows))
+        b[..., -1] *= sign_of_product[..., None]  # -1 if the signs of det G and det M differ
         return Border(b, c)
 
 
 class BorderedSolution(NamedTuple):
-    """Solutions of the bordered systems of T matrices."""
+    """Solutions of the bordered systems of T matrices M (T, n, n)."""
 
-    eta: Array  # (T, n, size), c' eta = 1; spans the null space of M where G = 0
+    eta: Array  # (T, n, size), c' eta = 1; its columns span the null space of M where G = 0
     G: Array  # (T, size, size)
 
     @property
@@ -68,9 +69,9 @@ class BorderedSolution(NamedTuple):
 def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
     """Solve [M b; c' 0] [eta; G] = [0; 1] for T matrices M (T, n, n).
 
-    The border belongs to all matrices, or has one b and c for each.
+    The border is common to all matrices (b, c (n, size)), or each has its own (b, c (T, n, size)).
     """
-    count, n = matrices.shape[:2]
+    count, n, _ = matrices.shape
     size = border.b.shape[-1]
     bordered = np.zeros((count, n + size, n + size))
     bordered[:, :n, :n] = matrices
@@ -85,10 +86,10 @@ def solve_bordered(matrices: Array, border: Border) -> BorderedSolution:
 
 
 def bordered_solution(matrices: Array, *, border_of: int, size: int = 1) -> BorderedSolution:
-    """Solve the bordered systems of matrices (T, n, n) with one common border.
+    """Solve the bordered systems of matrices (T, n, n) with the border of one matrix.
 
     Args:
-        border_of: index of the matrix whose singular vectors are the border.
+        border_of: index (0 .. T - 1) of the matrix whose singular vectors are the border.
         size: number of columns of the border.
     """
     return solve_bordered(matrices, Border.of(matrices[border_of], size))
@@ -103,7 +104,7 @@ def determinant(G: Array) -> Array:
 
 
 class Slope(NamedTuple):
-    """The measure g and its derivatives with respect to p, with the border of the matrix at p."""
+    """The measure g at p and its derivatives with respect to p, with the border of the matrix at p."""
 
     g: float
     slope: float  # dg/dp
@@ -123,7 +124,7 @@ class Root(NamedTuple):
 
 def stencil(p: float, low: float = 0.0, high: float = 1.0) -> Array:
     """Return the points (3,) of a central difference about p, clipped to [low, high]."""
-    half = STENCIL_HALF_WIDTH * (high - low)
+    half = DIFFERENCE_STEP * (high - low)
     return np.clip([p - half, p, p + half], low, high)
 
 
@@ -151,13 +152,13 @@ def root_of_g(
     size: int = 1,
     longest: float = np.inf,
 ) -> Root:
-    """Find the root of g near `start` within [low, high] by Newton's method.
+    """Find the root of g near p = `start` within [low, high] by Newton's method.
 
     Args:
         matrices: computes the matrices (3, n, n) at three values (3,) of p.
         size: width of the border; more than 1 if several singular values are small.
-        longest: largest Newton step. A longer one would lead to another root, so the iteration stops without
-            convergence.
+        longest: largest Newton step in p. A longer one would lead to another root, so the iteration stops
+            without convergence.
     """
     p = start
     for _ in range(MAX_ITERATIONS):

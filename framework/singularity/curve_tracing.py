@@ -1,9 +1,11 @@
-"""Pseudo-arclength continuation of many curves F(u) = 0 at once, with one equation less than unknowns.
+"""Pseudo-arclength continuation of curves F(u) = 0, with one equation less than unknowns.
 
 The predictor follows the tangent and the curvature of a curve; the corrector is Newton's method in the plane
 normal to the tangent (H. B. Keller 1977). The step is shortened if the corrector moves far or the tangent
-turns much. All pieces of curves are traced together, in both directions from every start, until they meet the
-next start, leave a region or cannot be continued. Then the pieces are joined to curves.
+turns much. A curve is traced from a start in one direction until it returns to the start, leaves a region or
+cannot be continued. If it does not return, it is traced in the other direction, too.
+
+Lengths and offsets of curves are those of the unknowns u, the k moving joints in radians and robot lengths.
 """
 
 from __future__ import annotations
@@ -13,35 +15,33 @@ from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
-from framework.numerics.arrays import Array, BoolArray, IntArray, join, select
+from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray, join, select
 from framework.numerics.ordered_sums import solve
 from framework.singularity.bordered_system import Border
-from framework.singularity.locus_equations import Evaluated, LocusEquations
+from framework.singularity.locus_equations import MAX_JOINT_STEP, Evaluated, LocusEquations
 from framework.tolerances import NEWTON_STEP, RANK_ROUNDING
 
-# Largest distance of a point of a curve from a chord, divided by the chord's length; turning alone gives
-# 0.02.
+# A point is on a curve if its distance from a chord is at most this share of the chord's length. A step in
+# which the tangent turns by MAX_TANGENT_TURN gives 0.02.
 MAX_CURVE_OFFSET = 0.05
-MIN_CURVE_COSINE = 0.7  # between tangents of one curve; different curves usually cross at larger angles
-MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, lengths]
+MIN_CURVE_COSINE = 0.7  # between tangent and chord of one curve; curves usually cross at larger angles
+MAX_STEP, MIN_STEP, FIRST_STEP = 0.2, 1e-7, 0.03  # [rad, robot lengths] along a curve
 MAX_TANGENT_TURN = 0.15  # [rad] in a step: 40 points per full turn, chords 3e-3 of the radius off the curve
 TURN_SHARE = 0.8  # share of MAX_TANGENT_TURN at which the next step aims
-MIN_GROWTH, MAX_GROWTH = 0.5, 2.0  # ratio of a step to the previous one
+MAX_GROWTH = 2.0  # ratio of a step to the previous one
 MAX_CORRECTIONS = 6  # Newton steps
 MAX_CORRECTION_RATIO = 0.25  # ratio of the sum of all corrections to the step
-MAX_POINTS = 3000  # of a piece
+MAX_POINTS = 3000  # from a start in one direction
 MAX_SEARCH_STEPS = 25  # Newton steps from a random configuration
-MAX_SEARCH_STEP = 0.5  # [rad, lengths] largest joint motion in one of these
-MIN_START_DISTANCE = 1e-5  # [rad, lengths]; closer starts are on one curve, and only the first is used
 
 
 class Points(NamedTuple):
-    """S points of curves."""
+    """S points of curves, for k moving and m passive joints."""
 
     q: Array  # (S, nq)
     tangent: Array  # (S, k) unit vector t in the direction of tracing
     determinant: Array  # (S,) det [dF/du ; t']; its sign changes at branch points
-    escape_slope: Array  # (S,) slope of g along the escaping motion, dimensionless; its sign changes at cusps
+    escape_slope: Array  # (S,) derivative of g along the escaping motion; its sign changes at cusps
     eta: Array  # (S, m) unit passive rates of the escaping motion, with a sign continuous along the curve
     border: Border  # (S, m, 1) of P, the passive columns of the loops
 
@@ -62,153 +62,99 @@ class Curve(NamedTuple):
     """A traced curve."""
 
     points: Points  # in order along the curve; a closed curve ends with its first point
-    # why the curve ends, first and last end: closed, left (the region), stalled (the equations lose rank) or
-    # long (MAX_POINTS)
+    # why tracing stopped at the first and last point: closed; left (the region); stalled (the equations lose
+    # rank); or long (MAX_POINTS)
     ends: tuple[str, str]
 
 
 def find_solutions(equations: LocusEquations, q: Array) -> Array:
-    """Find solutions (s, nq), s <= S, by bounded least-norm Newton steps from q (S, nq)."""
+    """Find solutions (R, nq) of the equations, R <= S, by least-norm Newton steps from q (S, nq).
+
+    The joint motions of a step are at most MAX_JOINT_STEP. Configurations from which Newton's method does not
+    converge are left out.
+    """
     for _ in range(MAX_SEARCH_STEPS):
         evaluated = equations.evaluate(q)
         inverse = np.linalg.pinv(evaluated.slopes, rcond=RANK_ROUNDING)
-        change = -np.matvec(inverse, evaluated.values)
+        change = -np.matvec(inverse, evaluated.values)  # (S, k)
         size = np.abs(change).max(axis=1)
+
         is_finite = np.isfinite(size)
-        size = size[is_finite]
-        step = change[is_finite] / np.maximum(size / MAX_SEARCH_STEP, 1.0)[:, None]
-        q = equations.move(q[is_finite], step)
+        q, change, size = q[is_finite], change[is_finite], size[is_finite]
+        q = equations.move(q, change / np.maximum(size / MAX_JOINT_STEP, 1.0)[:, None])
         if not len(q) or size.max() < NEWTON_STEP:
             break
     return q[size < NEWTON_STEP]
 
 
-def trace_curves(
-    equations: LocusEquations,
-    starts: Points,
-    inside: Callable[[Array], BoolArray],
-    longest: float,
-) -> list[Curve]:
-    """Trace the distinct curves through S starts.
+def trace_curve(
+    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
+) -> Curve:
+    """Trace the curve through a start (S = 1).
 
     Args:
-        inside: tells which of T configurations (T, nq) are in the region, (T,). A curve ends with its first
-            point outside.
-        longest: largest step [rad, lengths].
+        inside: returns whether each of T configurations (T, nq) is in the region, (T,). A curve ends with its
+            first point outside.
+        longest: largest step [rad, robot lengths]; at most MAX_STEP in any case.
     """
-    distance = np.linalg.norm(equations.offsets(starts.q[:, None], starts.q), axis=2)
-    starts = select(starts, ~np.tril(distance < MIN_START_DISTANCE, -1).any(axis=1))
-    pieces = _trace_pieces(equations, starts, inside, min(longest, MAX_STEP))
-    curves = list[Curve]()
-    done = set[int]()  # indices of starts on the curves so far
-    for first in range(len(starts.q)):
-        if first in done:
+    forward, end = _trace_from(equations, start, inside, min(longest, MAX_STEP))
+    if end == "closed":
+        return Curve(forward, (end, end))
+    backward, begin = _trace_from(equations, start.reverse(), inside, min(longest, MAX_STEP))
+    other_half = select(backward.backwards(), slice(-1))  # the start is the first point of `forward`
+    return Curve(join([other_half, forward]), (begin, end))
+
+
+def _trace_from(
+    equations: LocusEquations, start: Points, inside: Callable[[Array], BoolArray], longest: float
+) -> tuple[Points, str]:
+    """Trace a curve from a start (S = 1) along its tangent.
+
+    Each step aims at `TURN_SHARE` of the largest turn of the tangent. For `inside` and `longest` see
+    `trace_curve`.
+
+    Returns:
+        The points from the start on; why they end, as in `Curve.ends`.
+    """
+    traced = [start]
+    step = min(FIRST_STEP, longest)
+    curvature = np.zeros_like(start.tangent)
+    while len(traced) < MAX_POINTS:
+        point = traced[-1]
+        ahead = advance(equations, point, step, curvature)
+        if ahead is None:
+            step *= 0.5
+            if step < MIN_STEP:
+                return join(traced), "stalled"
             continue
-        along, end = _chain_pieces(pieces, first, done)
-        if end == "closed":
-            curves.append(Curve(join(along), (end, end)))
-            continue
-        against, begin = _chain_pieces(pieces, first + len(starts.q), done)
-        before_start = select(join(against).backwards(), slice(-1))  # the start is the first point of `along`
-        curves.append(Curve(join([before_start, *along]), (begin, end)))
-    return curves
+        if len(traced) > 1 and passes_point(equations, join([point, ahead]), start):
+            return join([*traced, start]), "closed"
+        traced.append(ahead)
+        if not inside(ahead.q)[0]:
+            return join(traced), "left"
+
+        change = ahead.tangent - point.tangent
+        curvature = change / step
+        turn = max(float(np.linalg.norm(change)), LEAST_DIVISOR)  # [rad] in this step
+        step *= min(TURN_SHARE * MAX_TANGENT_TURN / turn, MAX_GROWTH)
+        step = min(step, longest)
+    return join(traced), "long"
 
 
-class _Piece(NamedTuple):
-    """A part of a curve from a start, in one direction, to its end."""
+def passes_point(equations: LocusEquations, curve: Points, point: Points) -> bool:
+    """Return whether a curve through m points passes through a `point` (S = 1), judged by its chords.
 
-    points: Points  # from the start to the end
-    end: str  # met (the last point is another start), or as in `Curve.ends`
-    following: int  # number of the piece that continues from the start that was met
-
-
-class _Fronts(NamedTuple):
-    """The last points of the F pieces that are being traced."""
-
-    points: Points
-    curvature: Array  # (F, k) derivatives of the tangents with respect to arc length
-    step: Array  # (F,) [rad, lengths] to be tried next
-    piece: IntArray  # (F,) number of the piece, see `_trace_pieces`
-
-    def advance(self, ahead: Points, accepted: BoolArray, step: Array, longest: float) -> _Fronts:
-        """Return the fronts at the points ahead, with the sizes (F,) of the next steps.
-
-        After an accepted step the next one aims at `TURN_SHARE` of the largest turn of the tangent. A refused
-        step has been halved already.
-        """
-        curvature = (ahead.tangent - self.points.tangent) / step[:, None]
-        turn = np.linalg.norm(curvature, axis=1) * step  # [rad] in this step
-        growth = np.clip(TURN_SHARE * MAX_TANGENT_TURN / np.maximum(turn, MIN_STEP), MIN_GROWTH, MAX_GROWTH)
-        return _Fronts(
-            points=ahead,
-            curvature=np.where(accepted[:, None], curvature, self.curvature),
-            step=np.where(accepted, np.minimum(step * growth, longest), step),
-            piece=self.piece,
-        )
-
-
-def _trace_pieces(
-    equations: LocusEquations, starts: Points, inside: Callable[[Array], BoolArray], longest: float
-) -> dict[int, _Piece]:
-    """Trace two pieces from each of S starts, one in each direction.
-
-    Piece k goes along the tangent of start k, piece S + k against it. All pieces take their steps together;
-    ended pieces leave the `fronts`.
+    A chord passes through the point if it is close to the point and has about the direction of the point's
+    tangent.
     """
-    starts_both_ways = join([starts, starts.reverse()])
-    step = np.full(len(starts_both_ways.q), min(FIRST_STEP, longest))
-    fronts = _Fronts(
-        points=starts_both_ways,
-        curvature=np.zeros_like(starts_both_ways.tangent),
-        step=step,
-        piece=np.arange(len(step)),
-    )
-    traced = [[starts_both_ways.single(k)] for k in range(len(step))]  # the points of each piece so far
-    pieces: dict[int, _Piece] = {}
-    while len(fronts.piece):
-        ahead, accepted = advance(equations, fronts.points, fronts.step, fronts.curvature)
-        step = np.where(accepted, fronts.step, 0.5 * fronts.step)
-        stalled = ~accepted & (step < MIN_STEP)
-        following = _find_following(equations, fronts.points, ahead, step, starts)
-        conditions = [stalled, ~accepted, following >= 0, ~inside(ahead.q)]  # the first true one decides
-        ends = np.select(conditions, ["stalled", "", "met", "left"], "")  # "": the piece goes on
-        for k in np.flatnonzero(accepted | stalled):
-            piece = int(fronts.piece[k])
-            if ends[k] == "met":
-                traced[piece].append(starts_both_ways.single(int(following[k])))
-            elif accepted[k]:
-                traced[piece].append(ahead.single(k))
-                if not ends[k] and len(traced[piece]) == MAX_POINTS:
-                    ends[k] = "long"
-            if ends[k]:
-                pieces[piece] = _Piece(join(traced[piece]), str(ends[k]), int(following[k]))
-        fronts = select(fronts.advance(ahead, accepted, step, longest), ends == "")
-    return pieces
-
-
-def _find_following(
-    equations: LocusEquations, points: Points, ahead: Points, step: Array, starts: Points
-) -> IntArray:
-    """Find the piece (F,) that continues from the start passed in each front's step, else -1.
-
-    A step from `points` to the points `ahead` passes a start if the start lies between the planes normal to
-    the tangents at both ends of the step, is close to the chord of the step, and has a similar tangent. Piece
-    k of S starts continues along the tangent of start k, piece S + k against it.
-    """
-    from_front = equations.offsets(points.q[:, None], starts.q)  # (F, S, k) from fronts to starts
-    from_end = equations.offsets(ahead.q[:, None], starts.q)  # from the ends of the steps to starts
-    chord = from_front - from_end  # of the step, measured modulo turns about each start
-    length = np.linalg.norm(chord, axis=2)  # (F, S)
-    distance = np.matvec(from_front, points.tangent)  # (F, S) of the start ahead of the front
-    remaining = np.matvec(from_end, ahead.tangent)  # (F, S) of the start ahead of the step's end
-    chord_distance = np.linalg.norm(chord_offsets(from_front, chord), axis=2)
-    cosine = ahead.tangent @ starts.tangent.T  # (F, S)
-    passes = (distance > MIN_START_DISTANCE) & (remaining <= 0) & (length < 2 * step[:, None])
-    passes &= chord_distance < MAX_CURVE_OFFSET * length + MIN_START_DISTANCE
-    passes &= np.abs(cosine) > MIN_CURVE_COSINE
-    first = np.argmin(np.where(passes, distance, np.inf), axis=1)  # (F,) the nearest start ahead
-    is_against = cosine[np.arange(len(first)), first] <= 0
-    return np.where(passes.any(axis=1), first + len(starts.q) * is_against, -1)
+    offsets = equations.offsets(point.q, curve.q)  # (m, k) from the point to those of the curve
+    chord = np.diff(offsets, axis=0)  # (m - 1, k)
+    length = np.linalg.norm(chord, axis=1)
+    distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
+    passes = distance < MAX_CURVE_OFFSET * length
+    passes &= np.abs(chord @ point.tangent[0]) > MIN_CURVE_COSINE * length
+    passes &= length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
+    return bool(passes.any())
 
 
 def chord_offsets(offset: Array, chord: Array) -> Array:
@@ -223,77 +169,29 @@ def chord_offsets(offset: Array, chord: Array) -> Array:
     return offset - share[..., None] * chord
 
 
-def _chain_pieces(pieces: dict[int, _Piece], first: int, done: set[int]) -> tuple[list[Points], str]:
-    """Collect the points of a piece and all following pieces; return why the last one ends.
+def advance(equations: LocusEquations, point: Points, step: float, curvature: Array) -> Points | None:
+    """Compute the point of a curve a step [rad, robot lengths] ahead of a point (S = 1).
 
-    Pieces are numbered as in `_trace_pieces`. The starts of all these pieces are added to `done`.
+    The predictor is quadratic, with the derivative `curvature` (1, k) of the tangent by arc length. Newton's
+    method corrects the prediction normal to the tangent. None if the corrector fails: its system is singular,
+    the corrections are long compared with the step, or the tangent turns too far.
     """
-    count = len(pieces) // 2
-    piece = pieces[first]
-    parts = [piece.points]
-    done.add(first % count)
-    while piece.end == "met":
-        start = piece.following % count
-        if start == first % count:
-            return parts, "closed"
-        if start in done:  # two starts so close to each other that pieces disagree on their order
-            return parts, "long"
-        done.add(start)
-        piece = pieces[piece.following]
-        parts.append(select(piece.points, slice(1, None)))  # the previous part ends with the start
-    return parts, piece.end
-
-
-def advance(
-    equations: LocusEquations, points: Points, step: Array, curvature: Array
-) -> tuple[Points, BoolArray]:
-    """Compute the points a step (S,) ahead, and whether each step is accepted (S,).
-
-    The predictor is quadratic, with the derivatives `curvature` (S, k) of the tangents. Newton's method
-    corrects all points together. A step is rejected if its system is singular, its corrections are long
-    compared with the step, or its tangent turns too far. The point of a rejected step does not move.
-    """
-    q = equations.move(points.q, step[:, None] * points.tangent + 0.5 * step[:, None] ** 2 * curvature)
-    ahead = points
-    accepted = np.zeros(len(q), dtype=bool)
-    correction = np.zeros(len(q))  # [rad, lengths] by all Newton steps so far
-    live = np.arange(len(q))  # indices of points that have neither converged nor been rejected
+    q = equations.move(point.q, step * point.tangent + 0.5 * step**2 * curvature)
+    correction = 0.0  # [rad, robot lengths] by all Newton steps so far
     for _ in range(MAX_CORRECTIONS):
-        start = select(points, live)
-        evaluated = equations.evaluate(q[live], start.border)
-        change, is_regular = _newton_correction(evaluated, start.tangent)
-        size = np.abs(change).max(axis=1)
-        correction[live] += size
-        q[live] = equations.move(q[live], change)
-        is_regular &= correction[live] < MAX_CORRECTION_RATIO * step[live]
-        converged = is_regular & (size < NEWTON_STEP)
-        if converged.any():
-            rows = live[converged]
-            corrected = curve_points(q[rows], select(evaluated, converged), select(start, converged))
-            is_smooth = (
-                np.linalg.norm(corrected.tangent - start.tangent[converged], axis=1) < MAX_TANGENT_TURN
-            )
-            accepted[rows] = is_smooth
-            ahead = _replace_rows(ahead, rows[is_smooth], select(corrected, is_smooth))
-        live = live[is_regular & ~converged]
-        if not len(live):
-            break
-    return ahead, accepted
-
-
-def _replace_rows(points: Points, rows: IntArray, new: Points) -> Points:
-    """Return a copy of the points with `new` points in some rows."""
-    index = np.arange(len(points.q))  # of each row, in the stack of old and new points
-    index[rows] = len(index) + np.arange(len(rows))
-    return select(join([points, new]), index)
-
-
-def _newton_correction(evaluated: Evaluated, tangent: Array) -> tuple[Array, BoolArray]:
-    """Compute Newton's steps (S, k) normal to tangents (S, k), and which systems are regular (S,)."""
-    values = np.concatenate([evaluated.values, np.zeros((len(tangent), 1))], axis=1)
-    change = -solve(_append_tangent(evaluated.slopes, tangent), values)
-    regular = np.asarray(np.isfinite(change).all(axis=1))
-    return np.where(regular[:, None], change, 0.0), regular
+        evaluated = equations.evaluate(q, point.border)
+        values = np.append(evaluated.values, [[0.0]], axis=1)
+        change = -solve(_append_tangent(evaluated.slopes, point.tangent), values)  # (1, k)
+        size = np.abs(change).max()
+        correction += size
+        if not correction < MAX_CORRECTION_RATIO * step:  # also if the system is singular
+            return None
+        q = equations.move(q, change)
+        if size < NEWTON_STEP:
+            ahead = curve_points(q, evaluated, point)
+            turn = np.linalg.norm(ahead.tangent - point.tangent)
+            return ahead if turn < MAX_TANGENT_TURN else None
+    return None
 
 
 def _append_tangent(slopes: Array, tangent: Array) -> Array:
@@ -310,7 +208,7 @@ def curve_points(q: Array, evaluated: Evaluated, previous: Points | None) -> Poi
     """Return the points of curves at q (S, nq).
 
     Args:
-        evaluated: the equations at q, or at configurations one converged Newton step away from q.
+        evaluated: the equations at q, or one converged Newton step away from q.
         previous: points whose tangents and escaping motions decide the signs of the new ones; None if the
             signs are arbitrary.
     """

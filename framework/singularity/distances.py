@@ -19,7 +19,7 @@ from framework.numerics.ordered_sums import singular_values
 from framework.singularity.type2 import singularity_measure
 from framework.tolerances import RANK_LOST
 
-SINGULAR_VALUE_FLOOR = 1e-30  # replaces singular values that are exactly zero
+SINGULAR_VALUE_FLOOR = 1e-30  # least divisor: its inverse is huge, but does not overflow when squared
 
 
 class Distances(NamedTuple):
@@ -54,13 +54,15 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
     """Compute distances from singularities at T configurations without a Type 1 singularity."""
     A, B, _ = dimensionless_matrices(robot, linearised)
     sigma_A = singular_values(A)[:, -1]
-    if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v gives the torques of least norm
+    if robot.n_a > robot.n:  # redundant motors: dq_a = B^+ A v yields the torques of least norm
         A = np.linalg.pinv(B) @ A
         B = np.eye(robot.n_a)
+
     # v = J dq_a with J = A^-1 B = V S^-1 U' B (T, n, n_a) and A = U S V'
     U, values, V_rows = np.linalg.svd(A, full_matrices=False)
     inverse = 1.0 / np.maximum(values, SINGULAR_VALUE_FLOOR)
     J = V_rows.swapaxes(1, 2) @ (inverse[:, :, None] * (U.swapaxes(1, 2) @ B))
+
     torque_norm, torque_largest = _worst_torques(robot, J, V_rows, values, np.ones(robot.n_a))
     motor_norm, motor_largest = _worst_torques(robot, J, V_rows, values, robot.gear_ratio)
     return Distances(
@@ -77,7 +79,7 @@ def singularity_distances(robot: ParallelRobot, linearised: LinearisedLoops) -> 
 def _worst_torques(
     robot: ParallelRobot, J: Array, V_rows: Array, values: Array, gear: Array
 ) -> tuple[Array, Array]:
-    """Compute the largest 2-norm (T,) and largest single torque (T,) that balance a unit force.
+    """Compute the largest torques that balance a force of 1 N in any direction.
 
     By virtual work W' v = tau' dq_a, the torques are tau = J' W with v = J dq_a. They are infinite where a
     vanishing singular value belongs to a twist that moves the platform's point.
@@ -87,15 +89,20 @@ def _worst_torques(
         V_rows: (T, n, n) right singular vectors of A, dimensionless twists, one a row.
         values: (T, n) singular values of A.
         gear: (n_a,) ratios by which gears reduce the torques.
+
+    Returns:
+        The largest 2-norm (T,) of all torques; the largest single torque (T,).
     """
     translations = robot.translations
     if not translations.any():
         undefined = np.full(len(J), np.nan)
         return undefined, undefined
+
     units = robot.length / (robot.column_scale[robot.actuated] * gear)  # back to metres and radians
     torques = J[:, translations] * units  # (T, translations, n_a)
     moves_point = np.abs(V_rows[:, :, translations]).max(axis=2) > RANK_LOST  # (T, n)
     is_lost = ((values < RANK_LOST) & moves_point).any(axis=1)
+
     norm = singular_values(torques)[:, 0]
     largest = np.linalg.norm(torques, axis=1).max(axis=1)
     return np.where(is_lost, np.inf, norm), np.where(is_lost, np.inf, largest)

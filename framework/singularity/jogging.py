@@ -29,19 +29,16 @@ from framework.kinematics.tree_model import positions_beyond_limits
 from framework.laws.path import Line
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
+from framework.singularity.locus_equations import MAX_JOINT_STEP
 from framework.singularity.type2 import singularity_measure, twist_norm, uncontrolled_motion
 
-NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01  # least singular value divided by its usual size
-LIMIT_BISECTIONS = 8  # of a motion that ends at a joint limit: at most 0.4 % of the motion is left out
+# Least singular value over its usual size, below which a pose is near singular, or singular.
+NEAR_SINGULAR_RATIO, SINGULAR_RATIO = 0.3, 0.01
+LIMIT_BISECTIONS = 8  # to find where a motion ends at a joint limit: at most 0.4 % of the motion is left out
 # Largest motion of the platform along t_s, to show an escaping motion: [robot lengths], [rad].
 LOOSE_SHIFT, LOOSE_TURN = 0.03, 0.1
 # Distance of a motor from a Type 2 singularity at which it stops [rad, robot lengths].
 MOTOR_STOP_DISTANCE = 1e-8
-USUAL_SIZE_FLOOR = (
-    0.01  # least usual size of a singular value, for a reference that is nearly singular itself
-)
-MAX_RETREATS = 6  # from a singularity, each ten times as far as the previous one
-MAX_LOOSE_STEP = 0.5  # [rad, robot lengths] of a joint in a Newton step along t_s
 LOOSE_SHARES = np.linspace(-1.0, 1.0, 9)  # shares of the largest motion along t_s at which poses are computed
 
 # Name of a singularity, and its meaning.
@@ -67,9 +64,9 @@ class JoggedPose:
     """A pose reached by jogging, and its distance from a singularity."""
 
     q: Array  # (nq,)
-    x: Array  # (n,)
+    x: Array  # (n,) platform coordinates
     motors: Array  # (n_a,) joint side [rad, m]
-    g: float | None  # None if every joint has a motor
+    g: float | None  # see `singularity_measure`; None if every joint has a motor
     smallest: float | None  # least singular value of P; None if every joint has a motor
     level: str  # of proximity to a singularity: regular, near or singular
     kind: str  # of the singularity: type_1, type_2, leg_passive, constraint, closure, or ""
@@ -89,10 +86,12 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     """
     closed = assembled_at(robot, q)
     linearised = closed.linearised
+
     type1_value, type2_value = _least_singular_values(robot, linearised)
     usual_type1_value, usual_type2_value = _least_singular_values(robot, linearised_at_reference(robot))
     level = _proximity_level(type1_value, usual_type1_value)
     type2_level = _proximity_level(type2_value, usual_type2_value)
+
     kind, verdict = "", "regular: the motors hold the platform in every direction"
     if type2_level != "regular":
         level = type2_level
@@ -102,6 +101,7 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
     elif level != "regular":
         kind = "type_1"
         verdict = _TYPE_1[level].format(joint=weakest_leg(robot, linearised))
+
     has_measure = len(robot.following) > 0  # else every joint has a motor, and there is no Type 2
     measure = singularity_measure(robot, linearised)
     twist = linearised.platform[0] @ measure.motion[0]
@@ -120,8 +120,11 @@ def describe_jogged_pose(robot: ParallelRobot, q: Array, stopped: str = "") -> J
 
 
 def _proximity_level(value: float, usual: float) -> str:
-    """Return regular, near or singular by comparing a least singular value with its usual size."""
-    usual = max(usual, USUAL_SIZE_FLOOR)
+    """Return regular, near or singular by comparing a least singular value with its usual size.
+
+    The usual size is at least SINGULAR_RATIO, as the reference itself may be nearly singular.
+    """
+    usual = max(usual, SINGULAR_RATIO)
     if value >= NEAR_SINGULAR_RATIO * usual:
         return "regular"
     return "near" if value > SINGULAR_RATIO * usual else "singular"
@@ -130,43 +133,42 @@ def _proximity_level(value: float, usual: float) -> str:
 class LooseMotion(NamedTuple):
     """A motion of the platform along t_s to both sides of a singular pose, loops closed."""
 
-    q: Array  # (9, nq) from one end to the other, the singular pose in the middle
+    q: Array  # (9, nq) at LOOSE_SHARES of the motion, from one end to the other
     shift: float  # [m] largest shift of the platform's point to either side
     turn: float  # [rad] largest turn of the platform to either side
     motors: Array  # (n_a,) largest motion of each motor, joint side [rad, m]; of second order on the locus
 
 
 def loose_motion(robot: ParallelRobot, pose: JoggedPose, *, shift: float = LOOSE_SHIFT) -> LooseMotion | None:
-    """Compute closed poses along t_s, with the motors nearly at rest; None if the loops do not close.
+    """Compute poses along t_s with the loops closed; None if the loops do not close.
 
     To first order the loops allow this motion with locked motors. When the loops are closed exactly, the
-    motions of the motors are of second order in that of the platform. `shift` is the largest shift of the
-    platform [robot lengths].
+    motions of the motors are of second order in that of the platform.
+
+    Args:
+        pose: a singular pose.
+        shift: largest shift of the platform [robot lengths].
     """
     linear = float(np.linalg.norm(pose.twist[robot.translations]))
     angular = float(np.linalg.norm(pose.twist[~robot.translations]))
     largest_turn = LOOSE_TURN * shift / LOOSE_SHIFT
-    # t_s / size is the largest motion: its shift or its turn is the largest one allowed
+    # the largest motion is t_s / size: either its shift or its turn has the largest value allowed
     size = max(linear / (shift * robot.length), angular / largest_turn)
     E = robot.platform.rate_matrix(pose.x[None])[0]  # v = E dx
     if size == 0 or np.linalg.matrix_rank(E) < robot.n:
         return None
+
     largest_change = np.linalg.solve(E, pose.twist / size)  # (n,) of the platform's coordinates
     x = pose.x + LOOSE_SHARES[:, None] * largest_change
-    stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_LOOSE_STEP)
+    stack = close_each(robot, x, np.tile(pose.q, (len(x), 1)), farthest=MAX_JOINT_STEP)
     if not stack.closed.all():
         return None
     motor_motions = np.abs(robot.actuated_coordinates(stack.q) - pose.motors)  # (9, n_a)
-    return LooseMotion(
-        q=stack.q,
-        shift=linear / size,
-        turn=angular / size,
-        motors=motor_motions.max(axis=0),
-    )
+    return LooseMotion(stack.q, shift=linear / size, turn=angular / size, motors=motor_motions.max(axis=0))
 
 
 def move_platform(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Move one platform coordinate to `value`, the others at rest.
+    """Move the platform coordinate number `index` to `value` [m, rad], the others at rest.
 
     The motion ends at the limit of the working mode.
 
@@ -222,12 +224,13 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
     If q itself exceeds a limit, the limits are ignored.
 
     Args:
-        pose_after: computes the pose after a share of the motion.
+        pose_after: computes the pose after a share, 0 to 1, of the motion.
     """
     pose = pose_after(1.0)
     excesses = positions_beyond_limits(robot.limits, pose.q[None])
     if not excesses or positions_beyond_limits(robot.limits, q[None]):
         return pose
+
     last_inside = describe_jogged_pose(robot, q)
     inside, outside = 0.0, 1.0  # shares of the motion
     for _ in range(LIMIT_BISECTIONS):
@@ -242,7 +245,10 @@ def _stop_at_limits(robot: ParallelRobot, q: Array, pose_after: Callable[[float]
 
 
 def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> JoggedPose:
-    """Move the platform straight towards coordinates `target` (n,) until the working mode ends."""
+    """Move the platform straight towards coordinates `target` (n,) until the working mode ends.
+
+    `start` is the pose at the start (T = 1).
+    """
     q = start.q[0]
     if np.array_equal(target, start.x[0]):
         return describe_jogged_pose(robot, q)
@@ -263,7 +269,7 @@ def _follow_line(robot: ParallelRobot, start: ClosedStack, target: Array) -> Jog
 
 
 def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> JoggedPose:
-    """Turn one motor's joint to `value` [rad, m] in this assembly mode, with the others at rest.
+    """Turn the joint of motor number `index` to `value` [rad, m] in this assembly mode, the others at rest.
 
     Raises:
         InvalidInput: q is not assembled, there is no such motor, or the motors depend on one another.
@@ -281,14 +287,13 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
     def stop_before(angle: float, sign: float) -> Array:
         """Compute q (nq,) just before the singularity that lies at a turn of size `angle` and this sign.
 
-        The motor stops at growing distances before the singularity until a pose is found, else at the start.
+        The motor stops at tenfold growing distances before the singularity until a pose is found, else at the
+        start.
         """
         retreat = MOTOR_STOP_DISTANCE * robot.column_scale[robot.actuated[index]]
-        for _ in range(MAX_RETREATS):
+        while angle > retreat:
             angle -= retreat
             retreat *= 10.0
-            if angle <= 0.0:
-                break
             try:
                 return turn(sign * angle)
             except Type2Singularity as earlier:  # another singularity, at a share of the turn
@@ -311,7 +316,7 @@ def move_motor(robot: ParallelRobot, q: Array, index: int, value: float) -> Jogg
 
 
 def _check_request(index: int, count: int, value: float) -> None:
-    """Refuse an index out of range and a value that is not finite."""
+    """Raise InvalidInput for an index outside 0 .. count - 1, or a value that is not finite."""
     if not 0 <= index < count:
         raise InvalidInput(f"index: needs 0 .. {count - 1}, got {index}")
     if not np.isfinite(value):
@@ -319,6 +324,6 @@ def _check_request(index: int, count: int, value: float) -> None:
 
 
 def _least_singular_values(robot: ParallelRobot, linearised: LinearisedLoops) -> tuple[float, float]:
-    """Compute the least singular values of the Type 1 matrix and of P (T = 1)."""
-    type1_value = singular_values(type1_matrix(robot, linearised)).min()
-    return float(type1_value), float(clearance(robot, linearised)[0])
+    """Compute the least singular values of the Type 1 matrix and of P at one pose (T = 1)."""
+    type1_values = singular_values(type1_matrix(robot, linearised)[0])
+    return float(type1_values[-1]), float(clearance(robot, linearised)[0])

@@ -1,10 +1,11 @@
 """The singular locus on a map: curves traced on the map's branch, and compared with the signs of g.
 
-Tracing starts from the poses next to a sign change of g, and from local minima of |g|. A point of a traced
-curve belongs to the map if a step of inverse kinematics from the nearest pose leads to the configuration of
-the point. So each point is singular and on the branch of the poses. Completeness is not claimed, because a
-curve between the poses may be so small that g has the same sign at all poses. Sign changes between neighbours
-that no curve explains are reported.
+Tracing starts from the poses next to a sign change of g, and from local minima of |g|, as g keeps its sign
+across some curves. A point of a traced curve belongs to the map if a step of inverse kinematics from the
+nearest pose leads to the configuration of the point. So each point is singular and on the branch of the
+poses. Completeness is not claimed, because a curve between the poses may be so small that g has the same sign
+at all poses. A curve explains a sign change between neighbours if it passes within a cell of their midpoint.
+Sign changes that no curve explains are reported.
 """
 
 from __future__ import annotations
@@ -27,16 +28,11 @@ from framework.singularity.locus_equations import LocusEquations
 from framework.singularity.traced_locus import LocusCurve, trace_locus
 from framework.tolerances import DISTINCT_SOLUTIONS
 
-STARTS_PER_ROUND = 24  # number of starts, chosen evenly among the unexplained sign changes
-MAX_ROUNDS = 4  # of tracing for each working mode
+STARTS_PER_ROUND = 24  # largest number of sign changes, and of minima of |g|, from which a round starts
 # Distance in cells below which two curves are the same: on one branch a point determines the configuration.
 SAME_CURVE_CELLS = 0.25
-MAX_TOUCHES = 16  # number of minima of |g| from which tracing starts, as g keeps its sign across some curves
 STEPS_PER_REACH = 16.0  # least number of steps of a curve along half an edge of its region
-REGION_MARGIN = 1.05  # half an edge of the region, divided by the distance of the map's farthest side
-EXPLAINED_CELLS = 1.0  # largest distance of a sign change from the curve that explains it
 AROUND = np.array([(i, j) for i in (0, -1, 1) for j in (0, -1, 1)])  # a cell (first) and its eight neighbours
-MAX_ANGLE_STEP = 3.0  # [rad] between neighbours of a curve; a larger one is a jump from pi to -pi
 
 
 class MapPoses(NamedTuple):
@@ -115,8 +111,9 @@ def _trace_modes(
 ) -> tuple[list[MapCurve], BoolArray]:
     """Trace the curves of all working modes, modes with the most starts first.
 
-    Each round starts from sign changes that the curves so far do not explain. The first round of a mode also
-    starts from minima of |g|.
+    Each round starts from sign changes that the curves so far do not explain, the first round of a mode also
+    from minima of |g|. The rounds of a mode end when all its sign changes are explained or have been starts,
+    or when a round explains none.
 
     Args:
         changes: (e, 4) indices i, j of the poses on both sides of each sign change, see `_sign_changes`.
@@ -132,23 +129,35 @@ def _trace_modes(
     modes, counts = np.unique(np.concatenate([change_modes, minimum_modes]), axis=0, return_counts=True)
     for mode in modes[np.argsort(-counts, kind="stable")]:
         of_mode = (change_modes == mode).all(axis=1)
-        cells = minima[(minimum_modes == mode).all(axis=1)]
-        for _ in range(MAX_ROUNDS):
-            todo = np.flatnonzero(unexplained & of_mode)
-            cells = np.concatenate([cells, changes[_choose_evenly(todo), :2]])
-            if not len(cells):
+        todo = np.flatnonzero(of_mode & unexplained)
+        minima_of_mode = minima[(minimum_modes == mode).all(axis=1)]
+        cells = np.concatenate([minima_of_mode, changes[_choose_evenly(todo), :2]])  # at which a round starts
+        while len(cells):
+            curves += _trace_new_parts(equations, poses, cells, curves)
+            unexplained = _is_apart(poses, _midpoints(poses, changes), curves, cells=1.0)
+            remaining = np.flatnonzero(of_mode & unexplained)
+            is_complete = len(todo) <= STARTS_PER_ROUND  # all of them have been starts
+            if is_complete or len(remaining) == len(todo):
                 break
-            for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
-                for part in _parts_on_branch(equations, poses, curve):
-                    if _is_apart(poses, part.x, curves, SAME_CURVE_CELLS).any():  # not all of it is known
-                        curves.append(part)
-            unexplained = _is_apart(poses, _midpoints(poses, changes), curves, EXPLAINED_CELLS)
-            remaining = np.count_nonzero(unexplained & of_mode)
-            # all starts have been tried, none is left, or there was no progress
-            if len(todo) <= STARTS_PER_ROUND or remaining in (0, len(todo)):
-                break
-            cells = cells[:0]  # later rounds start from sign changes alone
+            todo = remaining
+            cells = changes[_choose_evenly(todo), :2]
     return curves, unexplained
+
+
+def _trace_new_parts(
+    equations: LocusEquations, poses: MapPoses, cells: IntArray, known: list[MapCurve]
+) -> list[MapCurve]:
+    """Trace curves from the map's poses at indices `cells` (k, 2).
+
+    Returns:
+        The parts of the curves on the map's branch that are not among the `known` ones.
+    """
+    parts = list[MapCurve]()
+    for curve in _trace_near(equations, poses, _poses_at(poses, cells)):
+        for part in _parts_on_branch(equations, poses, curve):
+            if _is_apart(poses, part.x, known + parts, SAME_CURVE_CELLS).any():
+                parts.append(part)
+    return parts
 
 
 def _poses_at(poses: MapPoses, cells: IntArray) -> Array:
@@ -163,18 +172,17 @@ def _choose_evenly(indices: IntArray) -> IntArray:
 
 
 def _working_modes(robot: ParallelRobot, poses: MapPoses, cells: IntArray) -> Array:
-    """Compute the working modes (e, legs), a sign for each leg, at cells (e, 2) of the map."""
+    """Compute the working modes (e, legs), a sign for each leg, at indices (e, 2) of the map."""
     return leg_signs(robot, linearised_at(robot, _poses_at(poses, cells), None))
 
 
 def _trace_near(equations: LocusEquations, poses: MapPoses, starts: Array) -> list[LocusCurve]:
-    """Trace the locus over the map from starts (k, nq) in the working mode of the first start."""
+    """Trace the locus over the map from starts (k, nq), in the working mode of the first start."""
     robot = equations.robot
     axes = list(poses.axes)
     centre = robot.platform.coordinates(frames_at(robot, starts[:1]))[0, axes]
-    # (2, 2) distances of the map's sides from the centre, dimensionless
-    distances = np.abs(np.stack([poses.lower, poses.upper]) - centre) / robot.platform_scale[axes]
-    reach = REGION_MARGIN * float(distances.max())
+    distances = np.abs(np.stack([poses.lower, poses.upper]) - centre)  # (2, 2) of the map's sides [m, rad]
+    reach = float(((distances + poses.cell) / robot.platform_scale[axes]).max())  # a cell beyond the map
     traced = trace_locus(
         robot,
         starts[0],
@@ -197,15 +205,16 @@ def _sign_changes(g: Array) -> IntArray:
     Returns:
         Indices (e, 4): i, j of the one pose, then i, j of its neighbour.
     """
-    along_i = np.argwhere(g[:-1] * g[1:] < 0)
-    along_j = np.argwhere(g[:, :-1] * g[:, 1:] < 0)
-    pairs_along_i = np.hstack([along_i, along_i + np.array([1, 0])])
-    pairs_along_j = np.hstack([along_j, along_j + np.array([0, 1])])
-    return np.vstack([pairs_along_i, pairs_along_j])
+    changes_along_i = g[:-1] * g[1:] < 0  # (I - 1, J)
+    changes_along_j = g[:, :-1] * g[:, 1:] < 0  # (I, J - 1)
+    first_i, first_j = np.argwhere(changes_along_i), np.argwhere(changes_along_j)  # poses before the changes
+    first = np.vstack([first_i, first_j])
+    second = np.vstack([first_i + np.array([1, 0]), first_j + np.array([0, 1])])
+    return np.hstack([first, second])
 
 
 def _find_minima(g: Array) -> IntArray:
-    """Find indices (t, 2) of the MAX_TOUCHES least local minima of |g| (I, J).
+    """Find indices (t, 2) of the STARTS_PER_ROUND least local minima of |g| (I, J).
 
     At a minimum |g| is less than at all eight neighbours.
     """
@@ -216,7 +225,7 @@ def _find_minima(g: Array) -> IntArray:
     footprint[1, 1] = False  # the pose itself does not count
     neighbours = minimum_filter(size, footprint=footprint, mode="constant", cval=np.inf)
     minima = np.argwhere(size < neighbours)
-    return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:MAX_TOUCHES]]
+    return minima[np.argsort(size[tuple(minima.T)], kind="stable")[:STARTS_PER_ROUND]]
 
 
 def _midpoints(poses: MapPoses, changes: IntArray) -> Array:
@@ -243,11 +252,12 @@ def _parts_on_branch(equations: LocusEquations, poses: MapPoses, curve: LocusCur
     axes = list(poses.axes)
     x = curve.x[:, axes]
     is_on, is_off = _compare_branches(equations, poses, curve, x)
-    is_jump = (np.abs(np.diff(x, axis=0)) > MAX_ANGLE_STEP) & ~equations.robot.translations[
-        axes
-    ]  # (m - 1, 2)
+
+    turns = x[:, ~equations.robot.translations[axes]]
+    is_jump = (np.abs(np.diff(turns, axis=0)) > np.pi).any(axis=1)  # (m - 1,) from pi to -pi
     leaves_or_enters = is_off[1:] != is_off[:-1]
-    breaks = np.flatnonzero(is_jump.any(axis=1) | leaves_or_enters) + 1
+    breaks = np.flatnonzero(is_jump | leaves_or_enters) + 1
+
     parts = np.split(np.arange(len(x)), breaks)  # indices of the points of each part
     return [MapCurve(x[part], curve.q[part]) for part in parts if len(part) > 1 and is_on[part].any()]
 
@@ -263,10 +273,10 @@ class _Neighbours(NamedTuple):
 def _neighbouring_poses(poses: MapPoses, x: Array) -> _Neighbours:
     """Return the map's poses about points x (m, 2)."""
     nearest = np.round((x - poses.lower) / poses.cell).astype(int)
-    cells = nearest[:, None] + AROUND  # (m, 9, 2)
+    cells = nearest[:, None] + AROUND  # (m, 9, 2) indices of the nine poses
     on_map = ((cells >= 0) & (cells < poses.g.shape)).all(axis=2)
-    valid_cells = np.where(on_map[:, :, None], cells, 0)  # any pose in place of those beyond the map
-    i, j = np.moveaxis(valid_cells, 2, 0)  # (m, 9) each
+    cells[~on_map] = 0  # any pose in place of those beyond the map
+    i, j = np.moveaxis(cells, 2, 0)  # (m, 9) each
     return _Neighbours(x=poses.x[i, j], q=poses.q[i, j], reached=on_map & poses.reached[i, j])
 
 
@@ -290,13 +300,15 @@ def _compare_branches(
     if not len(inside):
         return is_on, is_off
     neighbours = select(neighbours, inside)
-    q = curve.q[inside]
     nearest_q = neighbours.q[:, 0]
+    q = curve.q[inside]
     ends, arrives = poses.continue_pose(nearest_q, neighbours.x[:, 0], curve.x[inside])
     with np.errstate(invalid="ignore"):  # poses that are not reached have NaN
         gap = np.abs(equations.offsets(q, ends)).max(axis=1)
         to_neighbours = np.abs(equations.offsets(nearest_q[:, None], neighbours.q)).max(axis=2)
         to_point = np.abs(equations.offsets(nearest_q, q)).max(axis=1)
+
+    # whether the point is no farther away than the farthest neighbour
     is_among = to_point <= np.where(neighbours.reached, to_neighbours, 0.0).max(axis=1)
     is_on[inside] = np.where(arrives, gap < DISTINCT_SOLUTIONS, is_among)
     is_off[inside] = ~is_on[inside] & (arrives | neighbours.reached.all(axis=1))

@@ -11,7 +11,7 @@ series measure the rounding of g, which decides between touching, crossing twice
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -36,15 +36,24 @@ PANEL_HALF_WIDTH = 0.04  # in s, of a panel about an extremum; halved while the 
 MAX_HALVINGS = 5  # of this width
 CENTRING_PASSES = 3  # number of passes; each centres the panel on the extremum that the last pass found
 FIRST_BRACKET_STEP = 1e-10  # in s, first step of the search beside an extremum; each step doubles it
-WIDER_BORDER_RATIO = 0.05  # relative singular value below which a wider border may be needed
+WIDER_BORDER_RATIO = 0.05  # singular value over the largest, below which a wider border may be needed
 
 
-class Measured(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Measured:
     """A square matrix along a branch, whose loss of rank g measures."""
 
     branch: Branch
     matrix: Callable[[LinearisedLoops], Array]  # computes the matrices (T, n, n) of linearised loops
     power: int = 1  # 2 for P'P, whose singular values are the squares of those of P
+    # loops at the nodes of panels, by start and end: a cache that several matrices of one branch may share
+    panel_loops: dict[tuple[float, float], LinearisedLoops] = field(default_factory=dict)
+
+    def loops(self, start: float, end: float) -> LinearisedLoops:
+        """Return the linearised loops at the nodes (T = PANEL_NODES) of a panel from start to end, in s."""
+        if (start, end) not in self.panel_loops:
+            self.panel_loops[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
+        return self.panel_loops[start, end]
 
     def evaluate(self, s: Array) -> Array:
         """Evaluate the matrices (T, n, n) at s (T,)."""
@@ -69,7 +78,7 @@ class Unresolved(NotConverged):
     """The measure is not smooth near `s`, however narrow the panel."""
 
     def __init__(self, name: str, s: float, width: float) -> None:
-        """Store s, and the width of the panel as residual."""
+        """Store s, and the width of the panel as residual; `name` is that of the robot."""
         super().__init__(
             f"{name}: the singularity measure cannot be resolved near s = {s:.6g}", residual=width, s=s
         )
@@ -81,9 +90,9 @@ class Panel:
     """The measure g between two path coordinates as a Chebyshev series."""
 
     start: float  # s
-    end: float
-    series: Array  # (size,) Chebyshev coefficients of g
-    matrices: Array  # (size, n, n) at the nodes
+    end: float  # s
+    series: Array  # (PANEL_NODES,) Chebyshev coefficients of g
+    matrices: Array  # (PANEL_NODES, n, n) at the nodes
 
     def path_coordinates(self, local: Array) -> Array:
         """Convert local coordinates (T,) in [-1, 1] to path coordinates s (T,)."""
@@ -101,24 +110,11 @@ class Panel:
 
     def matrix(self, s: float) -> Array:
         """Interpolate the matrix (n, n) at s."""
-        local = (2 * s - self.start - self.end) / self.width
+        local = (2 * s - self.start - self.end) / self.width  # in [-1, 1]
         polynomials = chebyshev.chebvander(np.array([local]), PANEL_NODES - 1)[0]  # (PANEL_NODES,)
         # columns of `coefficients(eye)` are the series of the cardinal functions of the nodes
         weights = polynomials @ coefficients(np.eye(PANEL_NODES))  # (PANEL_NODES,) of the nodes' matrices
         return np.tensordot(weights, self.matrices, axes=1)
-
-
-class Samples(NamedTuple):
-    """A cache of the branch's loops, linearised at the nodes of panels."""
-
-    branch: Branch
-    panels: dict[tuple[float, float], LinearisedLoops]  # by start and end of the panel
-
-    def loops(self, start: float, end: float) -> LinearisedLoops:
-        """Return the linearised loops at the nodes of a panel (T = PANEL_NODES)."""
-        if (start, end) not in self.panels:
-            self.panels[start, end] = self.branch.close(_panel_nodes(start, end)).linearised
-        return self.panels[start, end]
 
 
 def _panel_nodes(start: float, end: float) -> Array:
@@ -126,24 +122,24 @@ def _panel_nodes(start: float, end: float) -> Array:
     return start + 0.5 * (end - start) * (nodes(PANEL_NODES) + 1.0)
 
 
-def resolve_panels(samples: Samples, measured: Measured) -> list[Panel]:
+def resolve_panels(measured: Measured) -> list[Panel]:
     """Resolve g on ascending panels of [0, 1], which are halved until each is resolved.
 
     Raises:
         Unresolved: g is not resolved on a panel of the least width.
         SingularPath: the matrix is singular all along a panel.
     """
-    waiting = list(pairwise(measured.knots))[::-1]  # a stack, the first panel on top
+    waiting = list(pairwise(measured.knots))[::-1]  # a stack of starts and ends, the first panel on top
     resolved = list[Panel]()
     while waiting:
         start, end = waiting.pop()
-        panel = _resolve_panel(samples, measured, start, end)
+        panel = _resolve_panel(measured, start, end)
         if panel is not None:
             resolved.append(panel)
             continue
         middle = 0.5 * (start + end)
         if end - start < MIN_PANEL_WIDTH:
-            raise Unresolved(samples.branch.robot.name, middle, end - start)
+            raise Unresolved(measured.branch.robot.name, middle, end - start)
         waiting += [(middle, end), (start, middle)]
     return resolved
 
@@ -157,12 +153,13 @@ class Candidate(NamedTuple):
 
 
 def find_candidates(resolved: list[Panel]) -> list[Candidate]:
-    """Find the minima of |g| and the roots of g that may be contacts."""
+    """Find the minima of |g| and the roots of g that may be contacts on the `resolved` panels."""
     level = CANDIDATE_DEPTH * MEASURE_TAIL * bound_measure(resolved)
     candidates = list[Candidate]()
     for panel in resolved:
         constant, *others = np.abs(panel.series)
-        if constant - sum(others) > level:  # a lower bound of |g| on the panel: g has no zero there
+        lower_bound = constant - sum(others)  # of |g| on the panel
+        if lower_bound > level:
             continue
         is_near_zero = np.abs(chebyshev.chebval(panel.extrema, panel.series)) < level
         minima = panel.path_coordinates(panel.extrema[is_near_zero])
@@ -177,13 +174,13 @@ def bound_measure(resolved: list[Panel]) -> float:
     return max(float(np.abs(panel.series).sum()) for panel in resolved)
 
 
-def _resolve_panel(samples: Samples, measured: Measured, start: float, end: float) -> Panel | None:
-    """Resolve g on a panel by a Chebyshev series; None if no border suffices.
+def _resolve_panel(measured: Measured, start: float, end: float) -> Panel | None:
+    """Resolve g on the panel from `start` to `end`, in s, by a Chebyshev series; None if no border suffices.
 
     Borders are tried from one column up to the number of small singular values.
     """
     try:
-        matrices = measured.matrix(samples.loops(start, end))
+        matrices = measured.matrix(measured.loops(start, end))
     except NotAssembled:
         return None
     middle = PANEL_NODES // 2  # this node's border is used on the whole panel
@@ -191,10 +188,10 @@ def _resolve_panel(samples: Samples, measured: Measured, start: float, end: floa
     for size in range(1, max(widest, 1) + 1):
         solution = bordered_solution(matrices, border_of=middle, size=size)
         g = solution.g
-        largest = float(np.abs(g).max())
+        largest = np.abs(g).max()
         if largest < RANK_LOST and singular_values(solution.G)[:, -1].max() < RANK_LOST:
             raise SingularPath(
-                f"{samples.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
+                f"{measured.branch.robot.name}: the path runs along a singularity from s = {start:.6g} to "
                 f"{end:.6g}"
             )
         series = coefficients(g[:, None])
@@ -208,20 +205,20 @@ def _resolve_panel(samples: Samples, measured: Measured, start: float, end: floa
 def count_small_values(matrix: Array, level: float) -> int:
     """Count the singular values of a matrix below `level` times the largest, or times 1 if less."""
     values = singular_values(matrix)  # descending
-    return int(np.sum(values < level * min(float(values[0]), 1.0)))
+    return int(np.sum(values < level * min(values[0], 1.0)))
 
 
 # ------------------------------------------------------------------ extrema near zero
 
 
 class Extremum(NamedTuple):
-    """An extremum of g at s, with a series of g about s."""
+    """An extremum of g at s, with a series of g on a panel about s."""
 
     s: float
     g: float
     rounding: float  # of g
-    start: float
-    end: float
+    start: float  # s at which the panel begins
+    end: float  # s at which the panel ends
     series: Array  # (PANEL_NODES,) Chebyshev coefficients of g on [start, end]
 
     @property
@@ -237,6 +234,7 @@ class Extremum(NamedTuple):
         """Return the nearest s below and above where |g| exceeds a level, else the panel's ends."""
 
         def find_towards(end: float) -> float:
+            """Find the nearest such s between the extremum and an end."""
             step = self._find_first_step(end, lambda g: np.abs(g) > level)
             return end if step is None else step.outer
 
@@ -271,10 +269,13 @@ class Extremum(NamedTuple):
         """Step from the extremum towards an end of the panel until g passes a test.
 
         Each step doubles the distance from the extremum; the last one ends at the end of the panel. None if g
-        passes the test at no step.
+        passes the test after no step.
+
+        Args:
+            test: returns for values g (T,) which of them pass, (T,).
         """
         room = abs(end - self.s)
-        doublings = int(np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0))))
+        doublings = np.ceil(np.log2(max(room / FIRST_BRACKET_STEP, 1.0)))
         distances = np.minimum(FIRST_BRACKET_STEP * 2.0 ** np.arange(doublings + 1), room)
         s = self.s + np.sign(end - self.s) * np.insert(distances, 0, 0.0)  # the extremum first
         passing = np.flatnonzero(test(self.evaluate(s[1:])))
@@ -298,10 +299,11 @@ def extremum_near(
     size: int,
     scalar: Callable[[Array], Array] = determinant,
 ) -> Extremum:
-    """Find the extremum nearest to s of a scalar function of the blocks G.
+    """Find the extremum nearest to s of g, or of another scalar function of the blocks G.
 
-    The series on a panel about s has extrema; the next panel is centred on the nearest one. Then panels are
-    halved until the series ends in rounding. If a panel has no extremum, s itself is returned.
+    Each of the first `CENTRING_PASSES` panels is centred on the extremum that the previous panel has nearest
+    to its middle. Then panels are halved until the series ends in rounding. If a panel has no extremum, its
+    middle is returned.
 
     Args:
         matrices: computes the matrices (T, n, n) at path coordinates (T,).
@@ -320,13 +322,13 @@ def extremum_near(
         values = scalar(bordered_solution(stack, border_of=-1, size=size).G)  # at the nodes, then at s
         series = coefficients(values[:-1, None])[:, 0]
         # the last third of the coefficients is rounding if g is resolved, else it is the truncation error
-        rounding = max(float(np.abs(series[-PANEL_NODES // 3 :]).sum()), MEASURE_ROUNDING)
+        rounding = max(np.abs(series[-PANEL_NODES // 3 :]).sum(), MEASURE_ROUNDING)
         local_extrema = extrema(series)  # in [-1, 1]
         if not len(local_extrema):
             return Extremum(s, float(values[-1]), rounding, start, end, series)
         local = 2 * (s - start) / (end - start) - 1
-        nearest = float(local_extrema[np.argmin(np.abs(local_extrema - local))])
-        s = start + 0.5 * (end - start) * (nearest + 1)
+        nearest = local_extrema[np.argmin(np.abs(local_extrema - local))]
+        s = float(start + 0.5 * (end - start) * (nearest + 1))
         if k_pass >= CENTRING_PASSES:
             if rounding <= 10 * MEASURE_ROUNDING:
                 break

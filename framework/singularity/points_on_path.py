@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -23,7 +23,6 @@ from framework.singularity.bordered_system import differentiate_g, stencil
 from framework.singularity.piecewise_measure import (
     Measured,
     Panel,
-    Samples,
     Unresolved,
     find_candidates,
     resolve_panels,
@@ -39,29 +38,26 @@ from framework.singularity.rank_deficiency import (
 from framework.singularity.type2 import sign_along, uncontrolled_motion
 from framework.tolerances import MIN_PANEL_WIDTH, RANK_LOST
 
-MAX_CONTINUATIONS = 16
+MAX_CONTINUATIONS = 16  # of a branch through singular points of its inverse kinematics
 
 
 @dataclass(frozen=True, eq=False)
 class SingularPoint(ReadOnlyArrays):
     """A point of the path at which the motors do not hold the robot, springs at rest.
 
-    `kind` is type_2, leg_passive, constraint or closure (see `uncontrolled_motion`); `contact` is transversal
-    or tangential. `corank` is the number of motions that escape at once. `slope` is dg/ds; if several motions
-    escape, it is the least slope of their singular values, without sign. `motion` has the joint rates of the
-    twist. Two singular points closer together than `resolution`, in s, cannot be told from this tangential
-    point. `resolution` is None for transversal points, and where it was not measured.
+    Two singular points closer together than `resolution`, in s, cannot be told from a tangential point.
+    `resolution` is None for transversal points, and where it was not measured.
     """
 
     s: float
-    kind: str
-    contact: str
-    corank: int
+    kind: str  # type_2, leg_passive, constraint or closure, see `uncontrolled_motion`
+    contact: str  # of the path with the locus: transversal or tangential
+    corank: int  # number of motions that escape at once
     twist: Array  # (n,) t_s of unit size (see `twist_norm`), pointing along the path; zeros if not type_2
-    platform: Array  # (n,)
-    slope: float
+    platform: Array  # (n,) coordinates x
+    slope: float  # dg/ds; if several motions escape, the least slope of their singular values, without sign
     q: Array  # (nq,)
-    motion: Array  # (nv,)
+    motion: Array  # (nv,) joint rates of the twist
     resolution: float | None = None
 
 
@@ -94,18 +90,20 @@ def search_path(robot: ParallelRobot, path: Path, *, branch: Branch | None = Non
     """
     branch = track_path(robot, path) if branch is None else branch
     check_branch(robot, path, branch)
-    samples = _continue_branch(branch)
+    type1 = _continue_branch(branch)
     if not len(robot.following):  # every joint has a motor: no motion escapes
         return SearchedPath(branch, ())
-    power = 1 if len(robot.loops.names) == len(robot.following) else 2
-    passive = Measured(samples.branch, partial(type2_matrix, robot), power)
+    is_square = len(robot.loops.names) == len(robot.following)
+    power = 1 if is_square else 2  # of P, see `type2_matrix`
+    passive = replace(type1, matrix=partial(type2_matrix, robot), power=power)
     try:
-        resolved = resolve_panels(samples, passive)
-        if samples.branch is branch:  # without continuations the nodes of the panels give better guesses
+        resolved = resolve_panels(passive)
+        if passive.branch is branch:  # without continuations
+            # the configurations at the nodes of the panels give better guesses
             edges = np.array([0.0, *(panel.end for panel in resolved)])
-            q = np.concatenate([samples.loops(panel.start, panel.end).frames.q for panel in resolved])
+            q = np.concatenate([passive.loops(panel.start, panel.end).frames.q for panel in resolved])
             branch = branch.through(edges, q)
-            passive = passive._replace(branch=branch)
+            passive = replace(passive, branch=branch)
         contacts = find_contacts(passive, resolved)
         misses = find_near_misses(passive, resolved, contacts)
     except Unresolved as unresolved:
@@ -140,18 +138,21 @@ def locate_singularities(
     return search_path(robot, path, branch=branch).points
 
 
-def _continue_branch(branch: Branch) -> Samples:
-    """Add continuations to the branch where the inverse kinematics is singular but the branch smooth.
+def _continue_branch(branch: Branch) -> Measured:
+    """Return the Type 1 matrix along the branch, continued where the matrix is singular.
+
+    At a suspect, a candidate for a singular point or an s near which g is not resolved, the branch may still
+    be smooth. Continuations then replace the inverse kinematics. Each round adds one, until no suspect allows
+    another.
 
     Raises:
         Type1Singularity: the branch is not smooth, because a leg is stretched or folded.
     """
     for _ in range(MAX_CONTINUATIONS):
-        samples = Samples(branch, {})
         type1 = Measured(branch, partial(type1_matrix, branch.robot))
-        panels: list[Panel] | Unresolved
+        panels: list[Panel] | Unresolved  # the panels of g, or why there are none
         try:
-            panels = resolve_panels(samples, type1)
+            panels = resolve_panels(type1)
             suspects = [candidate.s for candidate in find_candidates(panels)]
         except Unresolved as unresolved:
             panels = unresolved
@@ -161,12 +162,12 @@ def _continue_branch(branch: Branch) -> Samples:
             break
         branch = continued
     _refuse_type_1(type1, panels)
-    return samples
+    return type1
 
 
-def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None:
-    """Add a continuation at the first of several s where one succeeds; None if none does."""
-    for s in parameters:
+def _continue_at_first(branch: Branch, suspects: list[float]) -> Branch | None:
+    """Add a continuation to a branch at the first of several s where one succeeds; None if none does."""
+    for s in suspects:
         if not branch.is_continued(np.array([s]))[0]:
             continued = with_continuation(branch, s)
             if continued is not None:
@@ -175,7 +176,12 @@ def _continue_at_first(branch: Branch, parameters: list[float]) -> Branch | None
 
 
 def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
-    """Raise Type1Singularity for the first s at which a leg is stretched or folded."""
+    """Raise Type1Singularity for the first s at which a leg is stretched or folded.
+
+    Args:
+        type1: the Type 1 matrix along the branch.
+        panels: the panels of its g, or why there are none.
+    """
     if isinstance(panels, Unresolved):  # the branch has a kink, or meets another branch
         singular = [_most_singular_s(type1, panels.s)]
     else:
@@ -197,14 +203,14 @@ def _refuse_type_1(type1: Measured, panels: list[Panel] | Unresolved) -> None:
 
 
 def _most_singular_s(type1: Measured, s: float) -> float:
-    """Find the s of the least singular value among knots near s, and s rounded to three digits.
+    """Find the s of the least singular value of the Type 1 matrix among points near s.
 
-    A knot on the singularity itself may be on another branch. Then the guesses are wrong between the knots on
-    both sides of it, and the singularity lies between these. Singular points are often at
-    an s of few digits.
+    The points are knots of the branch, and s rounded to three digits, as singular points are often at an s of
+    few digits. A knot on the singularity itself may be on another branch. Then the guesses are wrong between
+    the knots on both sides of it, and the singularity lies between these.
     """
     knots = type1.branch.s
-    k = int(np.searchsorted(knots, s))
+    k = np.searchsorted(knots, s)
     close_knots = knots[np.abs(knots - s) < 10 * MIN_PANEL_WIDTH]
     neighbours = knots[max(k - 1, 0) : k + 1]
     candidates = np.concatenate([close_knots, neighbours, [round(s, 3)]])
@@ -231,7 +237,7 @@ def _unresolved_error(passive: Measured, unresolved: Unresolved) -> Exception:
 
 
 def _check_dropped_rows(branch: Branch, s: float, linearised: LinearisedLoops) -> None:
-    """Raise NotConverged if dropped loop equations are needed at s.
+    """Raise NotConverged if dropped loop equations are needed at s, where the loops are `linearised`.
 
     Dropped equations are needed where the independent ones have a lower rank than all equations together. In
     an overconstrained robot the linear dependences among the loop equations change as the robot moves. So
@@ -263,7 +269,7 @@ def _is_type_1(type1: Measured, s: float) -> bool:
     branch = type1.branch
     linearised = branch.close(s).linearised
     _check_dropped_rows(branch, s, linearised)
-    type1_value = float(singular_values(type1.matrix(linearised)[0])[-1])
+    type1_value = singular_values(type1.matrix(linearised)[0])[-1]
     type2_value = singular_values(type2_matrix(branch.robot, linearised)[0]).min(initial=np.inf)
     if type2_value > max(RANK_LOST, 1e2 * type1_value):  # only the Type 1 matrix is singular
         return True
@@ -271,7 +277,7 @@ def _is_type_1(type1: Measured, s: float) -> bool:
 
 
 def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
-    """Describe the singular point at a contact: its twist, dg/ds and pose."""
+    """Describe the singular point at a contact of the passive columns: its twist, dg/ds and pose."""
     branch = passive.branch
     s = contact.s
     points = stencil(s)
@@ -279,7 +285,8 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
     linearised = closed.linearised.select(1)  # at s, the middle of the stencil
     _check_dropped_rows(branch, s, linearised)
     uncontrolled = uncontrolled_motion(branch.robot, linearised)
-    sign = sign_along(uncontrolled.twist, branch.robot.platform.path_twist(branch.path, s))
+    path_twist = branch.robot.platform.path_twist(branch.path, s)
+    sign = sign_along(uncontrolled.twist, path_twist)
     return SingularPoint(
         s=s,
         kind=uncontrolled.kind,
@@ -295,9 +302,9 @@ def _singular_point(passive: Measured, contact: Contact) -> SingularPoint:
 
 
 def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: int) -> float:
-    """Compute dg/ds at a singular point from the loops on its `stencil`.
+    """Compute dg/ds at a singular point from the loops `linearised` on its `stencil` (T = 3).
 
-    If several motions escape, the result is the least slope of their singular values.
+    If several motions escape (`corank` > 1), the result is the least slope of their singular values.
     """
     if corank > 1:
         return float(singular_values(block_slopes(passive.evaluate, s, corank).slope)[-1])
@@ -306,5 +313,6 @@ def _slope_at(passive: Measured, s: float, linearised: LinearisedLoops, corank: 
     local = differentiate_g(P, points)
     if points[-1] == s:  # the end of the path
         return local.slope
-    # with the border of a singular matrix the sign of g is arbitrary: det P beyond the root decides
-    return local.slope * float(np.sign(local.upper) * np.linalg.slogdet(P[-1]).sign)
+    # The border of a singular matrix gives g an arbitrary sign. Beyond the root g gets the sign of det P.
+    sign = np.sign(local.upper) * np.linalg.slogdet(P[-1]).sign
+    return float(local.slope * sign)

@@ -44,12 +44,10 @@ from framework.kinematics.motion_rates import joint_rates
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, Names, ReadOnlyArrays
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import bordered_solution
+from framework.singularity.bordered_system import DIFFERENCE_STEP, bordered_solution
 from framework.singularity.distances import singularity_distances
 from framework.singularity.type2 import escaping_motions, twist_norm
 from framework.tolerances import RANK_LOST, TANGENTIAL_SLOPE
-
-DIFFERENCE_STEP = 1e-4  # [rad, lengths] of central differences along a direction
 
 NAMES = {
     "type_1": "Type 1",
@@ -63,7 +61,7 @@ NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Classification(ReadOnlyArrays):
-    """The kinds of singularity of a pose, and its distances from singularities.
+    """The kinds of singularity of a pose of a robot with c escaping motions, and its distances.
 
     Torques per newton are those of `Distances`: the largest over unit forces along the platform's
     translations, infinite if t_s moves the platform's point, NaN for a platform that only turns.
@@ -72,9 +70,9 @@ class Classification(ReadOnlyArrays):
     kinds: Names  # of NAMES, in this order; empty for a regular pose
     legs: Names  # Type 1: actuators that can move while the platform rests
     twists: Array  # (k, n) Type 2: independent twists t_s on the platform's axes, of unit size (`twist_norm`)
-    corank: int  # independent motions that locked motors do not hold, of platform or joints
-    corank_inverse: int  # independent motions of the joints with the platform locked
-    gained: int  # instantaneous freedoms of the loops beyond the platform's n
+    corank: int  # number of independent motions that locked motors do not hold, of platform or joints
+    corank_inverse: int  # number of independent motions of the joints with the platform locked
+    gained: int  # number of instantaneous freedoms of the loops beyond the platform's n
     contact: str  # of the direction `along` with the locus: transversal or tangential; "" without a direction
     g: float  # signed, zero at Type 2, leg-passive and constraint singularities
     sigma_A: float  # smallest singular value of A, dimensionless, 0 .. 1
@@ -124,15 +122,17 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
     require_square(robot)
     linearised = closed.linearised
     escaping = escaping_motions(robot, linearised)
-    # (c, n + m) unit motions of the joints with the platform locked, motors first
+    # (k, n + m) unit motions of the joints with the platform locked, motors first
     at_rest = null_directions(type1_matrix(robot, linearised)[0])
     gained = max(escaping.freedoms - robot.n, 0)
+
     kinds = set(escaping.kinds)
     legs = _motors_moving_at_rest(robot, at_rest[:, : robot.n_a], gained)
     if legs is not None:
         kinds.add("type_1")
     if escaping.corank and _is_singular_everywhere(robot, closed.q[0]):
         kinds.add("architectural")
+
     contact = ""
     if along is not None and escaping.corank:
         if len(at_rest):
@@ -141,6 +141,7 @@ def classify(robot: ParallelRobot, q: ArrayLike, *, along: ArrayLike | None = No
                 f"singularity, or of its loops), so no path is followed"
             )
         contact = _classify_contact(robot, closed, along, escaping.corank)
+
     twists = np.zeros((0, robot.n))
     if "type_2" in kinds:
         twists = _unit_twists(robot, escaping.motions @ linearised.platform[0].T)
@@ -166,7 +167,8 @@ def _motors_moving_at_rest(robot: ParallelRobot, rates: Array, gained: int) -> N
 
     Args:
         rates: (k, n_a) rates of the motors in k unit motions with the platform locked.
-        gained: number of freedoms that the loops gain at this pose. As many motions do not count as Type 1.
+        gained: number of freedoms that the loops gain at this pose. So many independent motions of the
+            motors are not of Type 1.
     """
     if np.linalg.matrix_rank(rates, tol=RANK_LOST) <= gained:
         return None
@@ -194,7 +196,7 @@ def _least_singular_value(robot: ParallelRobot, q: Array) -> float:
 
 
 def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
-    """Compute independent unit twists (k, n) that span the same space as twists (c, n)."""
+    """Compute independent unit twists (k, n) that span the same space as twists (c, n), k <= c."""
     scale = robot.platform_scale
     _, values, V_rows = np.linalg.svd(twists / scale)
     basis = V_rows[: np.count_nonzero(values > RANK_LOST)] * scale
@@ -203,8 +205,9 @@ def _unit_twists(robot: ParallelRobot, twists: Array) -> Array:
 
 
 def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLike, corank: int) -> str:
-    """Return the contact, transversal or tangential, of the direction `along` (n,) with the locus.
+    """Return the contact of a direction with the locus at a `closed` pose (T = 1): transversal or tangential.
 
+    The direction `along` (n,) has rates of the platform's coordinates.
     The contact is transversal if all `corank` vanishing singular values change at first order. With the
     border of the pose itself, their slopes are the singular values of dG along a unit motion of the joints.
     """
@@ -214,8 +217,9 @@ def _classify_contact(robot: ParallelRobot, closed: ClosedStack, along: ArrayLik
     size = np.linalg.norm(rates / robot.column_scale)
     if size == 0.0:
         raise InvalidInput(f"along ({', '.join(robot.axis_names)}): must not be zero")
-    step = DIFFERENCE_STEP / size * rates  # (nv,)
-    poses = integrate(robot, np.repeat(closed.q, 3, axis=0), np.stack([-step, 0.0 * step, step]))
+    unit_rates = rates / size  # (nv,)
+    steps = DIFFERENCE_STEP * np.array([-1.0, 0.0, 1.0])  # along the unit motion
+    poses = integrate(robot, np.repeat(closed.q, 3, axis=0), steps[:, None] * unit_rates)
     matrices = type2_matrix(robot, linearised_at(robot, poses, None))
     G_back, _, G_ahead = bordered_solution(matrices, border_of=1, size=corank).G
     slope = (G_ahead - G_back) / (2 * DIFFERENCE_STEP)

@@ -7,16 +7,17 @@ finds the point at which the sum of their squares is least.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from framework.numerics.arrays import Array
+from framework.numerics.arrays import LEAST_DIVISOR, Array
 from framework.numerics.ordered_sums import singular_values
-from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, Root, bordered_solution, root_of_g
+from framework.singularity.bordered_system import DIFFERENCE_STEP, Root, bordered_solution, root_of_g
 from framework.singularity.piecewise_measure import (
+    Candidate,
     Extremum,
     Measured,
     Panel,
@@ -40,7 +41,6 @@ ROOT_RESIDUAL = 1e-12  # |g| over its largest value, below which a root counts e
 SEARCH_RADIUS = 5e-3  # in s, from a candidate to the point at which several singular values vanish
 MAX_ROOT_SHIFT = 1e-3  # share of a panel's width; a root farther from its candidate is another root
 MAX_COMMON_STEPS = 8  # of the Gauss-Newton method
-CONVERGED_STEP = 1e-11  # in s, of the Gauss-Newton method
 
 
 class Contact(NamedTuple):
@@ -67,18 +67,22 @@ class NearMiss(NamedTuple):
 
 
 def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
-    """Find all points at which the matrix loses rank, ascending in s; `resolved` are the panels of g.
+    """Find all points at which the matrix loses rank, ascending in s.
 
     Minima of |g| are refined before roots. The roots beside a minimum near zero are found with the minimum,
     so they need not be refined again. Where several singular values vanish at once, the entries of G replace
     g.
+
+    Args:
+        resolved: the panels of g along the whole path.
     """
     multiple = list[Contact]()  # where several singular values vanish at once
     single = list[Contact]()  # where one singular value vanishes
     stretches = list[RootStretch]()  # about extrema whose roots are known
-    residual = max(ROOT_RESIDUAL * bound_measure(resolved), MEASURE_ROUNDING)
+    largest_residual = max(ROOT_RESIDUAL * bound_measure(resolved), MEASURE_ROUNDING)
     for candidate in sorted(find_candidates(resolved), key=lambda candidate: not candidate.is_minimum):
         size = _border_width(measured, candidate.panel.matrix(candidate.s))
+        # where several singular values are small, they may vanish together
         common = _find_common_contact(measured, candidate.s, size) if size > 1 else None
         if common is not None:
             if _is_apart(common.s, multiple, DISTINCT_EXTREMA):
@@ -91,70 +95,99 @@ def find_contacts(measured: Measured, resolved: list[Panel]) -> list[Contact]:
                 if contacts:
                     stretches.append(RootStretch(extremum.s, reach))
         else:
-            root = root_of_g(measured.evaluate, candidate.s, size=size, longest=STENCIL_HALF_WIDTH)
-            is_root = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
-            is_root = is_root and abs(root.residual) < residual
-            # a root at the edge of two panels is found twice
-            is_new = _is_apart(root.place, single, SAME_PLACE)
-            is_new = is_new and all(abs(root.place - stretch.s) > stretch.reach for stretch in stretches)
-            if is_root and is_new and _is_crossing(measured, root, size):
-                single.append(Contact(root.place, "transversal"))
+            root = _refine_root(measured, candidate, size, largest_residual)
+            if root is None or any(stretch.contains(root.s) for stretch in stretches):
+                continue
+            if _is_apart(root.s, single, SAME_PLACE):  # a root at the edge of two panels is found twice
+                single.append(root)
     multiple += [contact for contact in single if _is_apart(contact.s, multiple, MULTIPLE_ROOT_RADIUS)]
     return sorted(multiple, key=lambda contact: contact.s)
 
 
+def _refine_root(
+    measured: Measured, candidate: Candidate, size: int, largest_residual: float
+) -> Contact | None:
+    """Refine a candidate for a root of g by Newton's method; None if the matrix loses no rank near by.
+
+    Args:
+        size: width of the border.
+        largest_residual: bound on |g| at a root from which Newton's method does not converge.
+    """
+    root = root_of_g(measured.evaluate, candidate.s, size=size, longest=DIFFERENCE_STEP)
+    is_near = abs(root.place - candidate.s) < MAX_ROOT_SHIFT * candidate.panel.width
+    is_root = is_near and abs(root.residual) < largest_residual and _is_crossing(measured, root, size)
+    return Contact(root.place, "transversal") if is_root else None
+
+
 def find_near_misses(measured: Measured, resolved: list[Panel], known: list[Contact]) -> list[NearMiss]:
-    """Find the near misses along the path, ascending in s; `known` are the contacts."""
-    smallest = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
-    level = NEAR_MISS**measured.power * np.max(smallest)
-    misses = list[NearMiss]()
-    if smallest[0][0] < level:
-        misses += _miss_at_end(measured, resolved[0], known, s=0.0)
-    if smallest[-1][-1] < level:
-        misses += _miss_at_end(measured, resolved[-1], known, s=1.0)
+    """Find the near misses along the path, ascending in s.
+
+    Args:
+        resolved: the panels of g along the whole path.
+        known: the contacts.
+    """
+    least_values = [singular_values(panel.matrices)[:, -1] for panel in resolved]  # (PANEL_NODES,) each
+    level = NEAR_MISS**measured.power * np.max(least_values)
+    candidates = [
+        _miss_at_end(measured, resolved[0], known, level, 0.0),
+        _miss_at_end(measured, resolved[-1], known, level, 1.0),
+    ]
     for panel in resolved:
-        for start in map(float, panel.path_coordinates(panel.extrema)):
-            matrix = panel.matrix(start)
-            if singular_values(matrix)[-1] < level:
-                size = _border_width(measured, matrix)
-                extremum = extremum_near(measured.evaluate, measured.knots, start, size)
-                is_near = abs(extremum.s - start) < panel.width
-                if is_near and _is_apart(extremum.s, misses, DISTINCT_EXTREMA):
-                    misses += _miss_at_extremum(measured, extremum, known, size)
+        starts = panel.path_coordinates(panel.extrema).tolist()
+        candidates += [_miss_at_extremum(measured, panel, known, level, start) for start in starts]
+
+    misses = list[NearMiss]()
+    for miss in candidates:
+        if miss is not None and _is_apart(miss.s, misses, DISTINCT_EXTREMA):
+            misses.append(miss)
     return sorted(misses, key=lambda miss: miss.s)
 
 
 def _miss_at_extremum(
-    measured: Measured, extremum: Extremum, known: list[Contact], size: int
-) -> Iterator[NearMiss]:
-    """Yield an extremum of g as a near miss, unless zero or close to a contact.
+    measured: Measured, panel: Panel, known: list[Contact], level: float, start: float
+) -> NearMiss | None:
+    """Return the extremum of g nearest to s = `start` as a near miss, else None.
 
-    A contact is close if it lies between the points where |g| has doubled.
+    An extremum is no near miss if g is zero there, if a `known` contact lies between the points where |g| has
+    doubled, or if the least singular value exceeds `level` at the start. `panel` is that of the start.
     """
+    matrix = panel.matrix(start)
+    if singular_values(matrix)[-1] >= level:
+        return None
+    size = _border_width(measured, matrix)
+    extremum = extremum_near(measured.evaluate, measured.knots, start, size)
     lower, upper = extremum.bracket(2 * abs(extremum.g))
     has_contact = any(lower <= contact.s <= upper for contact in known)
-    if extremum.is_touch or extremum.roots() or has_contact:
-        return
-    matrix = measured.evaluate(np.array([extremum.s]))
-    g = float(bordered_solution(matrix, border_of=0).g[0])
-    yield NearMiss(extremum.s, g, width=min(extremum.s - lower, upper - extremum.s), size=size)
+    is_other = abs(extremum.s - start) >= panel.width  # of another panel
+    if is_other or extremum.is_touch or extremum.roots() or has_contact:
+        return None
+    g = _signed_least_value(measured.evaluate(np.array([extremum.s])))
+    return NearMiss(extremum.s, g, width=min(extremum.s - lower, upper - extremum.s), size=size)
 
 
-def _miss_at_end(measured: Measured, panel: Panel, known: list[Contact], s: float) -> Iterator[NearMiss]:
-    """Yield the path's end s, 0 or 1, as a near miss if |g| decreases outwards.
+def _miss_at_end(
+    measured: Measured, panel: Panel, known: list[Contact], level: float, s: float
+) -> NearMiss | None:
+    """Return the path's end s, 0 or 1, as a near miss if |g| decreases outwards, else None.
 
-    The end is not a near miss if a contact is closer than the distance over which g changes by its own value.
+    The end is no near miss if its least singular value exceeds `level`, or if a `known` contact is closer
+    than the distance over which g changes by its own value. `panel` is the one at this end.
     """
+    matrix = panel.matrices[0 if s == 0.0 else -1]
     outwards = 2.0 * s - 1.0  # -1 or 1: local coordinate of the end, and the direction out of the path
     value = chebyshev.chebval(outwards, panel.series)
     slope = chebyshev.chebval(outwards, chebyshev.chebder(panel.series))
-    if value * slope * outwards >= 0.0:
-        return
+    if singular_values(matrix)[-1] >= level or value * slope * outwards >= 0.0:
+        return None
     width = float(0.5 * panel.width * abs(value / slope))  # in s; local coordinates span 2
-    if all(abs(contact.s - s) > width for contact in known):
-        matrix = panel.matrices[0 if s == 0.0 else -1]
-        g = float(bordered_solution(matrix[None], border_of=0).g[0])
-        yield NearMiss(s, g, width, _border_width(measured, matrix))
+    if not _is_apart(s, known, width):
+        return None
+    return NearMiss(s, _signed_least_value(matrix[None]), width, _border_width(measured, matrix))
+
+
+def _signed_least_value(matrix: Array) -> float:
+    """Compute the least singular value of a matrix (1, n, n) with the sign of its determinant."""
+    return float(bordered_solution(matrix, border_of=0).g[0])
 
 
 def _is_apart(s: float, points: Sequence[Contact | NearMiss | RootStretch], distance: float) -> bool:
@@ -173,11 +206,18 @@ class RootStretch(NamedTuple):
     s: float  # of the extremum
     reach: float  # in s, to either side
 
+    def contains(self, s: float) -> bool:
+        """Return whether s is on the stretch."""
+        return abs(s - self.s) <= self.reach
+
 
 def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple[list[Contact], float]:
-    """Find the contacts at or beside an extremum of g, and the reach of their `RootStretch`."""
+    """Find the contacts at or beside an extremum of g, and the reach, in s, of their `RootStretch`.
+
+    `size` is the width of the border.
+    """
     s = extremum.s
-    if extremum.is_touch:
+    if extremum.is_touch:  # g is zero at the extremum within its rounding
         if not _loses_rank(measured, s, size):
             return [], 0.0
         lower, upper = extremum.bracket(extremum.rounding)  # between these, g is zero within rounding
@@ -194,7 +234,7 @@ def _contacts_beside(measured: Measured, extremum: Extremum, size: int) -> tuple
 def _polish_roots(measured: Measured, extremum: Extremum, size: int) -> list[float]:
     """Refine the roots of g beside an extremum by Newton's method, each with its own border.
 
-    A root from which Newton's method leads elsewhere is returned unchanged.
+    A root from which Newton's method leads elsewhere is returned unchanged. `size` is the width of a border.
     """
     roots = []
     for root in extremum.roots():
@@ -214,7 +254,10 @@ def _loses_rank(measured: Measured, s: float, size: int) -> bool:
 
 
 def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
-    """Return whether the matrix loses rank at a root and, inside the path, g changes its sign."""
+    """Return whether the matrix loses rank at a root and, inside the path, g changes its sign.
+
+    `size` is the width of the border.
+    """
     s = root.place
     if not _loses_rank(measured, s, size):
         return False
@@ -233,28 +276,30 @@ def _is_crossing(measured: Measured, root: Root, size: int) -> bool:
 
 
 def _find_common_contact(measured: Measured, start: float, size: int) -> Contact | None:
-    """Find a contact near `start` where two or more singular values vanish; None without one.
+    """Find a contact near s = `start` where two or more singular values vanish; None without one.
 
-    Gauss-Newton minimises |G|, whose entries all vanish at the contact. If they vanish without a slope, the
-    contact is the extremum of `_product_with_end_blocks`.
+    The Gauss-Newton method minimises |G|, whose entries all vanish at the contact. If they vanish without a
+    slope, the contact is the extremum of `_product_with_end_blocks`. `size` is the width of the border.
     """
     s = start
     for _ in range(MAX_COMMON_STEPS):
         G, slope, second_derivative = block_slopes(measured.evaluate, s, size)  # (size, size) each
-        curvature = max(float(np.sum(slope * slope)), np.finfo(float).tiny)
-        step = -float(np.sum(G * slope) / curvature)
-        if abs(step) < CONVERGED_STEP or not abs(s + step - start) < SEARCH_RADIUS:
+        step = -np.sum(G * slope) / max(np.sum(slope * slope), LEAST_DIVISOR)  # in s
+        if not abs(s + step - start) < SEARCH_RADIUS:
             break
         s = float(np.clip(s + step, 0.0, 1.0))
-    slopes = singular_values(slope) / max(float(np.abs(second_derivative).max()), 1.0)
+        if abs(step) < NEWTON_STEP:
+            break
+
+    slopes = singular_values(slope) / max(np.abs(second_derivative).max(), 1.0)
     kind = "transversal" if slopes[-1] > TANGENTIAL_SLOPE else "tangential"
     # where G has no slope, Gauss-Newton converges only linearly
     if slopes[0] < TANGENTIAL_SLOPE or abs(step) > NEWTON_STEP:
         s = extremum_near(measured.evaluate, measured.knots, s, size, _product_with_end_blocks).s
         kind = "tangential"
-    if abs(s - start) > SEARCH_RADIUS or measured.count_lost_ranks(s) < 2:  # small values need not vanish
-        return None
-    return Contact(s, kind)
+    # small singular values need not vanish
+    is_contact = abs(s - start) <= SEARCH_RADIUS and measured.count_lost_ranks(s) >= 2
+    return Contact(s, kind) if is_contact else None
 
 
 def _product_with_end_blocks(G: Array) -> Array:
@@ -274,15 +319,19 @@ class BlockSlopes(NamedTuple):
 
     G: Array
     slope: Array
-    second_derivative: Array  # second derivative
+    second_derivative: Array
 
 
 def block_slopes(matrices: Callable[[Array], Array], s: float, size: int) -> BlockSlopes:
     """Compute G and two derivatives by central differences at s, with the border at s.
 
     Close to an end of the path the stencil stays inside the path, and the slope is extrapolated to s.
+
+    Args:
+        matrices: computes the matrices (T, n, n) at path coordinates (T,).
+        size: width of the border.
     """
-    h = STENCIL_HALF_WIDTH
+    h = DIFFERENCE_STEP
     middle = float(np.clip(s, h, 1.0 - h))
     stack = matrices(np.array([middle - h, middle, middle + h, s]))
     lower, centre, upper, G = bordered_solution(stack, border_of=-1, size=size).G

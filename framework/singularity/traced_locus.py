@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -30,35 +29,27 @@ from framework.kinematics.modes import leg_determinants, leg_signs
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array, ArrayLike, BoolArray, ReadOnlyArrays, join, select
 from framework.numerics.ordered_sums import singular_values
+from framework.singularity.bordered_system import DIFFERENCE_STEP
 from framework.singularity.curve_tracing import (
-    MAX_CURVE_OFFSET,
+    FIRST_STEP,
     MAX_STEP,
     Curve,
     Points,
     advance,
-    chord_offsets,
     curve_points,
     find_solutions,
-    trace_curves,
+    passes_point,
+    trace_curve,
 )
-from framework.singularity.locus_equations import LocusEquations
+from framework.singularity.locus_equations import MAX_JOINT_STEP, LocusEquations
 from framework.tolerances import DISTINCT_SOLUTIONS, RANK_LOST, RANK_ROUNDING
 
-RESTING_EXTENT = (
-    1e-7  # [rad, lengths] motion of motors or platform that counts as rest; points are exact to 1e-12
-)
 REGION_REACH = 1.2  # [robot lengths] half the width of the region about the pose
-RANDOM_STARTS = 40
-RANDOM_SEED = 0
-MAX_CURVES = 100
-# |det [dF/du ; t']| at a located branch point over that of its neighbours; closer, the corrector loses digits
+RANDOM_STARTS = 40  # number of random configurations from which the search begins
+MAX_CURVES = 100  # after which no further branches are traced
+# |det [dF/du ; t']| at a branch point over that of its neighbours. Closer by, the corrector loses digits.
 BRANCH_POINT_RATIO = 1e-6
-DIFFERENCE_STEP = 1e-3  # [rad, lengths] of second differences at a branch point
-BRANCH_STEP = 0.02  # [rad, lengths] to the first point of the other curve
-ROOT_SIZE, MAX_ROOT_STEPS = 1e-13, 40  # least dimensionless measure that is not zero; steps of false position
-WAY_STEPS = 10  # from the region's centre to a random target
-NEWTON_STEPS, MAX_JOINT_STEP = 6, 0.7  # number in each of these steps; [rad, lengths] largest motion in one
-MAX_ROTATION = 3.0  # [rad] of a rotation vector, whose chart ends at pi
+WAY_STEPS = 10  # number of steps from the region's centre to a random target
 # A curve is cut at the edge of a working mode where the least determinant of a leg has dropped to this share
 # of its value at the last point inside the mode.
 CUT_CLEARANCE_RATIO = 1e-3
@@ -156,26 +147,27 @@ def trace_locus(
 def _trace_branches(
     equations: LocusEquations, region: Region, solutions: Array, longest: float
 ) -> list[tuple[Curve, list[Points]]]:
-    """Trace the curves through solutions (S, nq), and all curves that branch off.
+    """Trace the distinct curves through solutions (S, nq), and all curves that branch off.
+
+    `longest` is the longest step [rad, robot lengths].
 
     Returns:
         Each curve with its branch points (S = 1 each).
     """
-    curves = list[Curve]()
-    crossings = list[list[Points]]()  # the branch points of each curve
-    starts = [curve_points(solutions, equations.evaluate(solutions), previous=None)]
+    points = curve_points(solutions, equations.evaluate(solutions), previous=None)
+    starts = [points.single(k) for k in range(len(solutions))]
+    curves = list[tuple[Curve, list[Points]]]()
     while starts and len(curves) < MAX_CURVES:
-        new_curves = trace_curves(equations, join(starts), region.contains, longest)
-        new_crossings = [_find_branch_points(equations, curve) for curve in new_curves]
-        curves += new_curves
-        crossings += new_crossings
-        starts = []
-        for crossing in chain.from_iterable(new_crossings):
-            for point in points_on_crossing_curve(equations, crossing):
-                is_known = any(_passes_point(equations, curve, point) for curve in curves)
-                if region.contains(point.q)[0] and not is_known:
-                    starts.append(point)
-    return list(zip(curves, crossings, strict=True))
+        start = starts.pop(0)
+        if any(passes_point(equations, curve.points, start) for curve, _ in curves):
+            continue
+        curve = trace_curve(equations, start, region.contains, longest)
+        crossings = _find_branch_points(equations, curve)
+        curves.append((curve, crossings))
+        for crossing in crossings:
+            branches = points_on_crossing_curve(equations, crossing)
+            starts += [point for point in branches if region.contains(point.q)[0]]
+    return curves
 
 
 def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]:
@@ -194,32 +186,27 @@ def _find_branch_points(equations: LocusEquations, curve: Curve) -> list[Points]
     return branch_points
 
 
-def _passes_point(equations: LocusEquations, curve: Curve, point: Points) -> bool:
-    """Return whether a curve passes through a point (S = 1), by its distance from the chords."""
-    offsets = equations.offsets(point.q, curve.points.q)  # (m, k) from the point to those of the curve
-    chord = np.diff(offsets, axis=0)  # (m - 1, k)
-    length = np.linalg.norm(chord, axis=1)
-    distance = np.linalg.norm(chord_offsets(-offsets[:-1], chord), axis=1)
-    is_step = length < 2 * MAX_STEP  # a longer chord is a jump of a hinge by a whole turn
-    return bool(((distance < MAX_CURVE_OFFSET * length) & is_step).any())
-
-
 def _describe_curve(equations: LocusEquations, curve: Curve, crossings: list[Points]) -> LocusCurve:
-    """Describe a traced curve by platform, motors, modes, cusps and branch points."""
+    """Describe a traced curve by platform, motors, modes, cusps and branch points.
+
+    `crossings` are the branch points (S = 1 each).
+    """
     robot = equations.robot
     points = curve.points
     linearised = linearised_at(robot, points.q, None)
     x = robot.platform.coordinates(linearised.frames)
     motors = robot.actuated_coordinates(points.q)
     hinges = ~robot.sliding[robot.actuated]
-    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # pieces of a curve may differ by whole turns
+    motors[:, hinges] = np.unwrap(motors[:, hinges], axis=0)  # a closed curve may turn motors by whole turns
+
     motor_steps = equations.offsets(points.q[:-1], points.q[1:])[:, : robot.n_a]  # (m - 1, n_a)
     platform_extent = np.ptp(x / robot.platform_scale, axis=0)  # (n,)
     kind = "type_2"
-    if platform_extent.max() < RESTING_EXTENT:
+    if platform_extent.max() < DISTINCT_SOLUTIONS:
         kind = "joints_only"
-    elif np.abs(motor_steps).max(initial=0.0) < RESTING_EXTENT:
+    elif np.abs(motor_steps).max(initial=0.0) < DISTINCT_SOLUTIONS:
         kind = "self_motion"
+
     return LocusCurve(
         q=points.q,
         x=x,
@@ -265,47 +252,45 @@ def root_between(
     end: Points,
     measure: Callable[[Points], float],
     *,
-    small: float = ROOT_SIZE,
+    small: float = 0.0,
 ) -> Points | None:
-    """Find the point between two neighbours (S = 1) of a curve where a measure changes its sign.
+    """Find the point between neighbours `start` and `end` (S = 1) where a measure changes its sign.
 
-    False position, in the Illinois variant, finds the share of the chord at which |measure| is below `small`.
-    If the corrector fails, as near a branch point, the last corrected point is returned, or None without any.
+    Brent's method finds the share of the chord at which |measure| is at most `small`. If the corrector fails,
+    as near a branch point, the last corrected point is returned, or None without any.
+
+    Args:
+        measure: computes the measure of a point (S = 1).
     """
-    chord = np.linalg.norm(equations.offsets(start.q[0], end.q[0]))
+    from scipy.optimize import brentq
+
+    chord = float(np.linalg.norm(equations.offsets(start.q[0], end.q[0])))
     curvature = (end.tangent - start.tangent) / chord
-    low, value_low = 0.0, measure(start)  # low and high are shares of the chord
-    high, value_high = 1.0, measure(end)
-    root = None
-    replaced = ""  # the end of the interval that the last step replaced
-    for _ in range(MAX_ROOT_STEPS):
-        share = (low * value_high - high * value_low) / (value_high - value_low)
-        point, accepted = advance(equations, start, np.array([share * chord]), curvature)
-        if not accepted[0]:
-            return root
-        root, value = point, measure(point)
-        if abs(value) < small or high - low < ROOT_SIZE:
-            break
-        # Illinois: if the same end is replaced twice running, halve the value at the other end; otherwise
-        # that end might never be replaced
-        if value * value_low > 0:
-            if replaced == "low":
-                value_high *= 0.5
-            low, value_low, replaced = share, value, "low"
-        else:
-            if replaced == "high":
-                value_low *= 0.5
-            high, value_high, replaced = share, value, "high"
-    return root
+    corrected = list[Points]()
+
+    def value_at(share: float) -> float:
+        """Evaluate the measure at a share of the chord; 0 if small, or where the corrector fails."""
+        if share in (0.0, 1.0):
+            return measure(end if share else start)
+        point = advance(equations, start, share * chord, curvature)
+        if point is None:
+            return 0.0  # ends the iteration
+        corrected.append(point)
+        value = measure(point)
+        return value if abs(value) > small else 0.0
+
+    brentq(value_at, 0.0, 1.0)
+    return corrected[-1] if corrected else None
 
 
 def branch_point(equations: LocusEquations, start: Points, end: Points) -> Points:
-    """Find the point between two neighbours (S = 1) at which another curve crosses.
+    """Find the point between neighbours `start` and `end` (S = 1) at which another curve crosses.
 
     If no point between the two can be computed, the neighbour with the smaller determinant is returned.
     """
 
     def measure(point: Points) -> float:
+        """Return det [dF/du ; t'], zero at the branch point."""
         return float(point.determinant[0])
 
     small = BRANCH_POINT_RATIO * max(abs(measure(start)), abs(measure(end)))
@@ -316,44 +301,50 @@ def branch_point(equations: LocusEquations, start: Points, end: Points) -> Point
 
 
 def points_on_crossing_curve(equations: LocusEquations, crossing: Points) -> list[Points]:
-    """Compute points of the curve that crosses at a `branch_point`, at most one on each side."""
+    """Compute points of the curve that crosses at a branch point `crossing`, at most one on each side."""
     tangent = _second_tangent(equations, crossing)
     if tangent is None:
         return []
-    starts = join([crossing, crossing])._replace(tangent=np.stack([tangent, -tangent]))
-    points, accepted = advance(equations, starts, np.full(2, BRANCH_STEP), np.zeros_like(starts.tangent))
-    return [points.single(k) for k in np.flatnonzero(accepted)]
+    starts = [crossing._replace(tangent=direction[None]) for direction in (tangent, -tangent)]
+    no_curvature = np.zeros_like(crossing.tangent)
+    points = [advance(equations, start, FIRST_STEP, no_curvature) for start in starts]
+    return [point for point in points if point is not None]
 
 
 def _second_tangent(equations: LocusEquations, crossing: Points) -> Array | None:
-    """Compute the unit tangent (k,) of the other curve at a branch point; None if not real.
+    """Compute the unit tangent (k,) of the other curve at a branch point `crossing`; None if not real.
 
     Both tangents w lie in the two-dimensional null space of the slopes F' and solve y . F"(w, w) = 0, with y
-    the left null vector of F'. For w = tangent + r normal, with the normal in the null space, this is along +
-    2 mixed r + across r^2 = 0. Its root r = 0 is the curve itself, up to errors; the other root is sought.
+    the left null vector of F'. On the null space this is a quadratic form of two variables.
     """
-    evaluated = equations.evaluate(crossing.q, crossing.border)
-    svd = np.linalg.svd(evaluated.slopes[0])
+    svd = np.linalg.svd(equations.evaluate(crossing.q, crossing.border).slopes[0])
     left_null = svd.U[:, -1]  # y (k - 1,)
-    null_1, null_2 = svd.Vh[-2:]  # (k,) each, an orthonormal basis of the null space
-    tangent = crossing.tangent[0]
-    normal = (null_1 @ tangent) * null_2 - (null_2 @ tangent) * null_1  # a right angle from the tangent
-    normal /= np.linalg.norm(normal)
+    null_space = svd.Vh[-2:]  # (2, k) orthonormal
+    steps = DIFFERENCE_STEP * np.vstack([null_space, -null_space])  # (4, k) ahead, then back
+    centre = select(crossing, np.zeros(len(steps), dtype=int))  # the branch point for each step
+    slopes = equations.evaluate(equations.move(centre.q, steps), centre.border).slopes
+    changes = (slopes[:2] - slopes[2:]) / (2 * DIFFERENCE_STEP)  # F"(n, .) (2, k - 1, k) for n of the basis
+    form = left_null @ changes @ null_space.T  # (2, 2) symmetric up to the error of the differences
 
-    def second_derivative(w: Array) -> float:
-        """Compute y . F"(w, w) by a central difference along w (k,)."""
-        ends = equations.move(crossing.q, DIFFERENCE_STEP * np.stack([w, -w]))
-        ahead, back = equations.evaluate(ends, crossing.border).values
-        return float(left_null @ (ahead + back - 2 * evaluated.values[0]) / DIFFERENCE_STEP**2)
-
-    along = second_derivative(tangent)
-    across = second_derivative(normal)
-    mixed = 0.25 * (second_derivative(tangent + normal) - second_derivative(tangent - normal))
-    roots = np.roots([across, 2 * mixed, along])
-    if not len(roots) or np.abs(roots.imag).max() > DISTINCT_SOLUTIONS:
+    tangents = _zero_directions(form) @ null_space
+    if not len(tangents):
         return None
-    other = tangent + roots.real[np.argmax(np.abs(roots))] * normal
+    other = min(tangents, key=lambda w: abs(w @ crossing.tangent[0]))
     return other / np.linalg.norm(other)
+
+
+def _zero_directions(form: Array) -> Array:
+    """Find the two directions, the rows of (2, 2), in which a symmetric form (2, 2) is zero.
+
+    In the principal axes n_1, n_2 with the values -a^2 and b^2, they are b n_1 + a n_2 and b n_1 - a n_2. A
+    definite form has no such directions, (0, 2).
+    """
+    (negative, positive), axes = np.linalg.eigh(form)
+    if negative >= 0.0 or positive <= 0.0:
+        return np.zeros((0, 2))
+    n_1, n_2 = axes.T
+    a, b = np.sqrt([-negative, positive])
+    return np.array([b * n_1 + a * n_2, b * n_1 - a * n_2])
 
 
 class Region(NamedTuple):
@@ -377,8 +368,8 @@ class Region(NamedTuple):
             offset = (x - self.x)[:, robot.translations]
         inside = np.abs(offset).max(axis=1, initial=0.0) < self.reach
         turns = x[:, ~robot.translations]
-        if turns.shape[1] == 3:  # a rotation vector
-            inside &= np.linalg.norm(turns, axis=1) < MAX_ROTATION
+        if turns.shape[1] == 3:  # a rotation vector, whose chart ends at an angle of pi
+            inside &= np.linalg.norm(turns, axis=1) < np.pi - MAX_STEP
         if self.mode is not None:
             inside &= self.least_determinants(q, self.mode) > -RANK_ROUNDING
         return inside
@@ -404,13 +395,14 @@ class Region(NamedTuple):
         return Curve(points, curve.ends)
 
     def _clip_end(self, points: Points, mode: Array) -> Points:
-        """Move a last point outside the working mode back to the edge of the mode."""
+        """Move the last of the points, if outside the working mode, back to the edge of the mode."""
         last_inside, outside = self.least_determinants(points.q[-2:], mode).tolist()
         if not outside < 0 < last_inside:
             return points
         margin = CUT_CLEARANCE_RATIO * last_inside  # the determinant at the edge
 
         def excess(point: Points) -> float:
+            """Compute the excess of the least determinant of a leg over that at the edge."""
             return float(self.least_determinants(point.q, mode)[0]) - margin
 
         inside = points.single(-2)
@@ -430,11 +422,11 @@ def draw_in_mode(region: Region, count: int) -> Array:
     axes = list(range(robot.n)) if equations.in_motors else list(equations.free)
     spread = np.where(robot.translations[axes], region.reach, np.pi)
     displacement = np.zeros((count, robot.n))  # from the centre to the targets
-    displacement[:, axes] = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(axes)))
+    displacement[:, axes] = np.random.default_rng(0).uniform(-spread, spread, (count, len(axes)))
     q = np.tile(region.q, (count, 1))
     for k in range(1, WAY_STEPS + 1):
         x = region.x + k / WAY_STEPS * displacement
-        next_q, _, closed = close_each(robot, x, q, iterations=NEWTON_STEPS, farthest=MAX_JOINT_STEP)
+        next_q, _, closed = close_each(robot, x, q, farthest=MAX_JOINT_STEP)
         closed[closed] &= region.contains(next_q[closed])
         q = np.where(closed[:, None], next_q, q)
     return q
@@ -447,5 +439,5 @@ def draw_joints(equations: LocusEquations, q: Array, count: int) -> Array:
     """
     robot = equations.robot
     spread = np.where(robot.sliding[robot.moving], 1.0, np.pi)
-    steps = np.random.default_rng(RANDOM_SEED).uniform(-spread, spread, (count, len(spread)))
+    steps = np.random.default_rng(0).uniform(-spread, spread, (count, len(spread)))
     return equations.move(q, steps)

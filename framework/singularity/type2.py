@@ -21,7 +21,7 @@ from framework.kinematics.loop_structure import null_directions
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.numerics.ordered_sums import singular_values
-from framework.tolerances import RANK_LOST
+from framework.tolerances import RANK_LOST, RANK_ROUNDING
 
 # Kinds that no law can cross, because the platform's path does not determine the motion of the joints there.
 UNCROSSABLE = {
@@ -30,14 +30,12 @@ UNCROSSABLE = {
     "closure": "a singularity of the loop equations themselves, whatever the motors do",
 }
 
-COSINE_ROUNDING = 1e-12  # of the cosine between t_s and a path
-
 
 class Uncontrolled(NamedTuple):
     """A motion that the loops allow with locked motors, at one configuration."""
 
     kind: str  # type_2, leg_passive, constraint or closure
-    twist: Array  # (n,) unit twist t_s on the platform's axes (see `twist_norm`); zeros if it rests
+    twist: Array  # (n,) unit twist t_s on the platform's axes, see `twist_norm`; zeros if kind is not type_2
     motion: Array  # (nv,) joint rates of the twist
     corank: int  # number of independent motions with locked motors
 
@@ -76,7 +74,7 @@ def least_controlled_motion(robot: ParallelRobot, linearised: LinearisedLoops) -
     return twist / scale, motion / scale
 
 
-# Of several kinds the first one counts: closure and constraint, which no law can cross, precede type_2.
+# Of several kinds `uncontrolled_motion` returns the first: no law can cross closure and constraint.
 PRECEDENCE = ("closure", "constraint", "type_2", "leg_passive")
 
 
@@ -101,9 +99,11 @@ def escaping_motions(
     lost = null_directions(P, at_least=at_least) if P.shape[1] else np.zeros((0, 0))
     motions = passive_motion(robot, lost)  # (c, nv)
     freedoms = instantaneous_motions(robot, linearised)  # (moving, f) of the loops, motors free
+    # usually there are as many freedoms as moving joints minus independent loop equations
     gained = freedoms.shape[1] - (len(robot.moving) - len(robot.loops.names))
     twists = linearised.frames.frame_jacobian(0)[0].T.copy()  # (nv, 6) of the platform for unit joint rates
     twists[:, :3] /= robot.length
+
     # number of independent motions of the platform: in all directions, and along its axes
     rank = _count_rank(motions @ twists)
     rank_on_axes = _count_rank(motions @ (linearised.platform[0] / robot.platform_scale[:, None]).T)
@@ -146,14 +146,13 @@ def moves_point(robot: ParallelRobot, twist: Array) -> bool:
 
 
 def sign_along(twist: Array, direction: Array) -> float:
-    """Return the sign, 1 or -1, with which a twist (n,) points along a direction (n,).
+    """Return the sign, 1 or -1, that turns a twist (n,) along a direction (n,).
 
-    If the two are orthogonal up to rounding, the sign makes the largest component of the twist positive, so
-    that rounding does not decide.
+    If the two are orthogonal up to rounding, the sign makes the largest component of the twist positive.
     """
-    forward = float(twist @ direction)
-    if abs(forward) <= COSINE_ROUNDING * np.linalg.norm(twist) * np.linalg.norm(direction):
-        forward = float(twist[np.argmax(np.abs(twist))])
+    forward = twist @ direction
+    if abs(forward) <= RANK_ROUNDING * np.linalg.norm(twist) * np.linalg.norm(direction):
+        forward = twist[np.argmax(np.abs(twist))]
     return -1.0 if forward < 0 else 1.0
 
 
@@ -180,8 +179,11 @@ def singularity_measure(robot: ParallelRobot, linearised: LinearisedLoops) -> Si
         return SingularityMeasure(np.ones(len(P)), np.zeros((len(P), robot.nv)))
     _, values, V_rows = np.linalg.svd(P)
     eta = V_rows[:, -1]  # (T, n_p) right singular vectors of the least values
+
+    # give eta signs that are continuous from one configuration to the next
     cosines = np.sum(eta[1:] * eta[:-1], axis=1)  # (T - 1,) between successive configurations
     flips = np.where(cosines < 0, -1.0, 1.0)
     eta[1:] *= np.cumprod(flips)[:, None]
+
     g = values[:, -1] * np.linalg.slogdet(P).sign
     return SingularityMeasure(g, passive_motion(robot, eta))

@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import InvalidInput, NotAssembled, ParallelRobot, plan_scene, simulate
-from framework.simulation.consistent import consistent_state, free_motions
+from framework.simulation.consistent_states import consistent_state, free_motions
 from framework.simulation.equations import EquationsOfMotion
 
 

@@ -10,8 +10,8 @@ import pytest
 import robots
 from framework import InvalidInput, NotConverged, plan_scene, simulate
 from framework.simulation import Stepper
-from framework.simulation.contacts import ContactDynamics
 from framework.simulation.equations import EquationsOfMotion
+from framework.simulation.methods import ContactDynamics
 
 
 def held_torque(robot, plan, scheme, steps):

@@ -11,9 +11,9 @@ import robots
 from framework import InvalidInput, plan_crossing, simulate
 from framework.control import ControlLoop, Spread, draw, reference_of, run_closed_loop, tuned_controller
 from framework.kinematics.external_wrenches import ExternalWrenches
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import frames_at, integrate
 from framework.planning.scenes import scene_path
-from framework.simulation.world_forces import WorldForces
+from framework.simulation.drive import WorldForces
 
 TABLE = [[0.0, 0, 0, 0, 0, 0, 0], [0.3, 3, -1, 0, 0, 0, 0], [0.8, 4, 2, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0, 0]]
 PUSH = {"left_tip": [3.0, -4.0, 0, 0, 0, 0.2]}
@@ -37,7 +37,7 @@ def test_the_derivative_of_a_wrenchs_forces_is_that_of_differences(name, axes):
     )
     nv, t, h = robot.model.nv, np.zeros(1), 1e-6
     q = integrate(robot, robot.reference.q[None], 0.3 * rng.normal(size=(1, nv)))
-    slope = world.slope(robot, t, q)[0]
+    slope = world.slope(robot, t, frames_at(robot, q))[0]
     for column, unit in enumerate(np.eye(nv)):
         ends = [world(robot, t, integrate(robot, q, sign * h * unit[None]))[0] for sign in (1.0, -1.0)]
         np.testing.assert_allclose(slope[:, column], (ends[0] - ends[1]) / (2 * h), rtol=0, atol=1e-8)

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 import robots
 from framework import Line, SingularPath
 from framework.singularity.bordered_system import Border, solve_bordered
-from framework.singularity.piecewise_measure import Measured, Samples, resolve_panels
+from framework.singularity.piecewise_measure import Measured, resolve_panels
 from framework.singularity.points_on_path import search_path
 from framework.singularity.rank_deficiency import find_contacts, find_near_misses
 
@@ -46,7 +46,7 @@ def measured(*entries, power=1):
 
 def found(*entries, power=1):
     matrix = measured(*entries, power=power)
-    return find_contacts(matrix, resolve_panels(Samples(matrix.branch, {}), matrix))
+    return find_contacts(matrix, resolve_panels(matrix))
 
 
 def root(at, slope=1.0):
@@ -136,7 +136,7 @@ def test_a_third_root_beside_two_is_found_as_well(gap):
 @pytest.mark.parametrize("beside", [1e-3, slow(1e-5), slow(1e-6)])
 def test_a_near_miss_is_told_with_its_place_its_depth_and_its_width(beside):
     matrix = measured(bowl(beside**2))
-    resolved = resolve_panels(Samples(matrix.branch, {}), matrix)
+    resolved = resolve_panels(matrix)
     assert find_contacts(matrix, resolved) == []
     (miss,) = find_near_misses(matrix, resolved, [])
     assert miss.s == pytest.approx(0.4137, abs=max(1e-9, beside**2))
@@ -157,7 +157,7 @@ def test_near_misses_of_two_values_are_no_contact(distance):
         return matrices - left @ right.T[None] + left @ block @ right.T[None]
 
     beside = Measured(matrix.branch, pair)
-    assert find_contacts(beside, resolve_panels(Samples(matrix.branch, {}), beside)) == []
+    assert find_contacts(beside, resolve_panels(beside)) == []
 
 
 def test_a_contact_on_the_edge_of_panels_or_of_the_path_is_found_once():

@@ -9,7 +9,7 @@ import robots
 from framework import Line, locate_singularities, plan_crossing, track_path
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
-from framework.singularity.bordered_system import STENCIL_HALF_WIDTH, differentiate_g, root_of_g, stencil
+from framework.singularity.bordered_system import DIFFERENCE_STEP, differentiate_g, root_of_g, stencil
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -60,14 +60,14 @@ def test_without_a_root_none_is_found():
 def test_the_slope_is_the_derivative_of_the_singular_value(place):
     matrices = moved_by(lambda p: np.array([2.0, np.sin(p - place)]))
     at = stencil(place)
-    assert at[2] - at[0] == pytest.approx(STENCIL_HALF_WIDTH * (2 if 0 < place < 1 else 1))
+    assert at[2] - at[0] == pytest.approx(DIFFERENCE_STEP * (2 if 0 < place < 1 else 1))
     found = differentiate_g(matrices(at), at)
     # a central difference errs by the square of the stencil, one on a side by the stencil, times derivatives
     # of order ten, since the singular vectors turn
-    assert abs(found.slope) == pytest.approx(1.0, abs=10 * STENCIL_HALF_WIDTH ** (2 if 0 < place < 1 else 1))
+    assert abs(found.slope) == pytest.approx(1.0, abs=10 * DIFFERENCE_STEP ** (2 if 0 < place < 1 else 1))
     assert found.g == pytest.approx(0.0, abs=1e-15)
     # at the upper end nothing lies beyond
-    assert abs(found.upper) == pytest.approx(0.0 if place == 1.0 else STENCIL_HALF_WIDTH, rel=1e-3, abs=1e-15)
+    assert abs(found.upper) == pytest.approx(0.0 if place == 1.0 else DIFFERENCE_STEP, rel=1e-3, abs=1e-15)
 
 
 def test_path_and_time_lead_to_the_same_singular_point():

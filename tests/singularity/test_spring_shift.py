@@ -8,7 +8,7 @@ import pytest
 import robots
 from framework import Arc, Line, ParallelRobot, locate_singularities, plan_scene, track_path
 from framework.planning.scenes import scene_path
-from framework.singularity.spring_shift import spring_shift
+from framework.singularity.measure_gradient import spring_shift
 
 PATH = Line([0.1, 0.345], [-0.05, 0.195])
 
@@ -32,7 +32,7 @@ def test_a_stretched_spring_moves_the_point_as_a_longer_rod_does(write_robot, ro
 
     step = 1e-4
     slope = (singular(0.25 + step) - singular(0.25 - step)) / (2 * step)
-    # central differences of s on one side, of g on the other: both to the square of their steps
+    # the central difference of s is exact to the square of its step
     assert rates[robot.elastic_names.index(rod)] == pytest.approx(slope, rel=1e-5)
 
 

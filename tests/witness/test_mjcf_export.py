@@ -19,7 +19,7 @@ from framework.files.mjcf import (
     mjcf_text,
     ranges_left_out,
 )
-from framework.simulation.accelerations import accelerations
+from framework.simulation.consistent_states import accelerations
 from framework.simulation.equations import EquationsOfMotion
 from tests.model.readers.leg import ankle
 from tests.witness.installed import REQUIRED

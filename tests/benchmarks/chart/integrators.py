@@ -19,11 +19,11 @@ from scipy.integrate import solve_ivp
 from framework import ParallelRobot
 from framework.numerics.arrays import Array
 from framework.simulation import State, Stepper
-from framework.simulation.consistent import consistent_state
-from framework.simulation.contacts import ContactDynamics
+from framework.simulation.consistent_states import consistent_state
 from framework.simulation.drive import Drive
 from framework.simulation.equations import EquationsOfMotion
 from framework.simulation.methods import (
+    ContactDynamics,
     IntegrationTask,
     MethodSettings,
     explicit_steps,
@@ -125,7 +125,7 @@ def explicit(case: Case) -> Prepared:
         edges = case.edges(step)
 
         def run() -> Course:
-            steps = explicit_steps(case.equations, dynamics, case.drive, case.start, edges)
+            steps = explicit_steps(dynamics, case.drive, case.start, edges)
             return Course(edges[1:], np.array([one.end.q for one in steps]))
 
         return run

@@ -1,9 +1,23 @@
 """Consistent states: the loops are closed, and forces are in balance along motions without mass.
 
-The loops may allow motions Z that move no mass: M Z = 0 and J Z = 0. An example is the stretch of a rod in
-series with the twist of a gear, if the legs are massless. Such a motion has no initial value of its own.
+The loops may allow motions Z_0 that move no mass: M Z_0 = 0 and J Z_0 = 0. An example is the stretch of a rod
+in series with the twist of a gear, if the legs are massless. Such a motion has no initial value of its own.
 Gravity and inertia vanish along it, so its coordinate follows from the balance of its springs,
-Z' (S' n tau - K (q - rest) - D v) = 0.
+Z_0' (S' n tau - K (q - rest) - D v) = 0.
+
+Accelerations of consistent states need no time steps. With the external forces f they satisfy
+
+    M a + c + g + K (q - rest) + D v = S' n tau + f + J' lambda,        J a + drift = 0.
+
+The equations contain all coordinates and are therefore regular at Type 2. With Z the allowed motions that
+move mass,
+
+    a = a_0 + Z alpha,    J a_0 = -drift,
+    Z' M Z alpha = Z' (S' n tau + f - c - g - K (q - rest) - D v - M a_0).
+
+The component of a along Z_0 depends on the rates of the torques and stays undetermined. It does not affect
+M a. Sums run in the order of their index (`ordered_sums`), so a state gives the same result alone and in a
+stack.
 """
 
 from __future__ import annotations
@@ -13,20 +27,17 @@ from typing import NamedTuple
 import numpy as np
 
 from framework.errors import InvalidInput, NotAssembled, NotConverged
-from framework.kinematics.closures import loop_wrenches, scale_jacobian
+from framework.kinematics.closures import closure_drift, loop_wrenches, scale_jacobian
 from framework.kinematics.frame_variations import loop_curvature
-from framework.kinematics.frames import integrate
+from framework.kinematics.frames import frame_motions, integrate
 from framework.numerics.arrays import LEAST_DIVISOR, Array, BoolArray
-from framework.numerics.ordered_sums import matmul
-from framework.simulation.equations import EquationsOfMotion, Tangent
-from framework.simulation.schemes import State
-from framework.simulation.world_forces import NO_FORCES, WorldForces
-from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP
+from framework.numerics.ordered_sums import matmul, matvec
+from framework.simulation.drive import NO_FORCES, WorldForces
+from framework.simulation.equations import EquationsOfMotion, State, Tangent
+from framework.tolerances import EIGENVALUE_ROUNDING, LOOP_GAP, RANK_ROUNDING, SPRINGS_BALANCED
 
 MAX_PASSES = 60  # Newton steps towards a consistent state
-ROUNDING_STEP = 1e-14  # [rad, robot lengths]: a smaller Newton step is rounding, and the last one
-# singular values below this share of the largest count as zero in least squares
-CLOSING_CUTOFF, MOMENTUM_CUTOFF = 1e-12, 1e-13
+ROUNDING_STEP = 1e-14  # [rad, robot lengths]: smaller steps and errors are rounding
 
 
 class AllowedMotions(NamedTuple):
@@ -34,7 +45,9 @@ class AllowedMotions(NamedTuple):
 
     basis: Array  # (T, nv, d) joint rates of d independent motions, by ascending inertia
     light: BoolArray  # (T, d) whether a motion moves no mass; such motions come first
-    closing: Array  # (T, nv, m) pseudo-inverse of J: the least motion that changes one loop equation by 1
+    closing: (
+        Array  # (T, nv, m) pseudo-inverse of J: the least joint rates for a unit rate of each loop equation
+    )
 
 
 def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMotions:
@@ -45,10 +58,14 @@ def allowed_motions(equations: EquationsOfMotion, tangent: Tangent) -> AllowedMo
     """
     robot, rows = equations.robot, tangent.jacobian.shape[1]
     scale = robot.column_scale[:, None]  # (nv, 1)
+
+    # null space of the loops, in joint rates divided by their scale
     J = scale_jacobian(robot, tangent.jacobian, equations.rows.rotation)  # (T, m, nv)
     U, sizes, V_rows = np.linalg.svd(J)
     Z = V_rows[:, rows:].swapaxes(1, 2)  # (T, nv, d)
-    mass = tangent.mass * scale * scale[:, 0]  # of joint rates over their scale
+
+    # its axes of inertia
+    mass = tangent.mass * scale * scale[:, 0]
     reduced_mass = matmul(Z.swapaxes(1, 2), matmul(mass, Z))  # Z' M Z, (T, d, d)
     inertias, axes = np.linalg.eigh(reduced_mass)  # (T, d) ascending, (T, d, d)
     joint_inertias = np.diagonal(mass, axis1=1, axis2=2)  # (T, nv)
@@ -78,7 +95,7 @@ def _pseudo_inverse(left: Array, sizes: Array, right: Array) -> Array:
 
 
 def free_motions(equations: EquationsOfMotion, tangent: Tangent) -> tuple[Array, Array]:
-    """Compute bases of the allowed motions of one state, (nv, d) with mass and (nv, k) without."""
+    """Compute bases (nv, d), (nv, k) of the motions of one state (T = 1) with mass and without."""
     allowed = allowed_motions(equations, tangent)
     basis, light = allowed.basis[0], allowed.light[0]
     return basis[:, ~light], basis[:, light]
@@ -93,8 +110,8 @@ def consistent_state(
 ) -> State:
     """Find the consistent state next to q (nq,), v (nv,) by Newton's method.
 
-    In a consistent state the loops are closed, and massless parts are in balance under motor torques (n_a,)
-    [N m] and the external wrenches at t = 0.
+    In a consistent state the loops are closed, and massless parts are in balance under the motor torques
+    `torque` (n_a,) [N m] and the external wrenches of `world` at t = 0.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping; the message names its joints.
@@ -106,21 +123,22 @@ def consistent_state(
     size = np.inf
     for _ in range(MAX_PASSES):
         tangent = equations.tangent_at_rest(q)
-        light = free_motions(equations, tangent)[1]
+        _, light = free_motions(equations, tangent)
         # the least step that closes the loops
         loops = tangent.jacobian[0] * scale
-        step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=CLOSING_CUTOFF)[0] * scale
+        step = -np.linalg.lstsq(loops, tangent.residual[0], rcond=EIGENVALUE_ROUNDING)[0] * scale
         if light.shape[1]:
             # sum of gravity, springs and damping minus motor and external forces
             unbalanced = tangent.force[0] + equations.damping * v - driven
             unbalanced -= world(robot, np.zeros(1), q[None])[0]
             step += light @ balancing_step(equations, tangent, light, unbalanced)
         size = float(np.abs(step / scale).max(initial=0.0))
-        if not size < 1.0:
+        if not size < 1.0:  # Newton's method diverges: the errors below say of what
             break
         q = integrate(robot, q[None], step[None])[0]
         if size < ROUNDING_STEP:
             break
+
     tangent = equations.tangent_at_rest(q)
     gaps = np.abs(loop_wrenches(robot.rows, tangent.frames).residual[0])
     gap = float(gaps.max(initial=0.0))
@@ -142,9 +160,13 @@ def consistent_state(
 def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array, unbalanced: Array) -> Array:
     """Compute the Newton step (k,) towards balance along massless motions `light` (nv, k).
 
-    The step is -(light' (K - C) light)^-1 light' unbalanced. Here `unbalanced` (nv,) is the residual of the
-    balance of forces, K the stiffness of the springs, and C the curvature of the loops under their forces. A
-    motion with damping but no stiffness has no balance and keeps its initial value: the step is zero.
+    The step is -(light' (K - C) light)^-1 light' unbalanced, with the stiffness K of the springs and the
+    curvature C of the loops under their forces. If a motion has damping but no stiffness, it has no balance
+    and keeps its initial value: the step is zero.
+
+    Args:
+        tangent: terms at one configuration at rest.
+        unbalanced: residual (nv,) of the balance of forces without the loop forces.
 
     Raises:
         InvalidInput: a motion has neither mass nor stiffness nor damping.
@@ -154,7 +176,8 @@ def balancing_step(equations: EquationsOfMotion, tangent: Tangent, light: Array,
     curvature = loop_curvature(equations.robot, equations.rows, tangent.frames, multipliers[None])[0]
     springs = light.T @ np.diag(equations.stiffness) @ light  # (k, k)
     dampers = light.T @ np.diag(equations.damping) @ light
-    stiffest = (equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)
+
+    stiffest = (equations.stiffness * equations.robot.column_scale**2).max(initial=0.0)  # [N m]
     rounding = EIGENVALUE_ROUNDING * max(float(stiffest), LEAST_DIVISOR)
     if np.linalg.eigvalsh(springs + dampers)[0] <= rounding:
         raise _undetermined_motion_error(equations, light @ np.linalg.eigh(springs)[1][:, 0])
@@ -178,9 +201,10 @@ def _undetermined_motion_error(equations: EquationsOfMotion, rates: Array) -> In
 
 
 def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -> Array:
-    """Compute the velocity (nv,) that an impulse of the loop forces makes of v (nv,).
+    """Project a velocity v (nv,) onto the velocities that the loops allow, (nv,).
 
-    The loops allow the new velocity v + dv. The equations are M dv + J' impulse = 0 and J (v + dv) = 0.
+    An impulse of the loop forces changes v by dv: M dv + J' impulse = 0 and J (v + dv) = 0. `tangent` has the
+    terms of one configuration.
     """
     rows = len(equations.rows.names)
     if not rows:
@@ -188,8 +212,75 @@ def allowed_velocity(equations: EquationsOfMotion, tangent: Tangent, v: Array) -
     scale = equations.robot.column_scale
     J = scale_jacobian(equations.robot, tangent.jacobian, equations.rows.rotation)[0]  # (m, nv)
     mass = tangent.mass[0] * scale[:, None] * scale
-    largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)
+    largest = max(float(np.diag(mass).max()), LEAST_DIVISOR)  # brings M to the size of J
     matrix = np.block([[mass / largest, J.T], [J, np.zeros((rows, rows))]])
     right = np.append(np.zeros_like(v), -J @ (v / scale))
-    dv_and_impulse = np.linalg.lstsq(matrix, right, rcond=MOMENTUM_CUTOFF)[0]
+    dv_and_impulse = np.linalg.lstsq(matrix, right, rcond=EIGENVALUE_ROUNDING)[0]
     return v + scale * dv_and_impulse[: len(v)]
+
+
+# ------------------------------------------------------------------ accelerations
+
+
+class Accelerations(NamedTuple):
+    """Joint accelerations of T states under given torques."""
+
+    a: Array  # (T, nv) zero along motions without mass, which leave a undetermined
+    undetermined: BoolArray  # (T, nv) joints that such a motion moves: their a depends on the torques' rates
+
+
+def accelerations(
+    equations: EquationsOfMotion, q: Array, v: Array, torque: Array, applied: Array
+) -> Accelerations:
+    """Compute joint accelerations (T, nv) at T states.
+
+    Args:
+        torque: motor torques (T, n_a) [N m], motor side.
+        q, v: configurations (T, nq) and velocities (T, nv) that close the loops.
+        applied: generalised external forces (T, nv).
+
+    Raises:
+        InvalidInput: the springs of parts without mass are not in balance; or a motion has neither mass nor
+            stiffness nor damping.
+    """
+    tangent = equations.tangent(q, v, np.zeros(v.shape))
+    Z, light, closing = allowed_motions(equations, tangent)  # (T, nv, d), (T, d), (T, nv, m)
+    force = equations.motor_forces(torque) + applied - tangent.force
+    for k in np.flatnonzero(light.any(axis=1)).tolist():
+        row = f", row {k}" if len(q) > 1 else ""
+        _check_balance(equations, q[k], Z[k][:, light[k]], force[k], row)
+
+    drift = closure_drift(equations.rows, frame_motions(equations.robot, tangent.frames, v))
+    a = -matvec(closing, drift)  # a_0, (T, nv)
+
+    # Solve Z' M Z alpha = Z' (force - M a_0). For motions without mass the equation is alpha = 0: their rows
+    # and columns are replaced by those of the unit matrix, and their right sides by 0.
+    Z_rows = Z.swapaxes(1, 2)  # Z'
+    reduced_mass = matmul(Z_rows, matmul(tangent.mass, Z))  # Z' M Z, (T, d, d)
+    inertia = np.where(light[:, None] | light[:, :, None], np.eye(light.shape[1]), reduced_mass)
+    along_Z = matvec(Z_rows, force - matvec(tangent.mass, a))  # (T, d)
+    alpha = np.linalg.solve(inertia, np.where(light, 0.0, along_Z)[..., None])[..., 0]
+    a += matvec(Z, alpha)
+
+    light_rates = np.abs(Z * light[:, None]).max(axis=2, initial=0.0)  # (T, nv)
+    return Accelerations(a, undetermined=light_rates / equations.robot.column_scale > RANK_ROUNDING)
+
+
+def _check_balance(equations: EquationsOfMotion, q: Array, light: Array, force: Array, row: str) -> None:
+    """Refuse q (nq,) unless `force` (nv,) is in balance along massless motions `light` (nv, k).
+
+    `row` names the row of q in the message; it is empty for a single state.
+
+    Raises:
+        InvalidInput: the forces do not balance.
+    """
+    robot = equations.robot
+    step = light @ balancing_step(equations, equations.tangent_at_rest(q), light, -force)
+    distances = np.abs(step / robot.column_scale)
+    worst = int(np.argmax(distances))
+    if distances[worst] > SPRINGS_BALANCED:
+        raise InvalidInput(
+            f"q{row}: {robot.coordinates.name_of(worst)} of {robot.name}, {robot.flexibility}, has no mass "
+            f"and is {distances[worst]:.3g} rad or robot lengths from where its springs balance these "
+            f"torques: its acceleration would be infinite; `Stepper.start` gives the state next to this one"
+        )

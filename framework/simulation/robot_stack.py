@@ -15,28 +15,27 @@ import pinocchio as pin
 
 from framework.errors import InvalidInput
 from framework.kinematics.closures import closure_drift, loop_equations
-from framework.kinematics.frames import FrameMotions, FrameStack, collect_frames
+from framework.kinematics.frames import FrameStack, collect_frames, move_with_bodies
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.kinematics.pinocchio_memory import scratch_of
+from framework.kinematics.pinocchio_memory import Scratch, scratch_of
 from framework.numerics.arrays import Array, ArrayLike
-from framework.numerics.ordered_sums import matmul
 from framework.simulation.equations import EquationsOfMotion, check_damping
 
 
 class Terms(NamedTuple):
-    """The terms of the equations of motion of R runs."""
+    """The terms of the equations of motion of R runs, with m loop equations."""
 
     mass: Array  # (R, nv, nv) M with rotors
-    bias: Array  # (R, nv) c + g
+    bias: Array  # (R, nv) c + g, Coriolis, centrifugal and gravity forces
     frames: FrameStack
-    residual: Array  # (R, m) of the loop equations
+    residual: Array  # (R, m) of the loop equations [m, rad]
     jacobian: Array  # (R, m, nv) of the loop equations
-    tree_rate: Array  # (R, 6, nv) time derivative of the tree's Jacobian on world axes
+    twists: Array  # (2, R, bodies, 6) of all bodies, and their time derivatives without joint accelerations
 
 
 @dataclass(frozen=True, eq=False)
 class RobotStack:
-    """R robots of one structure with their parameters stacked; a single robot serves any number of runs."""
+    """R robots of one structure with their parameters stacked; one robot serves any number of runs."""
 
     robots: tuple[ParallelRobot, ...]
     first: EquationsOfMotion  # of the robot that decides the structure, see `of`
@@ -54,8 +53,10 @@ class RobotStack:
     ) -> RobotStack:
         """Stack one robot or several of the same structure.
 
-        `damping` is added to that of the joints. `like`, by default the first, decides which loop equations
-        are independent and which joints idle.
+        Args:
+            damping: viscous damping added to that of the joints, see `check_damping`.
+            like: robot that decides which loop equations are independent and which joints idle; by default
+                the first of the robots.
 
         Raises:
             InvalidInput: no robot is given, or the robots differ in joints, motors, springs or loops; or as
@@ -68,7 +69,7 @@ class RobotStack:
         first = EquationsOfMotion.of(like)
         for robot in robots:
             _check_same_structure(like, robot)
-        idle_inertia = first.rotors - like.rotors  # of idle joints without mass
+        idle_inertia = first.rotors - like.rotors  # (nv,) 1 on idle joints without mass
         added_damping = check_damping(damping, (len(robots), like.nv))
 
         def stack(parameter: str) -> Array:
@@ -101,7 +102,7 @@ class RobotStack:
 
     def equations(self, run: int) -> EquationsOfMotion:
         """Return the equations of motion of one run."""
-        k = run if len(self.robots) > 1 else 0
+        k = run if len(self.robots) > 1 else 0  # one robot serves all runs
         return replace(
             self.first,
             robot=self.robots[k],
@@ -116,55 +117,56 @@ class RobotStack:
         return models if len(models) > 1 else models * runs
 
     def terms(self, q: Array, v: Array) -> Terms:
-        """Compute all terms at q (R, nq) and v (R, nv)."""
+        """Compute all terms of R runs at q (R, nq) and v (R, nv)."""
         runs, nv = v.shape
         models = self._models(runs)
         scratch = scratch_of(self.robots[0])
-        data = scratch.data
         mass = np.empty((runs, nv, nv))
         bias = np.empty((runs, nv))
-        dJ = np.empty((runs, 6, nv))
+        twists = np.empty((2, runs, *scratch.velocities.shape))
 
         def compute(k: int) -> pin.Model:
             """Compute the terms of the tree in run k; return the model for its frames."""
-            bias[k] = pin.nonLinearEffects(models[k], data, q[k], v[k])
-            mass[k] = pin.crba(models[k], data, q[k])
-            pin.computeJointJacobiansTimeVariation(models[k], data, q[k], v[k])
-            dJ[k] = data.dJ
+            mass[k] = pin.crba(models[k], scratch.data, q[k])
+            bias[k], twists[:, k] = _velocity_terms(models[k], scratch, q[k], v[k])
             return models[k]
 
         frames = collect_frames(scratch, q, compute)
-        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills the upper half
+        mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)  # pinocchio fills only the upper half
         mass[:, range(nv), range(nv)] += self.rotors
         loops = loop_equations(self.first.rows, frames)
-        return Terms(mass, bias, frames, loops.residual, loops.jacobian, dJ)
+        return Terms(mass, bias, frames, loops.residual, loops.jacobian, twists)
 
     def with_velocities(self, terms: Terms, q: Array, v: Array) -> Terms:
         """Return `terms`, computed at q (R, nq), for other velocities v (R, nv).
 
-        Only bias forces and the rate of the tree's Jacobian depend on velocities.
+        Only bias forces and twists depend on velocities.
         """
         bias = np.empty_like(terms.bias)
-        dJ = np.empty_like(terms.tree_rate)
-        data = scratch_of(self.robots[0]).data
+        twists = np.empty_like(terms.twists)
+        scratch = scratch_of(self.robots[0])
         for k, model in enumerate(self._models(len(q))):
-            pin.computeJointJacobiansTimeVariation(model, data, q[k], v[k])
-            dJ[k] = data.dJ
-            bias[k] = pin.nonLinearEffects(model, data, q[k], v[k])
-        return terms._replace(bias=bias, tree_rate=dJ)
+            bias[k], twists[:, k] = _velocity_terms(model, scratch, q[k], v[k])
+        return terms._replace(bias=bias, twists=twists)
 
-    def drift(self, terms: Terms, v: Array) -> Array:
-        """Compute the second time derivative (R, m) of the loop equations at zero joint accelerations."""
-        frames = terms.frames
-        rates = frames.carried * v[:, None]  # (R, F, nv) rates of the joints that carry each frame
-        screws_and_rates = np.stack([frames.screws, terms.tree_rate.swapaxes(1, 2)])
-        twists_and_rates = matmul(rates, screws_and_rates)  # (2, R, F, 6)
-        motions = FrameMotions.of(frames.placements, *twists_and_rates)
+    def drift(self, terms: Terms) -> Array:
+        """Compute second time derivatives (R, m) of the loop equations without joint accelerations."""
+        motions = move_with_bodies(self.robots[0], terms.frames, terms.twists)
         return closure_drift(self.first.rows, motions)
 
 
+def _velocity_terms(model: pin.Model, scratch: Scratch, q: Array, v: Array) -> tuple[Array, Array]:
+    """Compute bias forces (nv,) and twists (2, bodies, 6), see `Terms`, at q (nq,) and v (nv,).
+
+    The screws of the joints, from which frames are collected, are computed, too.
+    """
+    bias = pin.nonLinearEffects(model, scratch.data, q, v)
+    pin.computeForwardKinematicsDerivatives(model, scratch.data, q, v, np.zeros_like(v))
+    return bias, np.stack([scratch.velocities, scratch.accelerations])
+
+
 def _check_same_structure(first: ParallelRobot, second: ParallelRobot) -> None:
-    """Raise InvalidInput for two robots that cannot be stacked."""
+    """Raise InvalidInput unless two robots have the same structure."""
     if not all(map(np.array_equal, _structure(first), _structure(second))):
         raise InvalidInput(
             f"robots: {second!r} differs from {first!r} in more than numbers; a stack needs one structure"
