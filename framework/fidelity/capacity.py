@@ -26,9 +26,8 @@ from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.options import takes_options
 from framework.planning.plan import plan_request
-from framework.planning.request import Request
+from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan
-from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, search_path
 
 MAX_DOUBLINGS = 20  # of the multiple, or halvings; after them the capacity counts as unbounded, or as zero

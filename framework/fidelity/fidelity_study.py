@@ -25,14 +25,15 @@ import numpy as np
 
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
-from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
-from framework.fidelity.fidelity_indicators import (
+from framework.fidelity.model_comparison import Comparison, ReferenceMotion
+from framework.fidelity.predicted_level import (
+    TOLERANCE,
     Indicators,
     compute_indicators,
     compute_level_motions,
+    request_without_geometry,
     robot_at_level,
 )
-from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import is_number
 from framework.laws.path import Path
@@ -41,7 +42,7 @@ from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.output import Document, plain, select_fields
 from framework.planning.neglected_effects import neglected_friction
 from framework.planning.plan import plan_request
-from framework.planning.request import Request
+from framework.planning.request import MOTION_SAMPLES, Request
 from framework.planning.result import CrossingPlan
 
 MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9

@@ -1,6 +1,6 @@
 """The comparison of the levels of fidelity: their torques in the forward simulation of the highest model.
 
-All levels follow one motion (`fidelity_indicators`). The simulation begins at rest at the start of the path.
+All levels follow one motion (`predicted_level`). The simulation begins at rest at the start of the path.
 
 If the robot falls so fast that even integration errors would carry it off its path, each motor has a
 controller, which drives the motor back to its planned angle.
@@ -14,17 +14,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.dynamics.open_loop import MotorControl, fall_exponent
-from framework.dynamics.pointwise_dynamics import motor_inertia
+from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
-from framework.fidelity.fidelity_indicators import LevelMotion
+from framework.fidelity.predicted_level import OWN_ERROR, STEP_ERRORS, LevelMotion, measure_fall
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
 from framework.numerics.arrays import Array, ReadOnlyArrays
-from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
+from framework.planning.request import MOTION_SAMPLES, largest_by_unit, path_length
 from framework.planning.result import CrossingPlan
 from framework.simulation import Event, Simulation, simulate
 from framework.simulation.drive import Drive
@@ -35,16 +34,7 @@ from framework.tolerances import TORQUE_TAIL
 EQUAL_TORQUES = 10 * TORQUE_TAIL
 # Platform error divided by the path's length that ends a simulation; twice the tolerance if that is more.
 MAX_ERROR = 0.1
-STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step divided by the tolerance, tried in turn
-# Platform error divided by the tolerance, under the reference's own torques, above which shorter steps are
-# tried.
-OWN_ERROR = 0.1
-# Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
-# of the shortest steps would grow beyond OWN_ERROR.
-MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
-CONTROL_TO_FALL = 10.0  # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
 MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
-MOTION_SAMPLES = 1001  # number of equidistant instants of a comparison
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # offsets of further instants from crossings, over the duration
 
 
@@ -94,19 +84,6 @@ class Comparison(ReadOnlyArrays):
         largest = np.abs(self.motion.deflection(times)).max(axis=0)
         k = np.argmax(largest / robot.column_scale[robot.elastic])
         return robot.elastic_names[k], float(largest[k])
-
-
-def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return `fall_exponent` of a motion, and the feedback that the motors need.
-
-    The motors have feedback only if the exponent is above MAX_FALL.
-    """
-    fall = fall_exponent(motion)
-    if fall <= MAX_FALL:
-        return fall, None
-    inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
-    frequency = CONTROL_TO_FALL * fall / motion.duration  # [1/s]
-    return fall, MotorControl.of(inertia, frequency)
 
 
 @dataclass
@@ -257,5 +234,5 @@ class ReferenceMotion:
     def _platform_distance(self, q: Array, x: Array) -> Array:
         """Return the distances (T,) [path lengths] of the platform at q (T, nq) from x (T, n)."""
         robot = self.highest
-        offset = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
-        return np.linalg.norm(offset, axis=1) / self.length
+        offset = robot.platform.residual(frames_at(robot, q), x) / robot.platform_scale  # [robot lengths]
+        return np.linalg.norm(offset * robot.length, axis=1) / self.length

@@ -28,7 +28,6 @@ from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
-from framework.planning.motion_scales import coordinate_sizes
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import least_controlled_motion, sign_along, uncontrolled_motion
@@ -326,7 +325,7 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
         rate: the largest dq/ds of a joint [rad, robot lengths].
     """
     robot = branch.robot
-    units = coordinate_sizes(robot)  # (n,) [m]
+    units = robot.length / robot.platform_scale  # [m] per unit of each platform coordinate
     tangent = np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max()
     escape = np.abs(crossing.twist * units).max()
     weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
@@ -17,10 +18,17 @@ from framework.planning.condition import (
     imposed_point,
     undeformed_crossing,
 )
-from framework.planning.refusals.refusal_proofs import UnmetCondition
+from framework.planning.refusals import UnmetCondition
 from framework.planning.request import Request
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 from framework.tolerances import SAME_PLACE
+
+
+class CrossingTime(NamedTuple):
+    """The time [s] and speed s' [1/s] of a crossing."""
+
+    time: float
+    speed: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,7 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
 from framework.planning.condition import Condition8, coefficients_at, undeformed_crossing
 from framework.planning.crossing_points import PathToCross, is_at_path_end
-from framework.planning.motion_scales import coordinate_sizes
-from framework.planning.request import Request
-from framework.planning.specification import specification_of
+from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 
 LARGE_CURVATURE = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
@@ -178,12 +176,12 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     condition = coefficients_at(branch, crossing, deflection=None)
     centre_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
     centre_velocity = centre_jacobian @ crossing.motion
-    size, tangent = coordinate_sizes(robot), robot.platform.path_twist(branch.path, crossing.s)
+    tangent = robot.platform.path_twist(branch.path, crossing.s)
     return Feasibility(
         crossing.s,
         condition,
         weight_share=_cosine(robot.model.gravity.linear, centre_velocity / robot.length),
-        tangent_share=_cosine(tangent * size, crossing.twist * size),
+        tangent_share=_cosine(tangent / robot.platform_scale, crossing.twist / robot.platform_scale),
         wrenches=bool(branch.wrenches.entries),
     )
 

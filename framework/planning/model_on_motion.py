@@ -40,7 +40,7 @@ from framework.laws.law import (
 from framework.numerics.arrays import Array, ArrayLike
 from framework.numerics.chebyshev import TimeFunction, TimeGrid
 from framework.planning.condition import Deflection, condition_at, crossing_point
-from framework.planning.refusals.turning_back import check_advance
+from framework.planning.refusals import check_advance
 from framework.planning.request import SMOOTHNESS
 from framework.singularity.points_on_path import SearchedPath, search_path
 from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL

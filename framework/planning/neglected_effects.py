@@ -25,7 +25,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.description import FLEXIBILITIES
 from framework.numerics.arrays import Array
 from framework.planning.model_on_motion import ModelOnMotion
-from framework.planning.motion_scales import largest_by_unit
+from framework.planning.request import largest_by_unit
 from framework.tolerances import TORQUE_TAIL
 
 MAX_NAMES = 4  # of springs or idle turns that are listed by name

@@ -24,17 +24,15 @@ from framework.laws.law import is_number
 from framework.laws.path import Path, Spline
 from framework.numerics.arrays import Array
 from framework.planning.feasibility import feasibility_on_path
-from framework.planning.motion_scales import coordinate_sizes, path_length
 from framework.planning.plan import plan_request
-from framework.planning.refusals.refusal_proofs import HoldingTorque, UnmetCondition
-from framework.planning.request import Request
+from framework.planning.refusals import HoldingTorque, UnmetCondition
+from framework.planning.request import MOTION_SAMPLES, Request, path_length
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SAME_PLACE
 
 MAX_BEND_SHARE = 0.05  # largest bend divided by the path's length; a larger one would make another path
 END_SHARE = 0.15  # least distance in s of a crossing from both ends: nearer, the bump ends with a kink
-BEND_SAMPLES = 1001  # equidistant values of s at which the size of a bend is measured
 # DOUBLED_BENDS bends are tried to each side, each twice the last. The first, 0.04 % of the path's length, is
 # of the size of errors in building a robot. COMPARED_BENDS is the number of bends from the least sufficient
 # one to the largest whose torques are compared.
@@ -179,8 +177,8 @@ class _Modification(NamedTuple):
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
         """Measure how far the path of a plan is from the requested path."""
-        s = np.linspace(0.0, 1.0, BEND_SAMPLES)
-        change = plan.path(s) - self.request.path(s)  # (BEND_SAMPLES, n)
+        s = np.linspace(0.0, 1.0, MOTION_SAMPLES)
+        change = plan.path(s) - self.request.path(s)  # (MOTION_SAMPLES, n)
         is_translation = self.robot.translations
         distance = _largest_norm(change[:, is_translation])
         turn = _largest_norm(change[:, ~is_translation])
@@ -201,10 +199,10 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
         return None
     feasibility, twist = min(candidates, key=lambda pair: pair[0].tangent_share)
     c = feasibility.s
-    size, length = coordinate_sizes(robot), path_length(robot, path)
+    size, length = robot.length / robot.platform_scale, path_length(robot, path)
     rate_matrix = robot.platform.rate_matrix(path(c)[None])[0]  # (n, n) twist per coordinate rate
     direction = np.linalg.solve(rate_matrix, twist)  # d of this file's docstring
-    bump = _evaluate_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
+    bump = _evaluate_bump(np.linspace(0.0, 1.0, MOTION_SAMPLES), c)
     height = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m] of b(s) d
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
     unit_bend = _evaluate_bump(s, c)[:, None] * direction * (length / height)

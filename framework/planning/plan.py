@@ -35,10 +35,9 @@ from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
-from framework.planning.refusals.refusal_proofs import SearchEvidence, UnmetCondition
-from framework.planning.request import Request
+from framework.planning.refusals import SearchEvidence, UnmetCondition
+from framework.planning.request import Request, limit_excess, specification_of
 from framework.planning.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
-from framework.planning.specification import limit_excess, specification_of
 from framework.singularity.points_on_path import SearchedPath, check_branch, search_path
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS

@@ -21,12 +21,10 @@ from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.planning.condition import Condition8, Deflection, coefficients_at, crossing_point
-from framework.planning.crossing_points import PathToCross
+from framework.planning.crossing_points import CrossingTime, PathToCross
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
 from framework.planning.neglected_effects import NeglectedEffect, neglected_effects, neglected_friction
-from framework.planning.request import Request
-from framework.planning.specification import Specification, motor_peaks
-from framework.planning.timing import CrossingTime
+from framework.planning.request import Request, Specification, motor_peaks
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
 

@@ -52,13 +52,11 @@ from framework.numerics.fields import (
 from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_file
 from framework.planning.condition import Condition8
-from framework.planning.crossing_points import path_to_cross
+from framework.planning.crossing_points import CrossingTime, path_to_cross
 from framework.planning.options import OPTIONS
-from framework.planning.request import Request
+from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
 from framework.planning.scenes import path_of
-from framework.planning.specification import specification_of
-from framework.planning.timing import CrossingTime
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING
 

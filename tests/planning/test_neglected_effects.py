@@ -9,7 +9,7 @@ import pytest
 
 import robots
 from framework import NotConverged, ParallelRobot, plan_scene
-from framework.fidelity.fidelity_indicators import robot_at_level
+from framework.fidelity.predicted_level import robot_at_level
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS_BY_NAME
 from framework.planning.model_on_motion import ModelOnMotion
