@@ -25,7 +25,7 @@ import numpy as np
 
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
-from framework.fidelity.model_comparison import Comparison, ReferenceMotion
+from framework.fidelity.model_comparison import EQUAL_TORQUES, Comparison, ReferenceMotion
 from framework.fidelity.predicted_level import (
     TOLERANCE,
     Indicators,
@@ -45,7 +45,7 @@ from framework.planning.plan import plan_request
 from framework.planning.request import MOTION_SAMPLES, Request
 from framework.planning.result import CrossingPlan
 
-MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
+MIN_TOLERANCE = 10 * EQUAL_TORQUES  # a level with torques that count as equal is enough
 ERROR_ROUNDING = 1e-12  # share of the path's length or the peak torque, below which errors are rounding
 
 

@@ -48,10 +48,10 @@ from framework.planning.scenes import scene_request
 TOLERANCE = 0.01  # default of the allowed error, as a share of the path's length and of the peak torque
 INSTANTS = 65  # instants of the motion between which the error dynamics are interpolated
 STEPS = 8 * (INSTANTS - 1)  # integration steps of the platform's error
-STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step divided by the tolerance, tried in turn
-# Platform error divided by the tolerance, under the reference's own torques, above which shorter steps are
-# tried.
-OWN_ERROR = 0.1
+STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step of a simulation over the tolerance, tried in turn
+OWN_ERROR = (
+    0.1  # platform error over the tolerance under the plan's own torques: above, shorter steps are tried
+)
 # Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
 # of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
@@ -118,6 +118,8 @@ def predict_level(
 
 def predict_errors(description: RobotDescription, path: Path | str, **options: Any) -> Indicators:
     """Compute the indicators of a motion; options as for `predict_level`.
+
+    Without a plan of the rigid robot the errors of all levels but the highest are infinite.
 
     Raises:
         InvalidInput: an option is invalid.
@@ -190,16 +192,17 @@ def compute_level_motions(
     """
     motions = {}
     for level in LEVELS:
+        if level is own:
+            motions[level.name] = LevelMotion(plan.dynamics, plan.seconds)
+            continue
         started = time.perf_counter()
         try:
-            if level is own:
-                motions[level.name] = LevelMotion(plan.dynamics, plan.seconds)
-                continue
             model = ModelOnMotion.of(plan.dynamics, robot_at_level(description, level))
             dynamics = model.resolve(level.geometry)
-            motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
         except NoAnswer as refusal:
             motions[level.name] = LevelMotion(None, 0.0, f"no torques: {refusal}")
+        else:
+            motions[level.name] = LevelMotion(dynamics, time.perf_counter() - started)
     return motions
 
 
@@ -211,9 +214,11 @@ def robot_at_level(description: RobotDescription, level: Level) -> ParallelRobot
 
 
 def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return `fall_exponent` of a motion, and the feedback that the motors need.
+    """Return the time constants of the robot's fall in a motion, and the feedback that the motors need.
 
-    The motors have feedback only if the exponent is above MAX_FALL.
+    A robot falls where weight or the motors' torques drive the platform off its path
+    (`open_loop.fall_exponent`). The motors have feedback only if it falls for more than MAX_FALL time
+    constants.
     """
     fall = fall_exponent(motion)
     if fall <= MAX_FALL:
@@ -274,6 +279,9 @@ class Indicators(NamedTuple):
 def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl | None) -> Indicators:
     """Compute the indicators from the levels' motions, by name.
 
+    All errors are infinite without a motion of the highest or the rigid level, or if the motion meets the
+    boundary of the workspace.
+
     Args:
         control: feedback of the motors, if any.
     """
@@ -282,31 +290,35 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
         return Indicators.of({})
     times = np.linspace(0.0, rigid.duration, STEPS + 1)
     try:
-        motor_speed = platform_wrench(rigid.robot, rigid.motion(times)).motor_speed
-        dynamics = _interpolate_error_dynamics(rigid, times)
+        motor_speed = platform_wrench(rigid.robot, rigid.motion(times)).motor_speed  # G (T, n_a, n)
+        error_matrices = _interpolate_error_dynamics(rigid, times)
     except NoAnswer:  # at the boundary of the workspace
         return Indicators.of({})
     if control is not None:
-        dynamics = dynamics.with_control(control, motor_speed)
-    errors = {}
-    reference = highest.torque_without_friction(times)
-    peaks = largest_by_unit(rigid.robot, np.abs(reference).max(axis=0))
-    robot = rigid.robot
-    path_lengths = robot.length / robot.platform_scale / path_length(robot, rigid.path)
-    for name, motion in motions.items():
-        if motion.dynamics is None:
-            continue
-        missing = reference - motion.dynamics.torque_without_friction(times)
-        missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing)  # G' (difference of the torques)
-        displacement = open_loop_error(dynamics, times, missing_wrench)
-        displacement += highest.platform(times) - motion.dynamics.platform(times)
-        distances = np.linalg.norm(displacement * path_lengths, axis=1)
-        errors[name] = LevelError((np.abs(missing) / peaks).max(), distances.max())
-    return Indicators.of(errors)
+        error_matrices = error_matrices.with_control(control, motor_speed)
+
+    robot, reference = rigid.robot, highest.torque_without_friction(times)
+    peaks = largest_by_unit(robot, np.abs(reference).max(axis=0))
+    path_scale = robot.platform_scale * (path_length(robot, rigid.path) / robot.length)  # (n,)
+
+    def estimate(level: InverseDynamics) -> LevelError:
+        """Estimate the errors of the motion with a level's torques."""
+        missing_torque = reference - level.torque_without_friction(times)
+        missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing_torque)  # G' (missing torque)
+        displacement = open_loop_error(error_matrices, times, missing_wrench)
+        displacement += highest.platform(times) - level.platform(times)
+        distances = np.linalg.norm(displacement / path_scale, axis=1)
+        return LevelError((np.abs(missing_torque) / peaks).max(), distances.max())
+
+    levels = {name: motion.dynamics for name, motion in motions.items()}
+    return Indicators.of({name: estimate(level) for name, level in levels.items() if level is not None})
 
 
 def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
-    """Interpolate the error dynamics of the platform at t (T,) [s]."""
+    """Interpolate the matrices of the platform's error dynamics at t (T,) [s].
+
+    They are computed at INSTANTS only, since they change slowly and each is expensive.
+    """
     instants = np.linspace(0.0, rigid.duration, INSTANTS)
     matrices = error_dynamics(rigid, instants)  # three stacks (INSTANTS, n, n)
     return ErrorDynamics(*CubicSpline(instants, matrices, axis=1)(times))
