@@ -174,7 +174,7 @@ class ReferenceMotion:
         return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
-        """Return the largest difference (T,) of two motions' torques, without dry friction, over the peaks."""
+        """Return the largest difference (T,) of the torques without dry friction, over their peaks."""
         torque = motion.torque_without_friction(self.times)
         difference = torque - reference.torque_without_friction(self.times)
         return (np.abs(difference) / self.peak).max(axis=1)
@@ -185,9 +185,6 @@ class ReferenceMotion:
         started = time.perf_counter()
         try:
             simulation = self._simulate_motion(motion)
-        except NoAnswer as failure:
-            reason = f"no simulation: {failure}"
-        else:
             end = simulation.duration
             reached = self.times <= end
             t = self.times[reached]
@@ -195,6 +192,8 @@ class ReferenceMotion:
             if simulation.occurrences:  # the event `lost` has ended the simulation
                 lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {end:.4g} s"
                 reason = f"{lost}, s = {float(motion.law(end)):.4g}"
+        except NoAnswer as failure:
+            reason = f"no simulation: {failure}"
         self.seconds += time.perf_counter() - started
         torque_error = self._torque_error(motion, self.plan.dynamics)
         return Comparison(level, motion, torque_error, platform_error, reason)

@@ -49,9 +49,7 @@ TOLERANCE = 0.01  # default of the allowed error, as a share of the path's lengt
 INSTANTS = 65  # instants of the motion between which the error dynamics are interpolated
 STEPS = 8 * (INSTANTS - 1)  # integration steps of the platform's error
 STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step of a simulation over the tolerance, tried in turn
-OWN_ERROR = (
-    0.1  # platform error over the tolerance under the plan's own torques: above, shorter steps are tried
-)
+OWN_ERROR = 0.1  # platform error over the tolerance under the plan's torques: above, steps are shortened
 # Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
 # of the shortest steps would grow beyond OWN_ERROR.
 MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
@@ -299,7 +297,8 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
 
     robot, reference = rigid.robot, highest.torque_without_friction(times)
     peaks = largest_by_unit(robot, np.abs(reference).max(axis=0))
-    path_scale = robot.platform_scale * (path_length(robot, rigid.path) / robot.length)  # (n,)
+    # (n,) displacement of each platform coordinate that is as long as the path
+    path_scale = robot.platform_scale * (path_length(robot, rigid.path) / robot.length)
 
     def estimate(level: InverseDynamics) -> LevelError:
         """Estimate the errors of the motion with a level's torques."""
@@ -307,11 +306,16 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
         missing_wrench = np.einsum("tan,ta->tn", motor_speed, missing_torque)  # G' (missing torque)
         displacement = open_loop_error(error_matrices, times, missing_wrench)
         displacement += highest.platform(times) - level.platform(times)
-        distances = np.linalg.norm(displacement / path_scale, axis=1)
-        return LevelError((np.abs(missing_torque) / peaks).max(), distances.max())
+        return LevelError(
+            torque=(np.abs(missing_torque) / peaks).max(),
+            platform=np.linalg.norm(displacement / path_scale, axis=1).max(),
+        )
 
-    levels = {name: motion.dynamics for name, motion in motions.items()}
-    return Indicators.of({name: estimate(level) for name, level in levels.items() if level is not None})
+    errors = {}
+    for name, motion in motions.items():
+        if motion.dynamics is not None:
+            errors[name] = estimate(motion.dynamics)
+    return Indicators.of(errors)
 
 
 def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
