@@ -1,16 +1,17 @@
 """plan.json: write a plan, and read its request and its law back.
 
 Everything else is computed anew from these two. Geometry, crossings with their condition (8), peak torques,
-the goal and whether the law always advances are then compared with the file, numbers within the rounding of
-`_rounding_sizes`. `reason`, `seconds`, and the reference and gap of an optimal law are taken from the file.
-Its other numbers, such as those of the certificate and of the neglected effects, must be there, but are not
-used.
+the goal and whether the law always advances are then compared with the file leaf by leaf, numbers within the
+rounding of one table, `_rounding_sizes`. `reason`, `seconds`, and the reference and gap of an optimal law are
+taken from the file. The other numbers of the file, such as those of the certificate and of the neglected
+effects, must be there, but are not used.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path as FilePath
@@ -67,18 +68,18 @@ LAW_KINDS = (Law.kind, OptimalLaw.kind)
 # ------------------------------------------------------------------ the keys that are read
 
 
-def _read_series(where: str, given: Any) -> tuple[float, ...]:
-    """Read the coefficients of a law, at least two."""
-    coefficients = list_of(number)(where, given)
+def _read_series(where: str, raw: Any) -> tuple[float, ...]:
+    """Read the coefficients of a law, at least two, from the raw value at `where` in the file."""
+    coefficients = list_of(number)(where, raw)
     if len(coefficients) < 2:
         raise InvalidInput(f"{where}: needs at least two numbers, got {len(coefficients)}")
     return coefficients
 
 
-def _read_law(where: str, given: Any) -> Document:
-    """Read the keys of a law by its kind."""
-    kind = read_table(where, given, _KIND, others=None)["kind"]
-    return read_table(where, given, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
+def _read_law(where: str, raw: Any) -> Document:
+    """Read the keys of a law at `where` in the file: first its kind, then the keys of this kind."""
+    kind = read_table(where, raw, _KIND, others=None)["kind"]
+    return read_table(where, raw, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
 
 
 _NUMBERS = list_of(number)
@@ -94,7 +95,7 @@ _LAWS: Mapping[str, Table] = {
 }
 _OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _TIME: Table = {"time": required(number), "speed": required(number)}
-_COMPUTED: Table = dict.fromkeys(
+_COMPUTED: Table = dict.fromkeys(  # keys that must be there, but are computed anew
     ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate"),
     required(anything),
 )
@@ -108,10 +109,10 @@ _READ: Table = {
         record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
     ),
     "law": required(_read_law),
-    "crossings": required(list_of(lambda where, given: read_table(where, given, _TIME, others=None))),
+    "crossings": required(list_of(lambda where, raw: read_table(where, raw, _TIME, others=None))),
     "reason": required(text_or_empty),
     "optimality": required(
-        or_null(lambda where, given: read_table(where, given, _OPTIMALITY, others=("optimize",)))
+        or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY, others=("optimize",)))
     ),
     "seconds": required(not_negative),
     **_COMPUTED,
@@ -141,7 +142,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
     Raises:
         InvalidInput: the path or the law is a user's own function, which cannot be written.
     """
-    best = plan.optimality
+    best = plan.optimality  # None for a polynomial
     document: Document = plain(
         {
             "version": VERSION,
@@ -169,7 +170,11 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
 
 
 def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:
-    """Return the robot's catalogue name, or else the path of its file, relative to a given folder."""
+    """Return the robot's catalogue name, or else the path of its file.
+
+    The path is relative to `folder` if possible, and absolute without a folder. A relative path begins with a
+    folder, such as `.`, so that it is no catalogue name.
+    """
     name, file = robot.name, robot.description.file
     entry = find_entry(name)
     if entry is not None and file.exists() and entry.file.samefile(file):
@@ -199,7 +204,11 @@ def _request_document(request: Request) -> Document:
 
 
 def _law_document(law: object) -> Document:
-    """Return the law as a document; refuse kinds of law that cannot be read again."""
+    """Return the law as a document.
+
+    Raises:
+        InvalidInput: the law is of a kind that `load_plan` cannot read.
+    """
     document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
     kind = document.get("kind", Law.kind)
     if kind not in LAW_KINDS:
@@ -283,7 +292,11 @@ def plan_from_document(
 
 
 def _read_plan(saved: Document, file: FilePath) -> Document:
-    """Return the checked values of plan.json, by key."""
+    """Return the checked values of plan.json, by key.
+
+    Raises:
+        InvalidInput: the file has another version, lacks a key, or has an invalid value.
+    """
     if saved.get("version") != VERSION:
         raise InvalidInput(
             f"{file}: version: this program reads plans of version {VERSION}, got "
@@ -294,7 +307,7 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
 
 
 def read_document(file: FilePath, command: str) -> Document:
-    """Return the JSON object in a file that a command has written.
+    """Return the JSON object in a file that `crossing COMMAND --out` has written.
 
     Raises:
         InvalidInput: the file cannot be read, or is no JSON object.
@@ -311,7 +324,15 @@ def read_document(file: FilePath, command: str) -> Document:
 
 
 def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
-    """Load the robot of a plan, or of `robot_file` if given."""
+    """Load the robot that plan.json states, or the one of `robot_file` if given.
+
+    Args:
+        stated: checked values of plan.json.
+        file: the plan.json, to whose folder the stated robot file is relative.
+
+    Raises:
+        InvalidInput, RobotFileError: the file is missing or broken.
+    """
     if robot_file is not None:
         found = robot_file_of(str(robot_file))
     else:
@@ -326,7 +347,11 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
-    """Return the request of the file, checked for robot and duration [s]."""
+    """Return the request that plan.json states, checked for the robot and the law's duration [s].
+
+    Raises:
+        InvalidInput: an option is invalid, or the request has another duration.
+    """
     path = path_of(*stated.pop("path"))
     with prefix_errors("request", InvalidInput):
         request = Request.of(robot, path, **stated)
@@ -336,7 +361,11 @@ def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Re
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
-    """Return the law of the file, of a duration [s]."""
+    """Return the law that plan.json states, of a duration [s].
+
+    Raises:
+        InvalidInput: the law is less smooth than the request asks for, or smoother than laws can be.
+    """
     check_duration(duration)
     if stated["kind"] == Law.kind:
         return Law(np.array(stated["chebyshev"]), duration)
@@ -353,7 +382,14 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the stated optimality of an optimal law; None for a polynomial."""
+    """Return the optimality that plan.json states of an optimal law; None for a polynomial.
+
+    Args:
+        kind: kind of the law.
+
+    Raises:
+        InvalidInput: a polynomial has an optimality, an optimal law has none, or references are wrong.
+    """
     if (stated is None) != (kind == Law.kind):
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
@@ -366,7 +402,7 @@ def _make_optimality(
 
 
 def _compared_document(plan: CrossingPlan) -> Document:
-    """Return the part of plan.json that is computed anew and compared."""
+    """Return the part of plan.json that `load_plan` computes anew and compares."""
     crossings = [
         vars(crossing) | {"condition": crossing.condition and crossing.condition._asdict()}
         for crossing in plan.crossings
@@ -381,30 +417,28 @@ def _compared_document(plan: CrossingPlan) -> Document:
 
 
 def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
-    """Return the size of each computed number of plan.json, by key.
+    """Return the size of each computed number of plan.json, by key without the index of the crossing.
 
     Differences of FILE_ROUNDING times the size are rounding. Coefficients of condition (8) have the size of
-    the largest term at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so any value agrees.
+    the largest term of any crossing at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so
+    any value agrees.
     """
     pace = 1.0 / plan.duration
-    rates = Condition8(alpha=pace**2, beta=pace**2, gamma=1.0, delta=pace)._asdict()
+    rates = Condition8(alpha=pace**2, beta=pace**2, gamma=1.0, delta=pace)
+    conditions = [crossing.condition for crossing in plan.crossings if crossing.condition is not None]
+    largest_term = np.abs(np.reshape(conditions, (-1, len(rates))) * rates).max(initial=0.0)
     largest_torque = max(plan.peak_torque.values())
-    sizes = {f"peak_torque.{joint}": largest_torque for joint in plan.peak_torque}
-    crossing_sizes = {
-        "s": 1.0,
-        "time": plan.duration,
-        "speed": pace,
-        "acceleration": pace**2,
-        "twist": 1.0,
-        "platform": plan.robot.length,
-        "residual": np.inf,
+    return {
+        "crossings.s": 1.0,
+        "crossings.time": plan.duration,
+        "crossings.speed": pace,
+        "crossings.acceleration": pace**2,
+        "crossings.twist": 1.0,
+        "crossings.platform": plan.robot.length,
+        "crossings.residual": np.inf,
+        **{f"crossings.condition.{key}": largest_term / rate for key, rate in rates._asdict().items()},
+        **{f"peak_torque.{joint}": largest_torque for joint in plan.peak_torque},
     }
-    for k, crossing in enumerate(plan.crossings):
-        sizes |= {f"crossings[{k}].{key}": size for key, size in crossing_sizes.items()}
-        terms = np.abs(crossing.condition or 0.0) * list(rates.values())
-        for key, rate in rates.items():
-            sizes[f"crossings[{k}].condition.{key}"] = terms.max() / rate
-    return sizes
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
@@ -414,7 +448,8 @@ def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
     document["optimality"] = best and {"optimize": best.specification.goal}
     stated, sizes = dict(_yield_leaves(saved)), _rounding_sizes(plan)
     for key, computed in _yield_leaves(plain(document)):
-        if key not in stated or not _values_agree(stated[key], computed, sizes.get(key)):
+        size = sizes.get(re.sub(r"^crossings\[\d+\]", "crossings", key))
+        if key not in stated or not _values_agree(stated[key], computed, size):
             raise InvalidInput(
                 f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
                 f"{short(computed)}: the robot has changed since; plan again"
@@ -422,7 +457,11 @@ def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
 
 
 def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the key and the value of each leaf of a document, and the length of each list of mappings."""
+    """Yield the key and the value of each leaf of a document, and the length of each list of mappings.
+
+    Args:
+        key: of the value in the whole document, such as `crossings[0].condition`.
+    """
     if isinstance(value, Mapping):
         for name, part in value.items():
             yield from _yield_leaves(part, below(key, name))
