@@ -35,6 +35,7 @@ class CrossingTime(NamedTuple):
 class PathToCross:
     """A path, its singular points, and the points where condition (8) is to hold.
 
+    crossing_points: those points, singular ones of the undeformed robot or imposed by the user.
     explained: whether a refusal also searches for limits and a duration within which a law exists.
     """
 
@@ -76,7 +77,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
         return PathToCross(searched, ())
-    count = len(searched.points if imposed is None else imposed)
+    count = len(searched.points if imposed is None else imposed)  # of the points to cross
     for name, values in (("times", times), ("speeds", speeds)):
         if values is not None and len(values) != count:
             listed = ", ".join(f"{value:g}" for value in values)
@@ -91,7 +92,12 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
-    """Return the number of imposed or singular points in words; list the s of singular points."""
+    """Return the number of points to cross, in words; list the s of singular points.
+
+    Args:
+        points: the singular points.
+        imposed: s of the points imposed by the user; None if the singular points are to be crossed.
+    """
     if imposed is not None:
         return f"{len(imposed)} imposed by `at`"
     text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"

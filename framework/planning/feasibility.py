@@ -22,9 +22,9 @@ from framework.planning.condition import Condition8, coefficients_at, undeformed
 from framework.planning.crossing_points import PathToCross, is_at_path_end
 from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
+from framework.tolerances import RANK_ROUNDING
 
 LARGE_CURVATURE = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
-VECTOR_ROUNDING = 1e-12  # [robot lengths, rad] norm of a motion of unit size, below which it counts as zero
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,10 @@ class Feasibility:
 
     @property
     def steady_speed(self) -> float | None:
-        """The least s' > 0 [1/s] that meets condition (8) at s" = 0, or None."""
+        """The least s' > 0 [1/s] that meets condition (8) at s" = 0, or None.
+
+        It is a root of beta s'^2 + delta s' + gamma.
+        """
         _alpha, beta, gamma, delta = self.condition
         discriminant = delta**2 - 4.0 * beta * gamma
         roots = []
@@ -101,7 +104,7 @@ class Feasibility:
 
     @property
     def sentence(self) -> str:
-        """The condition, the required s", and the consequences for path and speed, in one line."""
+        """The condition, the required s", and the consequences for path and speed, in one line of text."""
         alpha, beta, gamma, delta = self.condition
         damping = f", delta = {delta:.6g}" if delta else ""
         clauses = "; ".join([self._demand_text(), *self._consequence_texts()])
@@ -162,8 +165,8 @@ class Feasibility:
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
     """Compute condition (8) at a singular point, with its geometric causes.
 
-    None where several motions escape, so that one condition is not enough, and where the singularity is not
-    of Type 2, so that the condition does not apply.
+    The result is None where several motions escape, so that one condition is not enough, and where the
+    singularity is not of Type 2, so that the condition does not apply.
     """
     if singular.corank > 1:
         return None
@@ -175,7 +178,7 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     crossing = undeformed_crossing(singular)
     condition = coefficients_at(branch, crossing, deflection=None)
     centre_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
-    centre_velocity = centre_jacobian @ crossing.motion
+    centre_velocity = centre_jacobian @ crossing.motion  # (3,) in the uncontrolled motion
     tangent = robot.platform.path_twist(branch.path, crossing.s)
     return Feasibility(
         crossing.s,
@@ -194,10 +197,10 @@ def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...
 def _cosine(a: Array, b: Array) -> float:
     """Compute |cos| of the angle between vectors a and b; 0 if either vanishes.
 
-    b is of unit size unless it vanishes, and vanishes only up to rounding.
+    b is part of a motion of unit size, so it vanishes where it is no larger than rounding.
     """
     norm_a, norm_b = np.linalg.norm(a), np.linalg.norm(b)
-    if norm_a == 0.0 or norm_b <= VECTOR_ROUNDING:
+    if norm_a == 0.0 or norm_b <= RANK_ROUNDING:
         return 0.0
     return float(abs(a @ b) / (norm_a * norm_b))
 

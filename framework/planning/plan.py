@@ -92,7 +92,8 @@ def plan_request(
 
     Args:
         searched: the path with its singular points, if they have been located already.
-        explained: whether a refusal also searches for limits and a duration within which a law exists.
+        explained: whether a refusal also searches for limits and a duration within which a law exists, which
+            takes time.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
@@ -158,7 +159,11 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPlan:
-    """Plan with the optimal law if a polynomial nearly stops or peaks beside a near miss."""
+    """Return the plan, or one with the optimal law if the plan nearly stops or peaks beside a near miss.
+
+    Args:
+        plan: with the polynomial, within the limits.
+    """
     advance = plan.law.advance(plan.request.smoothness)
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
@@ -194,16 +199,16 @@ def _plan_after_refusal(
         raise
     except SearchEnded as end:
         raise SearchEnded(f"{why}; {end}") from None
-    except (NoLaw, NotConverged) as second:
-        both = f"{refusal}; nor does the optimal law help: {second}"
+    except (NoLaw, NotConverged) as of_optimal:
+        both = f"{refusal}; nor does the optimal law help: {of_optimal}"
         if isinstance(refusal, NotConverged):
             raise NotConverged(
                 both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
             ) from None
         raise NoLaw(
             both,
-            proof=refusal.proof or getattr(second, "proof", None),
-            evidence=getattr(second, "evidence", None),
+            proof=refusal.proof or getattr(of_optimal, "proof", None),
+            evidence=getattr(of_optimal, "evidence", None),
         ) from None
 
 
@@ -212,8 +217,11 @@ def _plan_polynomial_within_limits(
 ) -> CrossingPlan:
     """Plan with the polynomial after a refusal of the optimal law.
 
+    Args:
+        refusal: of the optimal law.
+
     Raises:
-        NoAnswer: `refusal`, if there is no polynomial within the limits.
+        NoAnswer: `refusal`, if there is no polynomial of a requested duration within the limits.
     """
     if request.duration is None:
         raise refusal
@@ -232,10 +240,11 @@ def _limit_ratio(plan: CrossingPlan) -> float:
 
 
 def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
-    """Plan with the optimal law; return the plan of lower peak torque.
+    """Plan with the optimal law; return the plan of lower peak torque, that one or the polynomial.
 
     Args:
-        polynomial: the plan whose largest torque stands beside the near miss.
+        polynomial: the plan whose largest torque is beside the near miss.
+        miss: the near miss.
     """
     why = (
         f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
@@ -253,7 +262,7 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
-    """Find the near miss beside which a plan has its largest torque, if any.
+    """Find the near miss beside which a plan has its largest torque; None if there is none.
 
     Torques of different motors are divided by their limits, or compared in N m and N if a motor has none.
 
@@ -264,14 +273,16 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
     """
     if not near_misses:
         return None
+    # instants over the motion, and denser ones beside each near miss
     sampled_times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
     sampled_s = plan.law(sampled_times)
-    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)  # denser samples beside each near miss
+    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)
     times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
     times = np.concatenate([sampled_times, *times_beside])
+
     limits = motor_limits(plan.robot, "torque_limit", None)
     reference = limits if np.isfinite(limits).all() else 1.0
-    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,)
+    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,) of all motors
     s_peak = plan.law(times[np.argmax(largest)])
     beside_peak = (miss for miss in near_misses if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width)
     return next(beside_peak, None)
@@ -284,7 +295,7 @@ def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
 
 
 def _peak_text(plan: CrossingPlan) -> str:
-    """Return the largest torques of turning and sliding motors, in words."""
+    """Return the largest torque [N m] of turning motors and force [N] of sliding ones, in words."""
     largest: dict[str, float] = {}
     for torque, unit in zip(plan.peak_torque.values(), plan.robot.torque_units, strict=True):
         largest[unit] = max(torque, largest.get(unit, 0.0))
@@ -292,7 +303,11 @@ def _peak_text(plan: CrossingPlan) -> str:
 
 
 def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with the polynomial law; the plan states the reason for this choice."""
+    """Plan with the polynomial law; the plan states the reason for this choice.
+
+    Raises:
+        InvalidInput, NoAnswer: as `plan_crossing`.
+    """
     plan = plan_polynomial(to_cross, request)
     advance = plan.law.advance(request.smoothness)
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
@@ -304,7 +319,14 @@ def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:
-    """Plan with the optimal law; the plan states the reason for this choice."""
+    """Plan with the optimal law.
+
+    Args:
+        reason: for the choice of this law, in words.
+
+    Raises:
+        NoAnswer: as `plan_crossing`.
+    """
     from framework.planning.optimal.optimal_motion import optimal_motion  # slow to import, seldom needed
     from framework.planning.optimal.optimal_task import Task
 
@@ -345,7 +367,11 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
 
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
-    """Append condition (8) at each singular point and a remedy to a refusal."""
+    """Return a refusal with condition (8) at each singular point in the message, and with a remedy.
+
+    Args:
+        searched: the path under the wrenches of the request.
+    """
     at_points = feasibility_on_path(searched)
     conditions = [feasibility.short_sentence for feasibility in at_points if feasibility is not None]
     message = "; ".join([str(refusal), *conditions])
@@ -375,7 +401,7 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
         has_optimal_form = request.smoothness <= HIGHEST_SMOOTHNESS and request.duration is not None
         return OPTIMAL_LAW if has_optimal_form and is_crossable(searched) else None
     if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
-        return None if refusal.proof.stop else {"bend": True}
+        return None if refusal.proof.stop else {"bend": True}  # a bend keeps the ends of the path
     evidence = getattr(refusal, "evidence", None)
     if robot.n_e or not isinstance(evidence, SearchEvidence):  # evidence is about the undeformed robot
         return None
