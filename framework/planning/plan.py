@@ -36,8 +36,8 @@ from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
 from framework.planning.refusals import SearchEvidence, UnmetCondition
-from framework.planning.request import Request, limit_excess, specification_of
-from framework.planning.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
+from framework.planning.request import PEAK_SAMPLES, Request, limit_excess, specification_of
+from framework.planning.result import CrossingPlan, Optimality, certified_plan
 from framework.singularity.points_on_path import SearchedPath, check_branch, search_path
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
@@ -262,7 +262,7 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
-    """Find the near miss beside which a plan has its largest torque; None if there is none.
+    """Return the near miss beside which a plan has its largest torque, if any.
 
     Torques of different motors are divided by their limits, or compared in N m and N if a motor has none.
 

@@ -17,6 +17,7 @@ from framework.laws.optimal_law import OptimalLaw
 from framework.model.frame_wrench import FrameWrench
 from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import NeglectedEffect
+from framework.planning.request import PEAK_SAMPLES
 from framework.planning.result import CrossingPlan
 from framework.singularity.type2 import moves_point
 
@@ -165,7 +166,7 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
     if certificate.end_speed > MOVING_END_SPEED:
         facts.append(Fact("warning", MOVING_ENDS.format(certificate)))
     if not certificate.monotone:
-        s = plan.law(np.linspace(0.0, plan.duration, 2001))
+        s = plan.law(np.linspace(0.0, plan.duration, PEAK_SAMPLES))
         facts.append(Fact("warning", OVERSHOOT.format(s.min(), s.max())))
     return facts
 

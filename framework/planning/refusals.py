@@ -126,8 +126,10 @@ from framework.errors import NoLaw, format_distinct, round_up
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import MotionLaw, law_derivatives
 from framework.numerics.arrays import Array
-from framework.planning.request import Specification
+from framework.planning.request import PEAK_SAMPLES, Specification
 from framework.tolerances import AT_REST, LIMIT_MARGIN, OVERSHOOT
+
+# ------------------------------------------------------------------ proofs, and numbers of searches
 
 # Ratio of advised limits to the least peak found. Limits nearer to that peak hardly admit a smooth law.
 RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
@@ -155,6 +157,19 @@ class StaticFold(NamedTuple):
 
     s: float
     compliance: float
+
+
+class HoldingTorque(NamedTuple):
+    """A motor torque that holds the robot at an end s of the path, above the limit.
+
+    joint: name of the motor's joint.
+    torque, limit: motor side [N m], or [N] for a sliding motor.
+    """
+
+    joint: str
+    s: float
+    torque: float
+    limit: float
 
 
 class LeastLimits(NamedTuple):
@@ -189,40 +204,6 @@ class LeastLimits(NamedTuple):
         return LeastLimits(torque, speed, together, options)
 
 
-def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
-    """Return the advice to raise limits (n_a,) of torque and speed, in words."""
-    units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
-    words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
-    return f"{' with '.join(words)} would do"
-
-
-def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
-    """Return limits (n_a,) rounded up to four digits: one for all motors, or by joint."""
-    rounded = [f"{round_up(limit, 4):.4g}" for limit in limits]
-    if len(set(rounded)) == 1 and len(set(units)) == 1:
-        return f"{rounded[0]} {units[0]}"
-    by_joint = zip(robot.actuator_names, rounded, strict=True)
-    return " ".join(f"{joint}={number}" for joint, number in by_joint if number != "inf")
-
-
-class HoldingTorque(NamedTuple):
-    """A motor torque that holds the robot at an end s of the path, above the limit.
-
-    joint: name of the motor's joint.
-    torque, limit: motor side [N m], or [N] for a sliding motor.
-    """
-
-    joint: str
-    s: float
-    torque: float
-    limit: float
-
-
-def _ratio_text(ratio: float | None) -> str:
-    """Return a ratio with enough digits to differ from 1; empty for None."""
-    return "" if ratio is None else format_distinct(ratio, 1.0)[0]
-
-
 class SearchEvidence(NamedTuple):
     """The numbers of a search that found no law; no proof that none exists.
 
@@ -241,21 +222,50 @@ class SearchEvidence(NamedTuple):
     def sentence(self) -> str:
         """The numbers of the search, in words."""
         parts = []
-        peaks = {"torque": self.least.torque_peak, "speed": self.least.speed_peak}
-        if self.least.together:
+        least = self.least
+        if least.together:
             parts.append(
-                f"torques {_ratio_text(self.least.torque_peak)} and speeds "
-                f"{_ratio_text(self.least.speed_peak)} times the limits were needed together"
+                f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times the "
+                f"limits were needed together"
             )
-            peaks = {}
-        for quantity, peak in peaks.items():
-            if peak is not None:
-                parts.append(f"the least peak of {quantity} found is {_ratio_text(peak)} times the limits")
-                if peak <= 1.0:
-                    parts[-1] += f", of which a search leaves {LIMIT_MARGIN:.2%}"
+        else:
+            for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):
+                if peak is not None:
+                    left = f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else ""
+                    ratio = _ratio_text(peak)
+                    parts.append(f"the least peak of {quantity} found is {ratio} times the limits{left}")
         if self.quickest is not None:
             parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
         return "; ".join([*parts, f"searched on {self.cells} cells"])
+
+
+def _ratio_text(ratio: float | None) -> str:
+    """Return a ratio with enough digits to differ from 1, such as 1.00002; empty for None."""
+    return "" if ratio is None else format_distinct(ratio, 1.0)[0]
+
+
+def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
+    """Return the advice to raise limits of torque and speed, in words.
+
+    Args:
+        limits: the advised limits (n_a,), by the name of their option.
+    """
+    units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
+    words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
+    return f"{' with '.join(words)} would do"
+
+
+def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
+    """Return limits (n_a,) rounded up to four digits: one for all motors, or by joint where limited.
+
+    Args:
+        units: of the limits, by motor.
+    """
+    rounded = [f"{round_up(limit, 4):.4g}" for limit in limits]
+    if len(set(rounded)) == 1 and len(set(units)) == 1:
+        return f"{rounded[0]} {units[0]}"
+    by_joint = zip(robot.actuator_names, rounded, strict=True)
+    return " ".join(f"{joint}={number}" for joint, number in by_joint if number != "inf")
 
 
 # ------------------------------------------------------------------ laws that turn back
@@ -280,8 +290,12 @@ def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
 
 
 def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
-    """Find the first fault of a law with singular points at s (k,), in words; empty without one."""
-    times = np.linspace(0.0, law.duration, 2001)
+    """Find the first fault of a law, in words; empty without one.
+
+    Args:
+        singular: path coordinates (k,) of the singular points.
+    """
+    times = np.linspace(0.0, law.duration, PEAK_SAMPLES)
     s, ds = law_derivatives(law, times, 2)
     for end, overshoot in ((0.0, -s), (1.0, s - 1.0)):
         worst = np.argmax(overshoot)
@@ -293,7 +307,7 @@ def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
         first = np.argmax(is_backwards)
         return f"runs backwards at t = {times[first]:.4g} s, s = {s[first]:.4g}"
     for s_singular in singular:
-        meetings = times[:-1][np.diff(s > s_singular)]  # [s]
+        meetings = times[:-1][np.diff(s > s_singular)]  # [s] samples after which s passes the point
         if len(meetings) > 1:
             instants = f"{len(meetings)} times (about t = {', '.join(f'{t:.4g}' for t in meetings)} s)"
             return f"meets the singular point s = {s_singular:.6g} {instants}"

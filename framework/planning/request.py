@@ -27,6 +27,7 @@ MAX_PATHS_PER_DURATION = 1e6  # largest s' at a crossing times the duration; fea
 SMOOTHNESS = {True: 4, False: 2}  # order up to which derivatives of s vanish at both ends, by "has springs"
 MAX_SMOOTHNESS = 12
 MOTION_SAMPLES = 1001  # equidistant values of s, or instants, at which a path or a motion is measured
+PEAK_SAMPLES = 2 * MOTION_SAMPLES - 1  # instants at which peaks are located and limits are checked
 
 
 @dataclass(frozen=True, kw_only=True)
