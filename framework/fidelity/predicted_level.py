@@ -39,7 +39,7 @@ from framework.laws.path import Path
 from framework.model.description import FLEXIBILITIES, RobotDescription
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level, with_bodies
 from framework.numerics.arrays import Array
-from framework.planning.model_on_motion import ModelOnMotion
+from framework.planning.neglected_effects import ModelOnMotion
 from framework.planning.plan import plan_request
 from framework.planning.request import SMOOTHNESS, Request, largest_by_unit, path_length
 from framework.planning.result import CrossingPlan

@@ -11,8 +11,8 @@ Open `plan` first: `plan_crossing` in four steps.
 
 Beside them, `refusals` lists every reason to refuse a plan. `feasibility` computes the acceleration that a
 singular point requires of any law, and the least duration. `path_modification` bends a path where nothing
-else helps. `neglected_effects` measures the torques that a plan leaves out; `model_on_motion` computes them
-with another model. `scenes` plans the scenes of a robot file, `plan_study` one motion for many values of
+else helps. `neglected_effects` measures the torques that a plan leaves out, by another model on the
+same motion. `scenes` plans the scenes of a robot file, `plan_study` one motion for many values of
 parameters. `saved` and `motion_table` write and read plan.json and motion.csv. `plan_facts` describes a plan
 in words. `planar_crossing` samples one crossing for a lesson.
 """

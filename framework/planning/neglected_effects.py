@@ -1,34 +1,315 @@
-"""The effects that a motion's torques leave out, each with the motor torque that it would add.
+"""What a motion's torques leave out: the torques of another model of the robot, on nearly the same motion.
+
+The other model has its own condition (8) and, with springs, its own singular points on the path. So the law
+is corrected by polynomials of least degree. The corrected law passes the model's singular points at the
+planned instants and speeds, with the accelerations that the model's condition (8) requires. The model's
+torques are then bounded (`ModelOnMotion`), and the difference of the two models' torques is the effect that
+one model leaves out. The corrections vanish at both ends, with as many derivatives as the laws of elastic
+robots if one of the two models has springs. If a polynomial law is as smooth at its ends as the correction,
+the corrected law is the polynomial with which the model itself would be planned, for the same instants and
+speeds of the crossings.
+
+`neglected_effects` lists the effects, each with the motor torque that it would add:
 
 * Springs left rigid, geometry and inertia of the deflections, dry friction: the number is the difference of
-  the torques of the model with and without the effect (`model_on_motion`).
+  the torques of the model with and without the effect.
 * Idle turns: the number is the torque that would hold them, which the certificate contains.
 * Parts of a foreign file that its reader left out: there is no number.
 
 Masses without which the robot was made, as at the lower levels of fidelity, are not listed: the robot does
-not know of them.
+not know of them. `framework.fidelity` compares the same torques between its levels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import cache, partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.result import InverseDynamics
-from framework.errors import NoAnswer
+from framework.dynamics.elastic_pass import Pass, evaluate_pass
+from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.motor_friction import speed_signs
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.errors import NoAnswer, NoLaw, NotConverged
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import (
+    ExactLaw,
+    Law,
+    MotionLaw,
+    conditions_at_instants,
+    edges_of,
+    law_derivatives,
+)
 from framework.model.description import FLEXIBILITIES
-from framework.numerics.arrays import Array
-from framework.planning.model_on_motion import ModelOnMotion
-from framework.planning.request import largest_by_unit
-from framework.tolerances import TORQUE_TAIL
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.planning.condition import Deflection, condition_at, crossing_point
+from framework.planning.refusals import check_advance
+from framework.planning.request import SMOOTHNESS, largest_by_unit
+from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
+CORRECTED_SHARE = 0.9  # half-width of a local correction divided by the time to the next crossing or end
 MAX_NAMES = 4  # of springs or idle turns that are listed by name
+
+
+# ------------------------------------------------------------------ the corrected law
+
+
+@dataclass(frozen=True)
+class CorrectedLaw(ExactLaw):
+    """A law plus correction polynomials, each of which vanishes at both of its ends."""
+
+    law: MotionLaw
+    corrections: Mapping[float, Law]  # the key is the instant [s] at which the correction begins
+
+    @staticmethod
+    def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
+        """Correct a law so that s, s' and s" change by `changes` (k, 3).
+
+        Args:
+            times: instants (k,) [s] of the changes.
+            smoothness: order up to which derivatives of a correction vanish at its ends.
+        """
+        corrections = {}
+        for start, end in _correction_intervals(law, times):
+            inside = (start < times) & (times < end)
+            inner = conditions_at_instants(times[inside] - start, changes[inside])
+            ends = conditions_at_instants([0.0, end - start], np.zeros((2, smoothness + 1)))
+            corrections[start] = Law.from_conditions([*ends, *inner], end - start)
+        return CorrectedLaw(law, corrections)
+
+    @property
+    def duration(self) -> float:
+        """The duration of the law [s]."""
+        return self.law.duration
+
+    @property
+    def edges(self) -> Array:
+        """Instants [s] between which the law is smooth, see `ExactLaw.edges`."""
+        edges = edges_of(self.law)
+        if not len(edges):
+            return edges
+        ends = [[start, start + polynomial.duration] for start, polynomial in self.corrections.items()]
+        return np.unique(np.concatenate([edges, *ends]))
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Return s(t) or its derivative [1/s^order], with the shape of t."""
+        values = np.array(self.law(t, order))
+        for start, polynomial in self.corrections.items():
+            local = np.asarray(t) - start
+            inside = (local >= 0.0) & (local <= polynomial.duration)
+            values[inside] += polynomial(local[inside], order)
+        return values
+
+
+def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
+    """Return the start and end [s] of each correction of a law that crosses at times (k,).
+
+    A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
+    the polynomial with which the model would be planned. Any other law has one correction around each
+    crossing: for a crossing near an end of the motion, a single correction would be large far away from it.
+    """
+    if not len(edges_of(law)):
+        return [(0.0, law.duration)]
+    gaps = np.diff([0.0, *times, law.duration])
+    half_widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
+    return list(zip(times - half_widths, times + half_widths, strict=True))
+
+
+# ------------------------------------------------------------------ another model on the motion
+
+
+@dataclass(frozen=True, eq=False)
+class ModelOnMotion:
+    """A motion with its torques, and its path searched with another model of the robot.
+
+    friction: dry friction (nv,) [N m or N] of the joints in the other model; None without.
+    """
+
+    dynamics: InverseDynamics
+    searched: SearchedPath
+    friction: Array | None = None
+
+    @classmethod
+    def of(
+        cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
+    ) -> ModelOnMotion:
+        """Search the path of a motion with another model of the robot.
+
+        Raises:
+            NoAnswer: that model cannot follow the path.
+        """
+        return cls(dynamics, search_path(robot, dynamics.path).under(dynamics.wrenches), friction)
+
+    @property
+    def robot(self) -> ParallelRobot:
+        """The other model."""
+        return self.searched.branch.robot
+
+    @property
+    def grid(self) -> TimeGrid:
+        """The nodes in time on which the torques of the motion were computed."""
+        torques = self.dynamics.torques
+        return TimeGrid(torques.edges, torques.coefficients.shape[1])
+
+    def known_deflections(self) -> Array:
+        """Return the deflections (T, n_e) at which the forces of the motion were computed.
+
+        Springs that only the other model has do not deflect.
+        """
+        dynamics, robot = self.dynamics, self.robot
+        deflections = np.zeros((len(self.grid.times), robot.n_e))
+        if dynamics.geometry == "deformed":
+            columns = [robot.elastic_names.index(name) for name in dynamics.robot.elastic_names]
+            deflections[:, columns] = dynamics.deflection(self.grid.times)
+        return deflections
+
+    @cached_property
+    def first_pass(self) -> Pass:
+        """Motion and forces at the deflections of the motion.
+
+        Raises:
+            NoAnswer: as `compute_pass`.
+        """
+        return self.compute_pass(self.known_deflections())
+
+    def resolve(self, geometry: str) -> InverseDynamics:
+        """Compute the model's certified torques under the corrected law, without dry friction.
+
+        Raises:
+            NoAnswer: no correction of the law makes the torques bounded, or they cannot be resolved.
+        """
+        at_rest = self.grid.fit(np.zeros((len(self.grid.times), self.robot.n_e)))
+
+        def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
+            """Correct the law for the deflections; rigid geometry ignores deflections."""
+            if deflections is None or geometry == "rigid":
+                deflections = at_rest
+            return self._correct_law(deflections)
+
+        return resolve(self.searched, choose_law, geometry=geometry, tolerance=TORQUE_TAIL, friction="none")
+
+    @property
+    def planned_torque(self) -> Array:
+        """The planned torques (T, n_a) [N m or N] at the nodes, without dry friction."""
+        return self.dynamics.torque_without_friction(self.grid.times)
+
+    def compute_pass(self, deflections: Array) -> Pass:
+        """Compute motion and forces at the nodes for deflections (T, n_e) under the corrected law.
+
+        Raises:
+            NoAnswer: no correction of the law makes the torques bounded.
+        """
+        function = self.grid.fit(deflections)
+        law = self._correct_law(function)
+        return evaluate_pass(self.searched.branch, self.grid, law, function, None)
+
+    def torque(self, evaluated: Pass) -> Array:
+        """Compute the motors' torques (T, n_a) [N m or N] of a pass at the nodes.
+
+        Torques with dry friction jump where a joint changes direction, and the tail of a series cannot tell
+        a pole from a jump. So the check for a pole uses a smooth friction, which equals the dry friction at
+        the crossings: condition (8) contains it there. For each joint, the smooth friction is the polynomial
+        through the signs of the joint's rate at the crossings, times the size of the friction.
+
+        Raises:
+            NotConverged: the torques have a pole.
+        """
+        robot, motion = self.robot, evaluated.motion
+        smooth_friction = np.zeros_like(motion.v)
+        if self.friction is not None and self.dynamics.crossings:
+            from scipy.interpolate import KroghInterpolator  # takes time to import
+
+            times = np.array([crossing.time for crossing in self.dynamics.crossings])
+            smooth_signs = KroghInterpolator(times, self._rate_signs(times))
+            smooth_friction = self.friction * smooth_signs(self.grid.times)
+        torque = self._torque_with_friction(evaluated, smooth_friction)
+        tail = self.grid.fit(torque).tail
+        if not tail <= RESOLVABLE_TAIL:
+            raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
+        if self.friction is None:
+            return torque
+        dry_friction = self.friction * speed_signs(motion.v / robot.column_scale)
+        return self._torque_with_friction(evaluated, dry_friction)
+
+    def _torque_with_friction(self, evaluated: Pass, friction: Array) -> Array:
+        """Compute motor torques (T, n_a) of a pass with friction (T, nv) at the joints."""
+        robot, motion = self.robot, evaluated.motion
+        if not friction.any():
+            return motor_torque(robot, motion, evaluated.forces.joint_torque)
+        forces = tree_forces(robot, motion) + friction
+        return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
+
+    def _rate_signs(self, times: Array) -> Array:
+        """Compute the signs (k, nv) of the joint rates at instants (k,) [s]."""
+        return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
+
+    def _correct_law(self, function: TimeFunction) -> CorrectedLaw:
+        """Correct the law to meet the model's condition (8) under deflections over time.
+
+        At each crossing, s, s' and s" change from the planned values to those of `_correct_crossing`.
+
+        Args:
+            function: the deflections (n_e) [m, rad] as a function of time.
+
+        Raises:
+            NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
+        """
+        law, crossings = self.dynamics.law, self.dynamics.crossings
+        times = np.array([crossing.time for crossing in crossings])
+        planned = np.transpose(law_derivatives(law, times))  # (k, 3): s, s', s"
+        corrected = planned.copy()
+        for row, crossing in zip(corrected, crossings, strict=True):
+            row[:] = self._correct_crossing(crossing, row, function)
+        if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
+            raise NotConverged("crossings of the motion meet the same singular point of the model")
+        has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0
+        corrected_law = CorrectedLaw.of(law, times, corrected - planned, SMOOTHNESS[has_springs])
+        try:
+            check_advance(corrected_law, list(corrected[:, 0]), self.robot.name)
+        except NoLaw as refusal:
+            raise NotConverged(f"the corrected law turns back: {refusal}") from None
+        return corrected_law
+
+    def _correct_crossing(
+        self, crossing: SingularityCrossing, planned: Array, function: TimeFunction
+    ) -> tuple[float, float, float]:
+        """Compute s, s' and s" that the model needs at the instant of a crossing.
+
+        s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
+
+        Args:
+            planned: s, s' and s" (3,) of the planned law.
+            function: the deflections as a function of time.
+
+        Raises:
+            NoAnswer: the model has no such singular point, or no s" meets its condition (8).
+        """
+        branch = self.searched.branch
+        _s, speed, acceleration = planned
+        singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
+        if singular is None or singular.corank > 1:
+            raise NotConverged("the model has no simple singular point at the crossing")
+        deflection = Deflection.evaluate(function, crossing.time)
+        point = crossing_point(branch, singular, deflection, crossing.s)
+        condition = condition_at(branch, point, deflection)
+        if self.friction is not None:
+            friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
+            condition = condition._replace(gamma=condition.gamma + friction @ point.motion)
+        if not condition.holds_anyway:
+            if condition.alpha == 0.0:
+                raise NotConverged("no acceleration at the crossing meets the model's condition (8)")
+            acceleration = condition.acceleration(speed)
+        return point.s, speed, acceleration
+
+
+# ------------------------------------------------------------------ the effects
 
 # Each effect in words, with a function that computes the torques (T, n_a) it adds, or raises NoAnswer.
 Differences = Iterator[tuple[str, Callable[[], Array]]]

@@ -225,8 +225,8 @@ class SearchEvidence(NamedTuple):
         least = self.least
         if least.together:
             parts.append(
-                f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times the "
-                f"limits were needed together"
+                f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times "
+                f"the limits were needed together"
             )
         else:
             for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):
