@@ -405,7 +405,7 @@ def _spring_differences(dynamics: InverseDynamics) -> Differences:
         )
 
     def torque_with(coordinates: Sequence[str]) -> Array:
-        """Compute torques (T, n_a) of the fullest model if `coordinates` deflect as forces make them."""
+        """Compute torques (T, n_a) of the fullest model with deflections of more `coordinates`."""
         model = fullest()
         is_deflecting = np.isin(model.robot.elastic_names, coordinates)
         deflections = np.where(is_deflecting, model.first_pass.caused, model.known_deflections())
