@@ -1,9 +1,9 @@
 """The largest load with which a robot still crosses a path within the limits of its motors.
 
-Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
-(`planning.optimal`). So the admissible pairs (m, z) form a convex set, and the multiples that admit a law of
-free shape form an interval. Bisection brackets the upper end of the interval between a multiple with a
-certified plan and a multiple that is refused or undecided.
+The load is a multiple m of the external wrenches of a request. Torques and condition (8) of a rigid robot are
+linear in m and in the squared speed z of a law (`planning.optimal`). So the admissible pairs (m, z) form a
+convex set, and the multiples that admit a law of free shape form an interval. Bisection brackets the upper
+end of the interval between a multiple with a certified plan and a multiple that is refused or undecided.
 
 A refusal for lack of a law proves nothing, since the search may have missed one. So larger and larger
 multiples are tried until a lower bound on the peaks of all laws (`peak_bound`) exceeds the limits. For
@@ -129,9 +129,9 @@ class _Multiples:
 
     robot: ParallelRobot
     request: Request
-    searched: SearchedPath
-    progress: Callable[[int], None]
-    count: int = 0
+    searched: SearchedPath  # the path of the request, without wrenches
+    progress: Callable[[int], None]  # called before each plan with its number
+    count: int = 0  # plans so far
 
     def plan_multiple(self, multiple: float) -> CrossingPlan | NoAnswer:
         """Plan under a multiple of the wrenches; return the plan, or the refusal."""
@@ -148,7 +148,7 @@ class _Multiples:
         return replace(self.request, wrenches=wrenches.document or None)
 
     def is_impossible(self, multiple: float) -> bool:
-        """Return whether a bound on all laws exceeds the limits under a multiple."""
+        """Return whether a bound on the peaks of all laws exceeds the limits under a multiple."""
         request = self._request(multiple)
         try:
             to_cross = path_to_cross(self.searched, request)
@@ -167,7 +167,11 @@ class _Multiples:
 
 
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve the multiple from 1 until m has a plan and 2 m has none."""
+    """Double or halve the multiple from 1 until m has a plan and 2 m has none.
+
+    Args:
+        capacity: the multiple 0 with its plan.
+    """
     capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
         if not np.isfinite(capacity.end):
@@ -181,7 +185,7 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
     """Bisect at geometric means between the largest planned and the least failed multiple."""
-    if not 0.0 < capacity.multiple < capacity.end < np.inf:
+    if not 0.0 < capacity.multiple < capacity.end < np.inf:  # zero or unbounded
         return capacity
     while capacity.end > (1.0 + BRACKET_RATIO) * capacity.multiple:
         capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))

@@ -81,8 +81,8 @@ class FidelityStudy(ReadOnlyArrays):
         if not friction.any():
             return 0.0
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
-        dissipated = np.abs(plan.dynamics.velocity(times)) @ friction
-        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)
+        dissipated = np.abs(plan.velocity(times)) @ friction  # (T,) [W]
+        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)  # (T,) [W]
         motor_work = np.trapezoid(supplied, times)
         return float(np.trapezoid(dissipated, times) / motor_work) if motor_work else np.inf
 
@@ -121,7 +121,7 @@ class FidelityStudy(ReadOnlyArrays):
         return float(np.abs(comparison.motion.law(self.times) - self.highest.law(self.times)).max())
 
     def place(self, errors: Array) -> float | None:
-        """Return the s of the largest of the errors (T,); None if all errors are rounding."""
+        """Return the s of the largest of a level's errors (T,); None if all errors are rounding."""
         errors_or_zero = np.nan_to_num(errors)  # NaN without a motion, and after the end of a simulation
         if errors_or_zero.max() <= ERROR_ROUNDING:
             return None
@@ -144,7 +144,7 @@ class FidelityStudy(ReadOnlyArrays):
                 f"none of them has ({self.highest.neglected_friction}) takes "
                 f"{100 * self.neglected_work:.2g} % of the motors' work"
             )
-        reference = [level for level in self.levels if level.motion is not None][-1]
+        reference = [level for level in self.levels if level.motion is not None][-1]  # the most detailed
         failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
         cause = (
             "each motor has a controller, which sees its own angle and not the platform"

@@ -107,6 +107,7 @@ def _one_of(valid: Sequence[str]) -> Check:
     """Return a check that accepts only the valid names."""
 
     def check(name: str, value: Any) -> str:
+        """Return a valid name."""
         check_choice(name, value, valid)
         return str(value)
 
@@ -125,7 +126,7 @@ def _option(
     typed: Mapping[str, Any] | None = None,
     topic: str = LAW,
 ) -> Any:
-    """Declare a field of `PlanOptions` with its default, help and check."""
+    """Declare a field of `PlanOptions` by its default and the fields of its `Option`."""
     meaning = {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
     return field(default=default, metadata=meaning)
 

@@ -84,7 +84,12 @@ def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def torque_text(robot: ParallelRobot, torques: Mapping[str, float], digits: int = 6) -> str:
-    """Return the torques of motors with their units, in words."""
+    """Return the torques of motors with their units, in words.
+
+    Args:
+        torques: [N m, N] of all motors by joint, in the order of the robot's motors.
+        digits: significant digits.
+    """
     units = zip(torques.items(), robot.torque_units, strict=True)
     return ", ".join(f"{joint} {torque:.{digits}g} {unit}" for (joint, torque), unit in units)
 
@@ -112,10 +117,10 @@ def wrench_text(wrench: FrameWrench) -> str:
 
 
 def neglected_text(robot: ParallelRobot, neglected: NeglectedEffect) -> str:
-    """Return a neglected effect with its torque, in words."""
+    """Return a neglected effect with its torque and share of the largest torque, in words."""
     if neglected.torque is None or neglected.share is None:
         return neglected.effect
-    motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0
+    motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0  # for the unit
     joint = f" at {neglected.motor}" if neglected.motor else ""
     share = f"{neglected.share:.2g} times" if neglected.share > 1.0 else f"{100 * neglected.share:.2g} % of"
     worth = f"{neglected.torque:.2g} {robot.torque_units[motor]}{joint}"
@@ -123,7 +128,7 @@ def neglected_text(robot: ParallelRobot, neglected: NeglectedEffect) -> str:
 
 
 def excess_facts(exceeded: Mapping[str, str]) -> list[Fact]:
-    """Return warnings about joints that exceed their limits."""
+    """Return warnings about joints that exceed their limits; `exceeded` as of `CrossingPlan`."""
     return [Fact("warning", f"{joint} exceeds its limits: {excess}") for joint, excess in exceeded.items()]
 
 
@@ -132,10 +137,10 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
     robot, facts = plan.robot, list[Fact]()
     unit = "m" if robot.translations.any() else "rad"
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
-        words = {
+        words = {  # fields of the texts CROSSING
             "place": robot.place(crossing.platform),
             "twist": twist_text(robot, crossing.twist),
-            "acceleration": round(crossing.acceleration, 9) + 0.0,
+            "acceleration": round(crossing.acceleration, 9) + 0.0,  # -0.0 becomes 0.0
         }
         texts = [text.format(crossing, **words) for text in CROSSING]
         facts += map(Fact, ("crossing", ""), texts)
@@ -172,7 +177,7 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def _idle_turns(robot: ParallelRobot) -> str:
-    """Return the idle turns held still, and the turns that balls drive, in words."""
+    """Return the idle turns that are held still, and the turns that balls drive, in words."""
     driven = driven_turns(robot)
     kinds = {
         "held still": np.setdiff1d(robot.structure.idle, driven),

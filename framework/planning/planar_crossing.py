@@ -32,6 +32,7 @@ from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, twist_norm
 
+PATH_SMOOTHNESS = SMOOTHNESS[False]  # derivatives of s that vanish at both ends of the planned laws
 STEP_ASIDE = 1e-3  # [robot lengths] displacement of the platform that shows how the joints follow
 GRAVITY = {"off": 0.0, "on": 9.81}  # [m/s^2]
 
@@ -179,7 +180,7 @@ def planar_crossing(robot: ParallelRobot, path: Path, duration: float, upwards: 
             duration=duration,
             law="optimal",
             optimize="peak_torque",
-            smoothness=SMOOTHNESS[False],
+            smoothness=PATH_SMOOTHNESS,
             torque_limit=np.inf,  # instead of the file's limits: the reader of a lesson sets them
             speed_limit=np.inf,
         )

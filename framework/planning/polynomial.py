@@ -1,6 +1,7 @@
 """The law of the paper: one polynomial with given s, s' and s" at its crossings.
 
-Times and speeds of the crossings that the user leaves open are chosen so that the law always advances.
+Condition (8) gives s" at each crossing. Times and speeds s' of the crossings that the user leaves open are
+chosen so that the law always advances.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ OF_A_SCENE = (
 def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
-    Deflections shift the crossing points, so each pass of the deflections solves for a law of its own. The
-    first law and the last one must advance.
+    Deflections shift the crossing points, so each pass of the deflections solves for a law of its own, which
+    has the times and speeds of the first. The first law and the last one must advance.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
@@ -63,7 +64,12 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     conditions_of: dict[MotionLaw, list[Condition8]] = {}  # by the law of each pass
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
-        """Solve for the law at given deflections; check the first law."""
+        """Solve for the law of a pass at given deflections; check the first law.
+
+        Args:
+            deflections: deflections (n_e) as a function of time; None before the first pass.
+            previous: the law of the pass before.
+        """
         if deflections is None or request.geometry != "deformed":
             crossings = _undeformed_crossings(to_cross)
         else:
@@ -106,6 +112,10 @@ def _check_advance(
 ) -> None:
     """Refuse a law that turns back, leaves the path or repeats a crossing.
 
+    Args:
+        crossings: the points that the law crosses.
+        name: name of the robot.
+
     Raises:
         NoLaw: as `check_advance`.
     """
@@ -134,8 +144,13 @@ def _deformed_crossings(
     """Compute the crossing points of the deflected robot, with their conditions (8).
 
     Args:
+        timing: times and speeds of the crossings.
         deflections: deflections (n_e) as a function of time.
         law: the law of the last pass, near whose crossings the points are; None for the first pass.
+
+    Raises:
+        NoLaw: the deflected robot has no singular point there.
+        NotConverged: s" has no effect on the condition with these deflections.
     """
     branch, crossings = to_cross.branch, []
     for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
@@ -153,6 +168,11 @@ def _solve_law(
     name: str,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
+
+    Args:
+        crossings: the points, each with the condition (8) that gives s".
+        timing: times and speeds of the crossings.
+        name: name of the robot, for messages.
 
     Raises:
         InvalidInput: there is no such polynomial with the user's times.
@@ -198,9 +218,9 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
 
     def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
         """Compute advance (m,) and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
-        accelerations = np.transpose(
-            [condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)]
-        )
+        accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
+        for k, (_, condition) in enumerate(crossings):
+            accelerations[:, k] = condition.acceleration(speeds[:, k])
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return advances_and_peaks(duration, request.smoothness, times, values)
 
@@ -237,11 +257,12 @@ def choose_timing(
             f"all times and speeds"
         )
     score_laws = partial(_score_laws, request.fixed_duration, measure)
-    starts = _first_timings(s, request)
+    starts = _first_timings(s, request)  # (m, 2, k)
     scores = score_laws(starts)
     comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
     if len(comfortable):
         return _crossing_times(starts[comfortable[0]])
+
     best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
     best, score = _search_timings(starts[best_first], request, score_laws)
     timing = _crossing_times(best)
@@ -264,11 +285,12 @@ def _first_timings(s: Sequence[float], request: Request) -> Array:
     constant speed that passes s = 1/2 at half of the duration.
     """
     duration = request.fixed_duration
-    plain = Law.rest_to_rest(duration, request.smoothness)
+    plain = Law.rest_to_rest(duration, request.smoothness)  # without crossing conditions
     ends = np.array([0.0, duration])
     plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
     constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)
     constant_speed_times = 0.5 * duration + (np.array(s) - 0.5) / constant_speeds  # (7, k)
+
     times = np.vstack([plain_times, constant_speed_times])
     if request.times is not None:
         times[:] = plain_times = np.array(request.times)
@@ -288,8 +310,12 @@ def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
 
     The score is the advance of the law. Laws that advance comfortably score above COMFORTABLE_ADVANCE, by the
     reciprocal of their peak |s"|. Impossible times or speeds score negative infinity.
+
+    Args:
+        duration: of the laws [s].
+        measure: as for `choose_timing`.
     """
-    times, speeds = timings.swapaxes(0, 1)
+    times, speeds = timings.swapaxes(0, 1)  # each (m, k)
     separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
     possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
     scores = np.full(len(timings), -np.inf)
@@ -311,12 +337,13 @@ def _search_timings(
 
     Args:
         starts: times and speeds (m, 2, k), best first.
+        score_laws: a function that scores laws by their times and speeds (m, 2, k).
     """
     duration = request.fixed_duration
-    is_open = np.array([[request.times is None], [request.speeds is None]])
+    is_open = np.array([[request.times is None], [request.speeds is None]])  # (2, 1)
 
     def to_timings(laws: Array) -> Array:
-        """Convert laws to times [s] and speeds [1/s] (m, 2, k), with the request's own."""
+        """Convert unknowns (m, 2, k) to times [s] and speeds [1/s], or the request's own."""
         physical = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
         return np.where(is_open, physical, starts[0])
 
@@ -329,6 +356,7 @@ def _search_timings(
     # the survivors, best first, their scores and the mean of the survivors of the round before
     laws, scores, mean = first_laws[:1], score_laws(starts[:1]), first_laws[0]
     for _ in range(MAX_ROUNDS):
+        # survivors of the round before stay in the race
         laws = np.concatenate([laws, drawn])
         scores = np.concatenate([scores, score_laws(to_timings(drawn))])
         survivors = np.argsort(-scores, kind="stable")[: count // LAWS_PER_SURVIVOR]
