@@ -20,7 +20,7 @@ import numpy as np
 from framework.dynamics.forces import inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
@@ -121,59 +121,24 @@ def crossing_point(
     """
     if isinstance(singular, CrossingPoint) or deflection is None or not len(deflection.value):
         return undeformed_crossing(singular)
-    robot, poses = branch.robot, _DeflectedPoses(branch, deflection)
-    root = root_of_g(lambda s: type2_matrix(robot, poses.close(s).linearised), s_guess)
+    robot = branch.robot
+    spring_step = np.zeros((1, robot.nv))
+    spring_step[:, robot.elastic] = deflection.value
+
+    def close(s: Array) -> ClosedStack:
+        """Close the loops of the deflected robot at s (k,), from the poses of the undeformed one."""
+        guess = integrate(robot, branch.guess(s), np.repeat(spring_step, len(s), axis=0))
+        return close_loops(robot, branch.path(s), guess)
+
+    root = root_of_g(lambda s: type2_matrix(robot, close(s).linearised), s_guess)
     if not root.converged:
         raise NoLaw(
             f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the "
             f"deflections are too large for the path to cross the locus there"
         )
-    closed = poses.predicted_pose(root.place)
+    closed = close(np.array([root.place]))
     twist, motion = least_controlled_motion(robot, closed.linearised)
     return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
-
-
-class _DeflectedPoses:
-    """Poses along a path at constant deflections, each predicted from the poses closed last.
-
-    So the poses stay on one branch while the search for a root moves along the path.
-    """
-
-    def __init__(self, branch: Branch, deflection: Deflection) -> None:
-        """Take the poses of the undeformed robot, and the step (1, nv) that deflects the springs."""
-        self._branch = branch
-        self._spring_step = np.zeros((1, branch.robot.nv))
-        self._spring_step[:, branch.robot.elastic] = deflection.value
-        self._closed: tuple[Array, ClosedStack] | None = None  # s (3,) of the last `close`, and the poses
-
-    def close(self, s: Array) -> ClosedStack:
-        """Close the loops at s (3,), ascending: an iterate of `root_of_g` between two neighbours."""
-        branch = self._branch
-        closed = close_loops(branch.robot, branch.path(s), self._predict(s))
-        self._closed = s, closed
-        return closed
-
-    def predicted_pose(self, s: float) -> ClosedStack:
-        """Predict the pose at s from the last poses closed.
-
-        The loops stay closed but for rounding, since the step along the tangent is short.
-        """
-        branch, s_row = self._branch, np.array([s])
-        q, x = self._predict(s_row), branch.path(s_row)
-        return ClosedStack(q, x, linearised_at(branch.robot, q, x))
-
-    def _predict(self, s: Array) -> Array:
-        """Predict configurations (k, nq) at s (k,) along the tangent of the last poses.
-
-        The first poses are those of the undeformed robot with deflected springs.
-        """
-        branch, robot = self._branch, self._branch.robot
-        if self._closed is None:
-            return integrate(robot, branch.guess(s), np.repeat(self._spring_step, len(s), axis=0))
-        (s_left, s_middle, s_right), last = self._closed
-        q_left, q_middle, q_right = last.q
-        tangent = difference(robot, q_left, q_right[None]) / (s_right - s_left)  # dq/ds (1, nv)
-        return integrate(robot, q_middle, (s - s_middle)[:, None] * tangent)
 
 
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
