@@ -184,16 +184,17 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect at geometric means between the largest planned and the least failed multiple."""
-    if not 0.0 < capacity.multiple < capacity.end < np.inf:  # zero or unbounded
-        return capacity
-    while capacity.end > (1.0 + BRACKET_RATIO) * capacity.multiple:
+    """Bisect at geometric means between the largest planned and the least failed multiple.
+
+    A capacity that is zero or unbounded has nothing to bisect.
+    """
+    while 0.0 < (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end < np.inf:
         capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Add the least impossible multiple among IMPOSSIBLE_RATIOS times the refused one, if any."""
+    """Return the capacity with the least of the tried multiples that is impossible."""
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)

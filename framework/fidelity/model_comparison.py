@@ -180,7 +180,11 @@ class ReferenceMotion:
         return (np.abs(difference) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
-        """Compare a level with the plan by simulating the level's torques in the highest model."""
+        """Compare a level with the plan by simulating its torques in the highest model.
+
+        Args:
+            motion: with the torques of the level.
+        """
         platform_error, reason = np.full(len(self.times), np.nan), ""
         started = time.perf_counter()
         try:
@@ -199,7 +203,7 @@ class ReferenceMotion:
         return Comparison(level, motion, torque_error, platform_error, reason)
 
     def _simulate_motion(self, motion: InverseDynamics) -> Simulation:
-        """Simulate the highest model under the torques of a level, from rest.
+        """Simulate the highest model under the torques of a level's motion, from rest.
 
         The simulation ends when the platform's error reaches `lost`.
         """
@@ -225,14 +229,14 @@ class ReferenceMotion:
         )
 
     def _make_drive(self, motion: InverseDynamics) -> Drive:
-        """Return the drive with the torques of a level, plus controllers of the motors if any."""
+        """Return the drive with the torques of a level's motion, plus controllers of the motors if any."""
         robot, control = self.highest, self.control
         feedforward = Drive.of(robot, motion)
         if control is None:
             return feedforward
 
         def torque(t: Array, q: Array, v: Array) -> Array:
-            """Compute motor torques (T, n_a)."""
+            """Compute motor torques (T, n_a) at t (T,), q (T, nq) and v (T, nv)."""
             angle_error = motion.motor_angle(t) - robot.gear_ratio * robot.actuated_coordinates(q)
             speed_error = motion.motor_angle(t, 1) - robot.gear_ratio * v[:, robot.actuated]
             return feedforward.function(t, q, v) + control.torque(angle_error, speed_error)

@@ -269,7 +269,7 @@ def _probe_motions(
     deflection: Deflection | None,
     probe_speed: float,
 ) -> Motion:
-    """Compute five motions that separate the terms of condition (8).
+    """Compute five motions at a crossing point that separate the terms of condition (8).
 
     motion   s"   s'            springs
     0        1    0             at rest

@@ -143,10 +143,10 @@ class ModelOnMotion:
     def of(
         cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
     ) -> ModelOnMotion:
-        """Search the path of a motion with another model of the robot.
+        """Search the path of a motion with another model of the robot, its joints with this friction.
 
         Raises:
-            NoAnswer: that model cannot follow the path.
+            NoAnswer: the model cannot follow the path.
         """
         return cls(dynamics, search_path(robot, dynamics.path).under(dynamics.wrenches), friction)
 

@@ -268,7 +268,10 @@ R = TypeVar("R")
 def _with_parameters_of(
     _: Callable[P, PlanOptions],
 ) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
-    """Make a decorator that gives **options the signature and the help of `PlanOptions`."""
+    """Make a decorator that gives **options the signature and the help of `PlanOptions`.
+
+    The argument is `PlanOptions` itself, from which type checkers take the parameters P.
+    """
     named = inspect.signature(PlanOptions).parameters.values()
     listed = "\n".join(option.documentation for option in OPTIONS.values())
 

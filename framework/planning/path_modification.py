@@ -178,7 +178,7 @@ class _Modification(NamedTuple):
         return (share, plan) if reserved is None else (with_reserve, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
-        """Return the plan with the distances of its path from the requested path."""
+        """Return the plan with the distances of its path from the requested path, and with `choices`."""
         s = np.linspace(0.0, 1.0, MOTION_SAMPLES)
         change = plan.path(s) - self.request.path(s)  # (MOTION_SAMPLES, n)
         is_translation = self.robot.translations

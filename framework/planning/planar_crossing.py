@@ -102,7 +102,10 @@ class PlanarCrossing(NamedTuple):
         return twist_norm(robot, twist[0]) * direction
 
     def _torque_terms(self, gravity: str, s: Array) -> Array:
-        """Compute the torques (M, 3, n_a) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2."""
+        """Compute the torques (M, 3, n_a) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
+
+        `gravity` is "off" or "on".
+        """
         branch = replace(self.searched.branch, robot=self.robots[gravity])
         torque = demand(branch, Smoothstep(0), s).torque
         return np.stack([torque.constant, torque.per_z, torque.per_u], axis=1)
@@ -110,8 +113,13 @@ class PlanarCrossing(NamedTuple):
     def _power_terms(self, gravity: str, s: Array, closed: ClosedStack, motion: Array) -> Array:
         """Compute t_s . W_p (M, 3) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
 
-        They are the powers of these forces of the open tree in the uncontrolled motion (M, nv): weight,
-        inertia at ds/dt = 1, and inertia at d2s/dt2 = 1.
+        They are the powers of these forces of the open tree in the uncontrolled motion: weight, inertia at
+        ds/dt = 1, and inertia at d2s/dt2 = 1.
+
+        Args:
+            gravity: "off" or "on".
+            closed: the poses at s.
+            motion: joint rates (M, nv) of the uncontrolled motion.
         """
         robot, path = self.robots[gravity], self.searched.branch.path
         slope, curvature = path(s, 1), path(s, 2)
@@ -125,7 +133,7 @@ class PlanarCrossing(NamedTuple):
 def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
     """Close the loops with the platform displaced along each axis: q (n, 2, M, nq).
 
-    The displacement is STEP_ASIDE robot lengths, forward and back.
+    The displacement is STEP_ASIDE robot lengths, forward and back, from the M poses `closed`.
     """
     poses = []
     for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis

@@ -194,7 +194,10 @@ class LeastLimits(NamedTuple):
     def of(
         specification: Specification, torque: float | None, speed: float | None, *, together: bool
     ) -> LeastLimits:
-        """Return the least limits for the ratios of peak torque and speed to a specification's limits."""
+        """Return the least limits for ratios of peak torque and speed to a specification's limits.
+
+        The ratios are the fields `torque_peak` and `speed_peak`; `together` is the field of this name.
+        """
         limits = {}
         if torque is not None:
             limits["torque_limit"] = RAISED_RATIO * torque * specification.torque_limit

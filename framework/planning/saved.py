@@ -203,23 +203,23 @@ def _request_document(request: Request) -> Document:
     }
 
 
-def _law_document(law: object) -> Document:
+def _law_document(law: PlannedLaw) -> Document:
     """Return the law as a document.
 
     Raises:
         InvalidInput: the law is of a kind that `load_plan` cannot read.
     """
-    document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
-    kind = document.get("kind", Law.kind)
-    if kind not in LAW_KINDS:
+    if law.kind not in LAW_KINDS:
         raise InvalidInput(
-            f"law: {choose_from('kind of law', kind, LAW_KINDS)}, in a plan that is saved; plan.to_csv "
+            f"law: {choose_from('kind of law', law.kind, LAW_KINDS)}, in a plan that is saved; plan.to_csv "
             f"saves its motion"
         )
-    return document
+    return law.to_dict()
 
 
 # ------------------------------------------------------------------ reading
+
+# `stated` has the checked values of plan.json, by key, or those of the key that a function is named after.
 
 
 def is_plan_folder(name: str) -> bool:
@@ -253,6 +253,7 @@ def plan_from_document(
 
     Args:
         file: the plan.json, for messages; paths in it are relative to its folder.
+        robot_file: as for `load_plan`.
 
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
@@ -292,7 +293,7 @@ def plan_from_document(
 
 
 def _read_plan(saved: Document, file: FilePath) -> Document:
-    """Return the checked values of plan.json, by key.
+    """Return the checked values of plan.json, by key, from its content `saved`.
 
     Raises:
         InvalidInput: the file has another version, lacks a key, or has an invalid value.
@@ -307,7 +308,10 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
 
 
 def read_document(file: FilePath, command: str) -> Document:
-    """Return the JSON object in a file that `crossing COMMAND --out` has written.
+    """Return the JSON object in a file that a `crossing` command with --out has written.
+
+    Args:
+        command: name of that command, for messages.
 
     Raises:
         InvalidInput: the file cannot be read, or is no JSON object.
@@ -326,9 +330,7 @@ def read_document(file: FilePath, command: str) -> Document:
 def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
     """Load the robot that plan.json states, or the one of `robot_file` if given.
 
-    Args:
-        stated: checked values of plan.json.
-        file: the plan.json, to whose folder the stated robot file is relative.
+    The stated robot file is relative to the folder of `file`, the plan.json.
 
     Raises:
         InvalidInput, RobotFileError: the file is missing or broken.
@@ -382,10 +384,7 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the optimality that plan.json states of an optimal law; None for a polynomial.
-
-    Args:
-        kind: kind of the law.
+    """Return the stated optimality of a law of this kind; None for a polynomial.
 
     Raises:
         InvalidInput: a polynomial has an optimality, an optimal law has none, or references are wrong.
@@ -442,7 +441,10 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Raise InvalidInput with the first key whose value in the file contradicts the plan."""
+    """Raise InvalidInput with the first key whose value in the file contradicts the plan.
+
+    The content of the file is `saved`; the plan is computed anew.
+    """
     document, best = _compared_document(plan), plan.optimality
     document["certificate"] = {"monotone": plan.certificate.monotone}
     document["optimality"] = best and {"optimize": best.specification.goal}
@@ -474,7 +476,11 @@ def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
-    """Return whether values agree to FILE_ROUNDING of a size or of themselves; exactly without a size."""
+    """Return whether the value of a leaf in the file agrees with the computed one.
+
+    Numbers may differ by FILE_ROUNDING of the size, or of themselves if they are larger. Without a size the
+    values must be equal.
+    """
     if size is None or computed is None or stated == computed:
         return bool(stated == computed)
     try:
