@@ -29,9 +29,11 @@ from framework.planning.plan import plan_request
 from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.tolerances import LIMIT_MARGIN
 
 MAX_DOUBLINGS = 20  # of the multiple, or halvings; after them the capacity counts as unbounded, or as zero
-BRACKET_RATIO = 1e-3  # relative width of the bracket at which the bisection ends
+# Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
+BRACKET_RATIO = 2.0 * LIMIT_MARGIN
 IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # multiples over the refused one, tried in turn
 
 

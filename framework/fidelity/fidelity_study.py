@@ -44,9 +44,10 @@ from framework.planning.neglected_effects import neglected_friction
 from framework.planning.plan import plan_request
 from framework.planning.request import MOTION_SAMPLES, Request
 from framework.planning.result import CrossingPlan
+from framework.tolerances import CLOSED_LOOP
 
 MIN_TOLERANCE = 10 * EQUAL_TORQUES  # a level with torques that count as equal is enough
-ERROR_ROUNDING = 1e-12  # share of the path's length or the peak torque, below which errors are rounding
+ERROR_ROUNDING = CLOSED_LOOP  # share of the path's length or the peak torque, below which errors are rounding
 
 
 @dataclass(frozen=True, eq=False)

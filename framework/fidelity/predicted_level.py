@@ -24,6 +24,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from framework.dynamics.open_loop import (
+    GROWTH_INSTANTS,
     ErrorDynamics,
     MotorControl,
     error_dynamics,
@@ -46,8 +47,7 @@ from framework.planning.result import CrossingPlan
 from framework.planning.scenes import scene_request
 
 TOLERANCE = 0.01  # default of the allowed error, as a share of the path's length and of the peak torque
-INSTANTS = 65  # instants of the motion between which the error dynamics are interpolated
-STEPS = 8 * (INSTANTS - 1)  # integration steps of the platform's error
+STEPS = 8 * (GROWTH_INSTANTS - 1)  # integration steps of the platform's error
 STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step of a simulation over the tolerance, tried in turn
 OWN_ERROR = 0.1  # platform error over the tolerance under the plan's torques: above, steps are shortened
 # Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
@@ -321,10 +321,10 @@ def compute_indicators(motions: Mapping[str, LevelMotion], control: MotorControl
 def _interpolate_error_dynamics(rigid: InverseDynamics, times: Array) -> ErrorDynamics:
     """Interpolate the matrices of the platform's error dynamics at t (T,) [s].
 
-    They are computed at INSTANTS only, since they change slowly and each is expensive.
+    They are computed at GROWTH_INSTANTS only, since they change slowly and each is expensive.
     """
-    instants = np.linspace(0.0, rigid.duration, INSTANTS)
-    matrices = error_dynamics(rigid, instants)  # three stacks (INSTANTS, n, n)
+    instants = np.linspace(0.0, rigid.duration, GROWTH_INSTANTS)
+    matrices = error_dynamics(rigid, instants)  # three stacks (GROWTH_INSTANTS, n, n)
     return ErrorDynamics(*CubicSpline(instants, matrices, axis=1)(times))
 
 

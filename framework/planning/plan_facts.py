@@ -20,6 +20,7 @@ from framework.planning.neglected_effects import NeglectedEffect
 from framework.planning.request import PEAK_SAMPLES
 from framework.planning.result import CrossingPlan
 from framework.singularity.type2 import moves_point
+from framework.tolerances import FILE_ROUNDING
 
 CROSSING = (
     "t = {0.time:.6g} s at s = {0.s:.15f}, {place}",
@@ -45,7 +46,6 @@ OVERSHOOT = (
     "the law overshoots its ends (s from {0:.6g} to {1:.6g}); other times or speeds, or a higher "
     "--smoothness, avoid it"
 )
-MOVING_END_SPEED = 1e-6  # speed at the ends relative to the motors' largest, above which there is a warning
 
 
 class Fact(NamedTuple):
@@ -168,7 +168,7 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         facts.insert(0, Fact("warning", MUCH_LEFT_OUT))
-    if certificate.end_speed > MOVING_END_SPEED:
+    if certificate.end_speed > FILE_ROUNDING:
         facts.append(Fact("warning", MOVING_ENDS.format(certificate)))
     if not certificate.monotone:
         s = plan.law(np.linspace(0.0, plan.duration, PEAK_SAMPLES))

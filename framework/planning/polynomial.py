@@ -32,9 +32,10 @@ from framework.planning.refusals import check_advance
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan, certified_plan
 from framework.singularity.points_on_path import SingularPoint
+from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
 # `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
-COMFORTABLE_ADVANCE = 0.2
+COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
 MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
 MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
 # Each round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed, and keeps the best one in
