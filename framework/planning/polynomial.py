@@ -62,7 +62,6 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """
     name = to_cross.branch.robot.name
     timing = timing_of(to_cross, request)
-    conditions_of: dict[MotionLaw, list[Condition8]] = {}  # by the law of each pass
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
         """Solve for the law of a pass at given deflections; check the first law.
@@ -78,7 +77,6 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
         law = _solve_law(crossings, timing, request, name)
         if previous is None:
             _check_advance(law, request, to_cross.points, name)
-        conditions_of[law] = [condition for _, condition in crossings]
         return law
 
     dynamics = resolve(
@@ -90,9 +88,8 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     )
     law = dynamics.law
     assert isinstance(law, Law)
-    if len(conditions_of) > 1:  # otherwise it is the first law, already checked
-        _check_advance(law, request, dynamics.crossings, name)
-    return certified_plan(to_cross, request, dynamics, law, timing, conditions=conditions_of[law])
+    _check_advance(law, request, dynamics.crossings, name)
+    return certified_plan(to_cross, request, dynamics, law, timing)
 
 
 def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:

@@ -37,8 +37,8 @@ class Crossing(ReadOnlyArrays):
     """A crossing of a Type 2 singularity, measured on the finished motion.
 
     residual: |t_s . W_p| divided by the largest sum, along the motion, of the absolute values of its terms.
-    condition: the coefficients of condition (8) that the law was made to meet; None if condition (8) holds
-        although the request did not ask for it.
+    condition: the coefficients of condition (8) that the law meets; None if condition (8) holds although the
+        request did not ask for it.
     """
 
     s: float  # s(time) of the law
@@ -242,7 +242,6 @@ def certified_plan(
     *,
     reason: str = "",
     optimality: Optimality | None = None,
-    conditions: Sequence[Condition8] = (),
 ) -> CrossingPlan:
     """Return the plan of a motion whose torques are computed.
 
@@ -251,19 +250,13 @@ def certified_plan(
         timing: times and speeds of crossings for which the law was made. They replace the numbers of a
             measured crossing that differ only by rounding.
         reason, optimality: fields of the plan.
-        conditions: the conditions (8) that the law was made to meet, one for each crossing point. If empty,
-            they are computed on the motion.
     """
     crossings = []
     point_indices = _match_points(to_cross, dynamics.crossings)
     for measured, index in zip(dynamics.crossings, point_indices, strict=True):
         time, speed = _crossing_time(measured.time, law, timing)
-        if index is None:  # the request did not ask for condition (8) here
-            condition = None
-        elif conditions:
-            condition = conditions[index]
-        else:
-            condition = _find_condition(to_cross, request, dynamics, index, time)
+        # None where the request did not ask for condition (8)
+        condition = None if index is None else _find_condition(to_cross, request, dynamics, index, time)
         crossings.append(
             Crossing(
                 s=measured.s,
