@@ -141,13 +141,14 @@ class ReferenceMotion:
         """
         reference = self._simulate_reference()
         previous = None  # the comparison of the level below
-        unknown = np.full(len(self.times), np.nan)
+        unknown = np.full(len(self.times), np.nan)  # errors of a level without a motion
         for name, (motion, seconds, reason) in motions:
             level = LEVELS_BY_NAME[name]
             if motion is None:
                 comparison = Comparison(level, None, unknown, unknown, reason)
             elif previous is not None and self._is_equal(motion, previous.motion):
-                comparison = replace(previous, same_as=previous.same_as or previous.level.name)
+                lowest = previous.same_as or previous.level.name
+                comparison = replace(previous, same_as=lowest)
             elif self._is_equal(motion, self.plan.dynamics):
                 comparison = reference
             else:

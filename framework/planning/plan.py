@@ -101,7 +101,7 @@ def plan_request(
     started = time.perf_counter()
     if searched is None:
         searched = search_path(robot, request.path)
-    check_branch(robot, request.path, searched.branch)
+    check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
     to_cross = replace(path_to_cross(searched, request), explained=explained)
     searched = to_cross.searched  # under the wrenches of the request
     try:
@@ -132,18 +132,20 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """
     if request.law == "optimal":
         return _plan_optimal(to_cross, request, "it was asked for")
-    if request.kind == "optimal":
+    if request.kind == "optimal":  # by a goal, or by limits without a duration
         try:
             return _plan_optimal(to_cross, request, "only the optimal law has a goal")
         except (NoLaw, NotConverged, SearchEnded) as refusal:
             with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
+
     try:
         plan = _plan_polynomial(to_cross, request)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
         return _plan_after_refusal(to_cross, request, refusal)
+
     excess = _limit_ratio(plan)
     if excess > 1.0:
         needs = f"the polynomial needs {excess:.4g} times the limits"

@@ -61,15 +61,13 @@ class Fact(NamedTuple):
 
 
 def motion_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts about the motion of a plan, the certificate and the faults.
-
-    The order is: wrenches, crossings, torques, certificate, effects left out, warnings.
-    """
-    wrenches = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
-    torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
-    left_out = [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
-    proof, warnings = _certificate_facts(plan), _warning_facts(plan)
-    return [*wrenches, *_crossing_facts(plan), torque, *proof, *left_out, *warnings]
+    """Return the facts about the motion of a plan, the certificate, effects left out, and warnings."""
+    facts = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
+    facts += _crossing_facts(plan)
+    facts.append(Fact("peak torque", torque_text(plan.robot, plan.peak_torque)))
+    facts += _certificate_facts(plan)
+    facts += [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
+    return facts + _warning_facts(plan)
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
@@ -105,7 +103,7 @@ def wrench_text(wrench: FrameWrench) -> str:
     For a table of wrenches over s, these are the largest force and the largest moment.
     """
     axes = f"axes of {'the frame' if wrench.turns else 'the base'}"
-    if wrench.rows.ndim == 1:
+    if wrench.rows.ndim == 1:  # one constant wrench (6,)
         force, moment = point(wrench.rows[:3]), point(wrench.rows[3:])
         return f"on {wrench.frame}: force {force} N, moment {moment} N m, {axes}"
     force_peak = np.linalg.norm(wrench.rows[:, 1:4], axis=1).max()  # rows (s, force, moment)
