@@ -228,15 +228,14 @@ class ModelOnMotion:
         Raises:
             NotConverged: the torques have a pole.
         """
-        velocity = evaluated.motion.v
-        smooth = np.zeros_like(velocity) if self.friction is None else self.friction * self._smooth_signs()
+        smooth = 0.0 if self.friction is None else self.friction * self._smooth_signs()
         torque = self._torque_with_friction(evaluated, smooth)
         tail = self.grid.fit(torque).tail
         if not tail <= RESOLVABLE_TAIL:
             raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
         if self.friction is None:
             return torque
-        dry = self.friction * speed_signs(velocity / self.robot.column_scale)
+        dry = self.friction * speed_signs(evaluated.motion.v / self.robot.column_scale)
         return self._torque_with_friction(evaluated, dry)
 
     def _smooth_signs(self) -> Array:
@@ -248,11 +247,9 @@ class ModelOnMotion:
             return np.zeros((len(self.grid.times), self.robot.nv))
         return np.asarray(KroghInterpolator(times, self._rate_signs(times))(self.grid.times))
 
-    def _torque_with_friction(self, evaluated: Pass, friction: Array) -> Array:
+    def _torque_with_friction(self, evaluated: Pass, friction: Array | float) -> Array:
         """Compute motor torques (T, n_a) of a pass with friction (T, nv) [N m, N] at the joints."""
         robot, motion = self.robot, evaluated.motion
-        if not friction.any():
-            return motor_torque(robot, motion, evaluated.forces.joint_torque)
         forces = tree_forces(robot, motion) + friction
         return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
 
