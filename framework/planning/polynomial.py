@@ -361,9 +361,17 @@ def _search_timings(
         laws, scores = laws[survivors], scores[survivors]
         if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
             break
-        # normal steps with the covariance of the survivors about the last mean
-        weights = random.standard_normal((count, len(laws))) / np.sqrt(len(laws))
-        steps = np.tensordot(weights, laws - mean, axes=1)
+        drawn = _draw_laws(random, count, laws, mean)
         mean = laws.mean(axis=0)
-        drawn = mean + steps
     return to_timings(laws[:1])[0], scores[0]
+
+
+def _draw_laws(random: np.random.Generator, count: int, survivors: Array, last_mean: Array) -> Array:
+    """Draw unknowns (count, 2, k) of laws, normally distributed around the mean of survivors (m, 2, k).
+
+    Their covariance is that of the survivors about the mean (2, k) of the round before: sums of the
+    survivors' offsets from that mean, with independent normal weights, have it.
+    """
+    weights = random.standard_normal((count, len(survivors))) / np.sqrt(len(survivors))
+    steps = np.tensordot(weights, survivors - last_mean, axes=1)
+    return np.asarray(survivors.mean(axis=0) + steps)
