@@ -86,7 +86,7 @@ def plan_study(
     plan_combination = partial(_plan_combination, path, flexibility, motion, options, quantities)
     columns = complete_chunks(
         partial(compute_rows, plan_combination, tuple(quantities), REFUSALS),
-        {str(k): [combination] for k, combination in enumerate(combinations)},  # one plan a chunk
+        {str(k): [combination] for k, combination in enumerate(combinations)},  # one plan for each chunk
         lambda chunk: {},
         executor=executor,
         keeper=None,

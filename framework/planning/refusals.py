@@ -300,15 +300,17 @@ def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
     """
     times = np.linspace(0.0, law.duration, PEAK_SAMPLES)
     s, ds = law_derivatives(law, times, 2)
-    for end, overshoot in ((0.0, -s), (1.0, s - 1.0)):
+    for end, overshoot in ((0.0, -s), (1.0, s - 1.0)):  # how far s is beyond the end
         worst = np.argmax(overshoot)
         if overshoot[worst] > OVERSHOOT:
             return f"leaves the path at s = {end:g}, up to s = {s[worst]:.4g} at t = {times[worst]:.4g} s"
+
     is_inside = (s > 0) & (s < 1)
     is_backwards = is_inside & (ds < -AT_REST * np.abs(ds).max())
     if is_backwards.any():
         first = np.argmax(is_backwards)
         return f"runs backwards at t = {times[first]:.4g} s, s = {s[first]:.4g}"
+
     for s_singular in singular:
         meetings = times[:-1][np.diff(s > s_singular)]  # [s] samples after which s passes the point
         if len(meetings) > 1:
