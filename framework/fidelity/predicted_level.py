@@ -124,6 +124,7 @@ def predict_errors(description: RobotDescription, path: Path | str, **options: A
     """
     rigid = LEVELS_BY_NAME["rigid"]
     robot = robot_at_level(description, rigid)
+    # all levels follow one law, which must be as smooth as that of the most detailed level
     smoothness = options.pop("smoothness", None) or SMOOTHNESS[bool(description.springs)]
     request = request_without_geometry(robot, path, smoothness=smoothness, **options)
     try:

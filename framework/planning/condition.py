@@ -255,11 +255,12 @@ def _joint_powers(
         Powers (4, nv) with springs at rest, for alpha, beta, gamma and delta, and the additional powers
         (2, nv) of moving springs, for gamma and delta.
     """
-    damping = robot.joint_damping * motion.v * escape  # (5, nv)
+    # powers (nv,) of the inertial forces in each motion, and of damping in the motions 1 and 2
     by_acceleration, by_speed, by_springs, forwards, backwards = inertial_forces(robot, motion) * escape
+    damping_by_speed, damping_by_springs = robot.joint_damping * motion.v[1:3] * escape
     bilinear = 0.5 * (forwards - backwards) / probe_speed
-    rigid = np.array([by_acceleration, by_speed, static * escape, damping[1]])
-    return rigid, np.array([by_springs + damping[2], bilinear])
+    rigid = np.array([by_acceleration, by_speed, static * escape, damping_by_speed])
+    return rigid, np.array([by_springs + damping_by_springs, bilinear])
 
 
 def _probe_motions(

@@ -1,4 +1,8 @@
-"""The points of a path where condition (8) is to hold, and the refusal of points that no law can cross."""
+"""The points of a path where condition (8) is to hold, and the refusal of points that no law can cross.
+
+Condition (8) keeps the motors' torques finite at a Type 2 singularity (`planning.condition`). The poses with
+such a singularity form the locus.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
 """Condition (8) of the undeformed robot at a singular point, and its consequences for every law.
 
-In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion. alpha is due
-to the acceleration s", beta to the curvature of the path and to joint rates, gamma to weight, joint springs
-and external wrenches, and delta to viscous damping.
+In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion, which locked
+motors do not prevent; t_s is the platform's twist in this motion, and W_p the wrench that the motion requires
+on the platform. s' and s" are derivatives of the path coordinate s over time. alpha is due to the
+acceleration s", beta to the curvature of the path and to joint rates, gamma to weight, joint springs and
+external wrenches, and delta to viscous damping.
 """
 
 from __future__ import annotations

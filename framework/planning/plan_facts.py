@@ -1,6 +1,7 @@
 """The facts that describe a plan, each a label and a text with units.
 
-Each fact is a line of the printed plan and a row of the table in the HTML report.
+Each fact is a line of the printed plan and a row of the table in the HTML report. t_s is the twist of the
+platform that the motors do not control at a crossing, and W_p the wrench that the motion requires.
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@ With ds/dt = v and d2s/dt2 = a the motor torques and t_s . W_p are
 
     torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a,
 
-with coefficients c and d that depend on s alone. The numerators are smooth through the singular point, where
-the measure g vanishes. From samples of the coefficients the page of a lesson can evaluate any law.
+with coefficients c and d that depend on s alone. t_s is the platform's twist that the motors do not control,
+W_p the wrench on the platform that the motion requires. The numerators are smooth through the singular point,
+where the measure g vanishes. From samples of the coefficients the page of a lesson can evaluate any law.
 """
 
 from __future__ import annotations
