@@ -95,10 +95,7 @@ _LAWS: Mapping[str, Table] = {
 }
 _OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _TIME: Table = {"time": required(number), "speed": required(number)}
-_COMPUTED: Table = dict.fromkeys(  # keys that must be there, but are computed anew
-    ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate"),
-    required(anything),
-)
+_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
 _READ: Table = {
     "version": required(whole),
     "robot_file": required(text),
@@ -115,7 +112,7 @@ _READ: Table = {
         or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY, others=("optimize",)))
     ),
     "seconds": required(not_negative),
-    **_COMPUTED,
+    **dict.fromkeys(_COMPUTED, required(anything)),
 }
 
 # ------------------------------------------------------------------ writing
@@ -363,11 +360,7 @@ def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Re
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
-    """Return the law that plan.json states, of a duration [s].
-
-    Raises:
-        InvalidInput: the law is less smooth than the request asks for, or smoother than laws can be.
-    """
+    """Return the stated law of a duration [s]; refuse a smoothness that the request or laws exclude."""
     check_duration(duration)
     if stated["kind"] == Law.kind:
         return Law(np.array(stated["chebyshev"]), duration)
@@ -384,11 +377,7 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the stated optimality of a law of this kind; None for a polynomial.
-
-    Raises:
-        InvalidInput: a polynomial has an optimality, an optimal law has none, or references are wrong.
-    """
+    """Return the stated optimality of an optimal law, None for a polynomial; refuse other combinations."""
     if (stated is None) != (kind == Law.kind):
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
@@ -441,10 +430,7 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Raise InvalidInput with the first key whose value in the file contradicts the plan.
-
-    The content of the file is `saved`; the plan is computed anew.
-    """
+    """Raise InvalidInput with the first key whose value in the content of the file contradicts the plan."""
     document, best = _compared_document(plan), plan.optimality
     document["certificate"] = {"monotone": plan.certificate.monotone}
     document["optimality"] = best and {"optimize": best.specification.goal}
