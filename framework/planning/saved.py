@@ -411,20 +411,21 @@ def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
     the largest term of any crossing at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so
     any value agrees.
     """
-    pace = 1.0 / plan.duration
-    rates = Condition8(alpha=pace**2, beta=pace**2, gamma=1.0, delta=pace)
+    mean_speed = 1.0 / plan.duration  # [1/s] of s
+    # what coefficients are multiplied by at this speed
+    factors = Condition8(alpha=mean_speed**2, beta=mean_speed**2, gamma=1.0, delta=mean_speed)
     conditions = [crossing.condition for crossing in plan.crossings if crossing.condition is not None]
-    largest_term = np.abs(np.reshape(conditions, (-1, len(rates))) * rates).max(initial=0.0)
+    largest_term = np.abs(np.reshape(conditions, (-1, len(factors))) * factors).max(initial=0.0)
     largest_torque = max(plan.peak_torque.values())
     return {
         "crossings.s": 1.0,
         "crossings.time": plan.duration,
-        "crossings.speed": pace,
-        "crossings.acceleration": pace**2,
+        "crossings.speed": mean_speed,
+        "crossings.acceleration": mean_speed**2,
         "crossings.twist": 1.0,
         "crossings.platform": plan.robot.length,
         "crossings.residual": np.inf,
-        **{f"crossings.condition.{key}": largest_term / rate for key, rate in rates._asdict().items()},
+        **{f"crossings.condition.{key}": largest_term / factor for key, factor in factors._asdict().items()},
         **{f"peak_torque.{joint}": largest_torque for joint in plan.peak_torque},
     }
 
