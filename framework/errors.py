@@ -288,7 +288,7 @@ class NoLaw(NoAnswer):
     """No motion law can pass, or none was found that advances all the time.
 
     `proof` is what the first rests on, None where nothing is proved; `evidence` what a search found instead
-    (`framework.planning.refusals.refusal_proofs`).
+    (`framework.planning.refusals`).
     """
 
     proof: object = None

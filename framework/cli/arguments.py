@@ -31,7 +31,7 @@ from framework.planning.saved import is_plan_folder, load_plan
 from framework.planning.scenes import scene, scene_path, scene_request
 
 if TYPE_CHECKING:
-    from framework.fidelity.chosen_level import ChosenLevel
+    from framework.fidelity.predicted_level import ChosenLevel
 
 AUTO = "auto"
 MotionOptions = dict[str, Any]  # options of `plan_crossing`, by name
@@ -49,7 +49,7 @@ def take_level(options: Namespace) -> ChosenLevel | None:
     """
     if options.flexibility != AUTO:
         return None
-    from framework.fidelity.chosen_level import options_of_level, predict_level, scene_level
+    from framework.fidelity.predicted_level import options_of_level, predict_level, scene_level
 
     if options.geometry is not None:
         raise InvalidInput(

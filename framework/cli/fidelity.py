@@ -10,9 +10,9 @@ import numpy as np
 from framework.cli import arguments
 from framework.cli.parser import Report, add_motion, add_out, add_path, add_robot, command
 from framework.cli.writing import written_out
-from framework.fidelity.fidelity_indicators import format_percent
 from framework.fidelity.fidelity_study import ERROR_ROUNDING, FidelityStudy, fidelity_study
 from framework.fidelity.model_comparison import Comparison
+from framework.fidelity.predicted_level import format_percent
 from framework.model.fidelity_levels import LEVELS
 from framework.numerics.arrays import Array
 from framework.numerics.output import Document, json_text

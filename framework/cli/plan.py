@@ -46,7 +46,7 @@ from framework.planning.saved import FILE, plan_document, read_document
 from framework.singularity.points_on_path import search_path
 
 if TYPE_CHECKING:
-    from framework.fidelity.chosen_level import ChosenLevel
+    from framework.fidelity.predicted_level import ChosenLevel
 
 MOTION_FILE = "motion.csv"
 LEAST_BEND = "least"  # value of --bend without a number

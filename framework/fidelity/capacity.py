@@ -1,9 +1,9 @@
 """The largest load with which a robot still crosses a path within the limits of its motors.
 
-Torques and condition (8) of a rigid robot are linear in the multiple m of a wrench and in the squared speed z
-(`planning.optimal`). So the admissible pairs (m, z) form a convex set, and the multiples that admit a law of
-free shape form an interval. Bisection brackets the upper end of the interval between a multiple with a
-certified plan and a multiple that is refused or undecided.
+The load is a multiple m of the external wrenches of a request. Torques and condition (8) of a rigid robot are
+linear in m and in the squared speed z of a law (`planning.optimal`). So the admissible pairs (m, z) form a
+convex set, and the multiples that admit a law of free shape form an interval. Bisection brackets the upper
+end of the interval between a multiple with a certified plan and a multiple that is refused or undecided.
 
 A refusal for lack of a law proves nothing, since the search may have missed one. So larger and larger
 multiples are tried until a lower bound on the peaks of all laws (`peak_bound`) exceeds the limits. For
@@ -26,13 +26,14 @@ from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.options import takes_options
 from framework.planning.plan import plan_request
-from framework.planning.request import Request
+from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan
-from framework.planning.specification import specification_of
 from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.tolerances import LIMIT_MARGIN
 
 MAX_DOUBLINGS = 20  # of the multiple, or halvings; after them the capacity counts as unbounded, or as zero
-BRACKET_RATIO = 1e-3  # relative width of the bracket at which the bisection ends
+# Relative width of the bracket at which the bisection ends; a search leaves LIMIT_MARGIN of each limit free.
+BRACKET_RATIO = 2.0 * LIMIT_MARGIN
 IMPOSSIBLE_RATIOS = (1.0, 1.003, 1.01, 1.03, 1.1, 1.3, 2.0)  # multiples over the refused one, tried in turn
 
 
@@ -130,9 +131,9 @@ class _Multiples:
 
     robot: ParallelRobot
     request: Request
-    searched: SearchedPath
-    progress: Callable[[int], None]
-    count: int = 0
+    searched: SearchedPath  # the path of the request, without wrenches
+    progress: Callable[[int], None]  # called before each plan with its number
+    count: int = 0  # plans so far
 
     def plan_multiple(self, multiple: float) -> CrossingPlan | NoAnswer:
         """Plan under a multiple of the wrenches; return the plan, or the refusal."""
@@ -149,7 +150,7 @@ class _Multiples:
         return replace(self.request, wrenches=wrenches.document or None)
 
     def is_impossible(self, multiple: float) -> bool:
-        """Return whether a bound on all laws exceeds the limits under a multiple."""
+        """Return whether a bound on the peaks of all laws exceeds the limits under a multiple."""
         request = self._request(multiple)
         try:
             to_cross = path_to_cross(self.searched, request)
@@ -168,7 +169,11 @@ class _Multiples:
 
 
 def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Double or halve the multiple from 1 until m has a plan and 2 m has none."""
+    """Double or halve the multiple from 1 until m has a plan and 2 m has none.
+
+    Args:
+        capacity: the multiple 0 with its plan.
+    """
     capacity = task.try_multiple(capacity, 1.0)
     for _ in range(MAX_DOUBLINGS):
         if not np.isfinite(capacity.end):
@@ -181,16 +186,17 @@ def _bracket_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
 
 
 def _bisect_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Bisect at geometric means between the largest planned and the least failed multiple."""
-    if not 0.0 < capacity.multiple < capacity.end < np.inf:
-        return capacity
-    while capacity.end > (1.0 + BRACKET_RATIO) * capacity.multiple:
+    """Bisect at geometric means between the largest planned and the least failed multiple.
+
+    A capacity that is zero or unbounded has nothing to bisect.
+    """
+    while 0.0 < (1.0 + BRACKET_RATIO) * capacity.multiple < capacity.end < np.inf:
         capacity = task.try_multiple(capacity, float(np.sqrt(capacity.multiple * capacity.end)))
     return capacity
 
 
 def _bound_capacity(task: _Multiples, capacity: Capacity) -> Capacity:
-    """Add the least impossible multiple among IMPOSSIBLE_RATIOS times the refused one, if any."""
+    """Return the capacity with the least of the tried multiples that is impossible."""
     if not np.isfinite(capacity.refused):
         return capacity
     multiples = (ratio * capacity.refused for ratio in IMPOSSIBLE_RATIOS)

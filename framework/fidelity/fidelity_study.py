@@ -25,14 +25,15 @@ import numpy as np
 
 from framework.dynamics.open_loop import open_loop_growth
 from framework.errors import InvalidInput, NoAnswer
-from framework.fidelity.chosen_level import TOLERANCE, request_without_geometry
-from framework.fidelity.fidelity_indicators import (
+from framework.fidelity.model_comparison import EQUAL_TORQUES, Comparison, ReferenceMotion
+from framework.fidelity.predicted_level import (
+    TOLERANCE,
     Indicators,
     compute_indicators,
     compute_level_motions,
+    request_without_geometry,
     robot_at_level,
 )
-from framework.fidelity.model_comparison import MOTION_SAMPLES, Comparison, ReferenceMotion
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.laws.law import is_number
 from framework.laws.path import Path
@@ -41,11 +42,12 @@ from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.output import Document, plain, select_fields
 from framework.planning.neglected_effects import neglected_friction
 from framework.planning.plan import plan_request
-from framework.planning.request import Request
+from framework.planning.request import MOTION_SAMPLES, Request
 from framework.planning.result import CrossingPlan
+from framework.tolerances import CLOSED_LOOP
 
-MIN_TOLERANCE = 1e-8  # torques are planned to 1e-10, and count as equal if they agree to 1e-9
-ERROR_ROUNDING = 1e-12  # share of the path's length or the peak torque, below which errors are rounding
+MIN_TOLERANCE = 10 * EQUAL_TORQUES  # a level with torques that count as equal is enough
+ERROR_ROUNDING = CLOSED_LOOP  # share of the path's length or the peak torque, below which errors are rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +82,8 @@ class FidelityStudy(ReadOnlyArrays):
         if not friction.any():
             return 0.0
         times = np.linspace(0.0, plan.duration, MOTION_SAMPLES)
-        dissipated = np.abs(plan.dynamics.velocity(times)) @ friction
-        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)
+        dissipated = np.abs(plan.velocity(times)) @ friction  # (T,) [W]
+        supplied = np.abs(plan.torque(times) * plan.motor_angle(times, 1)).sum(axis=1)  # (T,) [W]
         motor_work = np.trapezoid(supplied, times)
         return float(np.trapezoid(dissipated, times) / motor_work) if motor_work else np.inf
 
@@ -120,7 +122,7 @@ class FidelityStudy(ReadOnlyArrays):
         return float(np.abs(comparison.motion.law(self.times) - self.highest.law(self.times)).max())
 
     def place(self, errors: Array) -> float | None:
-        """Return the s of the largest of the errors (T,); None if all errors are rounding."""
+        """Return the s of the largest of a level's errors (T,); None if all errors are rounding."""
         errors_or_zero = np.nan_to_num(errors)  # NaN without a motion, and after the end of a simulation
         if errors_or_zero.max() <= ERROR_ROUNDING:
             return None
@@ -143,7 +145,7 @@ class FidelityStudy(ReadOnlyArrays):
                 f"none of them has ({self.highest.neglected_friction}) takes "
                 f"{100 * self.neglected_work:.2g} % of the motors' work"
             )
-        reference = [level for level in self.levels if level.motion is not None][-1]
+        reference = [level for level in self.levels if level.motion is not None][-1]  # the most detailed
         failure = reference.reason or f"leave the path by {100 * reference.platform:.2g} % of its length"
         cause = (
             "each motor has a controller, which sees its own angle and not the platform"

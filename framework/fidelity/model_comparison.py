@@ -1,6 +1,7 @@
-"""The comparison of the levels of fidelity: their torques in the forward simulation of the highest model.
+"""The comparison of the levels of fidelity: the torques of each drive a simulation of the highest model.
 
-All levels follow one motion (`fidelity_indicators`). The simulation begins at rest at the start of the path.
+All levels follow one motion (`predicted_level`). The simulation begins at rest at the start of the path and
+ends with the motion, or when the platform is lost: too far from the motion to come back.
 
 If the robot falls so fast that even integration errors would carry it off its path, each motor has a
 controller, which drives the motor back to its planned angle.
@@ -14,37 +15,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from framework.dynamics.open_loop import MotorControl, fall_exponent
-from framework.dynamics.pointwise_dynamics import motor_inertia
+from framework.dynamics.open_loop import MotorControl
 from framework.dynamics.result import InverseDynamics
 from framework.errors import NoAnswer
-from framework.fidelity.fidelity_indicators import LevelMotion
+from framework.fidelity.predicted_level import OWN_ERROR, STEP_ERRORS, LevelMotion, measure_fall
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.frames import frames_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, Level
 from framework.numerics.arrays import Array, ReadOnlyArrays
-from framework.planning.motion_scales import coordinate_sizes, largest_by_unit, path_length
+from framework.planning.request import MOTION_SAMPLES, largest_by_unit, path_length
 from framework.planning.result import CrossingPlan
 from framework.simulation import Event, Simulation, simulate
 from framework.simulation.drive import Drive
-from framework.tolerances import TORQUE_TAIL
+from framework.tolerances import CLOSED_LOOP, TORQUE_TAIL
 
 # Torques count as equal if they differ by less than this share of the peak. Relevant effects change torques
 # by a share of 1e-7 or more.
 EQUAL_TORQUES = 10 * TORQUE_TAIL
-# Platform error divided by the path's length that ends a simulation; twice the tolerance if that is more.
-MAX_ERROR = 0.1
-STEP_ERRORS = (1e-3, 1e-5)  # error of an integration step divided by the tolerance, tried in turn
-# Platform error divided by the tolerance, under the reference's own torques, above which shorter steps are
-# tried.
-OWN_ERROR = 0.1
-# Time constants of the fall in a motion, above which motors have controllers. Without controllers the error
-# of the shortest steps would grow beyond OWN_ERROR.
-MAX_FALL = float(np.log(OWN_ERROR / STEP_ERRORS[-1]))
-CONTROL_TO_FALL = 10.0  # ratio of the motors' feedback frequency to the rate of the fall, to catch the robot
-MIN_STEP_ERROR = 1e-12  # [robot lengths] the accuracy of planned torques
-MOTION_SAMPLES = 1001  # number of equidistant instants of a comparison
+MAX_ERROR = 0.1  # platform error over the path's length that ends a simulation, or twice the tolerance
 NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # offsets of further instants from crossings, over the duration
 
 
@@ -52,7 +41,7 @@ NEAR_CROSSING = np.geomspace(1e-6, 0.1, 41)  # offsets of further instants from 
 class Comparison(ReadOnlyArrays):
     """The torques of one level along the motion, and their errors in the highest model.
 
-    motion: the level's motion with its torques; None if the level's model cannot follow it.
+    motion: the motion with the level's torques; None if the level's model cannot follow the motion.
     torque_error: (T,) difference from the reference's torques divided by their peak, at the study's instants;
         NaN without a motion.
     platform_error: (T,) distance of the simulated platform from the level's motion divided by the path's
@@ -77,56 +66,49 @@ class Comparison(ReadOnlyArrays):
 
     @property
     def platform(self) -> float:
-        """The largest platform error; infinite if the platform was lost."""
+        """The largest platform error; infinite without a motion, or if the platform was lost."""
         # by rounding, a complete simulation may end just before the last instant, whose error is then NaN
         return np.inf if self.reason else float(np.nanmax(self.platform_error))
 
     @property
     def deflection(self) -> tuple[str, float] | None:
-        """The name of the spring of largest deflection, and the deflection [m, rad].
+        """The name of the spring of largest deflection, and the deflection [m, rad]; None without springs.
 
-        Deflections are compared in rad and robot lengths.
+        Deflections in m are compared with those in rad as shares of the robot's length.
         """
         if self.motion is None or not self.motion.robot.n_e:
             return None
         robot = self.motion.robot
         times = np.linspace(0.0, self.motion.duration, MOTION_SAMPLES)
         largest = np.abs(self.motion.deflection(times)).max(axis=0)
-        k = np.argmax(largest / robot.column_scale[robot.elastic])
+        k = np.argmax(largest / robot.column_scale[robot.elastic])  # index of the spring
         return robot.elastic_names[k], float(largest[k])
-
-
-def measure_fall(motion: InverseDynamics) -> tuple[float, MotorControl | None]:
-    """Return `fall_exponent` of a motion, and the feedback that the motors need.
-
-    The motors have feedback only if the exponent is above MAX_FALL.
-    """
-    fall = fall_exponent(motion)
-    if fall <= MAX_FALL:
-        return fall, None
-    inertia = motor_inertia(motion.robot, motion.configuration(0.0)[0])
-    frequency = CONTROL_TO_FALL * fall / motion.duration  # [1/s]
-    return fall, MotorControl.of(inertia, frequency)
 
 
 @dataclass
 class ReferenceMotion:
-    """The motion of a study, and the highest model, in which all levels are simulated."""
+    """The motion of a study, and the highest model, in which the torques of all levels are simulated."""
 
-    plan: CrossingPlan
+    plan: CrossingPlan  # of the motion
     highest: ParallelRobot
-    tolerance: float
-    length: float  # of the path, turns multiplied by the robot's length [m]
-    times: Array  # (T,) [s]
-    peak: Array  # (n_a,) the largest torque of motors of the same unit
+    tolerance: float  # allowed error, as a share of the path's length and of the peak torque
+    length: float  # [m] of the path, with rotations multiplied by the robot's length
+    times: Array  # (T,) [s] instants at which errors are measured
+    peak: Array  # (n_a,) [N m, N] for each motor the largest planned torque of motors of the same unit
     fall: float  # time constants of the fall in the motion, see `open_loop.fall_exponent`
-    control: MotorControl | None  # of the motors, if the robot falls
+    control: MotorControl | None  # feedback of the motors, if the robot falls
     step_error: float = 0.0  # of integration steps [robot lengths]; set by the first simulation
     seconds: float = 0.0  # computing time of all simulations so far
 
     @classmethod
     def of(cls, plan: CrossingPlan, highest: ParallelRobot, tolerance: float) -> ReferenceMotion:
-        """Sample the motion of a plan, and tune controllers if the robot falls."""
+        """Choose the instants of a comparison, dense at crossings, and tune controllers if the robot falls.
+
+        Args:
+            plan: of the motion.
+            highest: the highest model of the robot.
+            tolerance: allowed error, as a share of the path's length and of the peak torque.
+        """
         duration = plan.duration
         offsets = np.concatenate([-NEAR_CROSSING, NEAR_CROSSING]) * duration
         instants_beside = [crossing.time + offsets for crossing in plan.crossings]
@@ -151,18 +133,22 @@ class ReferenceMotion:
     def compare_levels(self, motions: Iterable[tuple[str, LevelMotion]]) -> Iterator[Comparison]:
         """Yield the comparison of each level; levels with equal torques share a simulation.
 
+        Args:
+            motions: names and motions of the levels, the lowest first.
+
         Raises:
             InvalidInput: the robot cannot be simulated.
         """
         reference = self._simulate_reference()
         previous = None  # the comparison of the level below
-        unknown = np.full(len(self.times), np.nan)
+        unknown = np.full(len(self.times), np.nan)  # errors of a level without a motion
         for name, (motion, seconds, reason) in motions:
             level = LEVELS_BY_NAME[name]
             if motion is None:
                 comparison = Comparison(level, None, unknown, unknown, reason)
             elif previous is not None and self._is_equal(motion, previous.motion):
-                comparison = replace(previous, same_as=previous.same_as or previous.level.name)
+                lowest = previous.same_as or previous.level.name
+                comparison = replace(previous, same_as=lowest)
             elif self._is_equal(motion, self.plan.dynamics):
                 comparison = reference
             else:
@@ -171,14 +157,14 @@ class ReferenceMotion:
             yield previous
 
     def _simulate_reference(self) -> Comparison:
-        """Simulate the reference's own torques; choose the step error for all simulations.
+        """Simulate the plan's own torques; choose the step error for all simulations.
 
         The step error is the first of STEP_ERRORS, times the tolerance and the path's length, with which the
         platform stays on its path. If none is small enough, the last one is used.
         """
-        allowed = self.tolerance * self.length / self.highest.length
+        allowed = self.tolerance * self.length / self.highest.length  # platform error [robot lengths]
         for step_error in STEP_ERRORS:
-            self.step_error = max(step_error * allowed, MIN_STEP_ERROR)
+            self.step_error = max(step_error * allowed, CLOSED_LOOP)  # loops are closed no better
             own = self._simulate(LEVELS[-1], self.plan.dynamics)
             if own.platform <= OWN_ERROR * self.tolerance:
                 break
@@ -189,24 +175,28 @@ class ReferenceMotion:
         return other is not None and bool(self._torque_error(motion, other).max() <= EQUAL_TORQUES)
 
     def _torque_error(self, motion: InverseDynamics, reference: InverseDynamics) -> Array:
-        """Return the largest difference (T,) of two motions' smooth torques, relative to their peak."""
+        """Return the largest difference (T,) of the torques without dry friction, over their peaks."""
         torque = motion.torque_without_friction(self.times)
         difference = torque - reference.torque_without_friction(self.times)
         return (np.abs(difference) / self.peak).max(axis=1)
 
     def _simulate(self, level: Level, motion: InverseDynamics) -> Comparison:
-        """Compare a level with the reference by simulating its torques in the highest model."""
+        """Compare a level with the plan by simulating its torques in the highest model.
+
+        Args:
+            motion: with the torques of the level.
+        """
         platform_error, reason = np.full(len(self.times), np.nan), ""
         started = time.perf_counter()
         try:
-            run = self._simulate_motion(motion)
-            reached = self.times <= run.duration
+            simulation = self._simulate_motion(motion)
+            end = simulation.duration
+            reached = self.times <= end
             t = self.times[reached]
-            platform_error[reached] = self._platform_distance(run.configuration(t), motion.platform(t))
-            if run.occurrences:
-                s = float(motion.law(run.duration))
-                lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {run.duration:.4g} s"
-                reason = f"{lost}, s = {s:.4g}"
+            platform_error[reached] = self._platform_distance(simulation.configuration(t), motion.platform(t))
+            if simulation.occurrences:  # the event `lost` has ended the simulation
+                lost = f"{100 * self.lost:.3g} % off its path, and lost, at t = {end:.4g} s"
+                reason = f"{lost}, s = {float(motion.law(end)):.4g}"
         except NoAnswer as failure:
             reason = f"no simulation: {failure}"
         self.seconds += time.perf_counter() - started
@@ -214,7 +204,7 @@ class ReferenceMotion:
         return Comparison(level, motion, torque_error, platform_error, reason)
 
     def _simulate_motion(self, motion: InverseDynamics) -> Simulation:
-        """Simulate the highest model under the torques of a level, from rest.
+        """Simulate the highest model under the torques of a level's motion, from rest.
 
         The simulation ends when the platform's error reaches `lost`.
         """
@@ -240,14 +230,14 @@ class ReferenceMotion:
         )
 
     def _make_drive(self, motion: InverseDynamics) -> Drive:
-        """Return the drive with the torques of a level, plus controllers of the motors if any."""
+        """Return the drive with the torques of a level's motion, plus controllers of the motors if any."""
         robot, control = self.highest, self.control
         feedforward = Drive.of(robot, motion)
         if control is None:
             return feedforward
 
         def torque(t: Array, q: Array, v: Array) -> Array:
-            """Compute motor torques (T, n_a)."""
+            """Compute motor torques (T, n_a) at t (T,), q (T, nq) and v (T, nv)."""
             angle_error = motion.motor_angle(t) - robot.gear_ratio * robot.actuated_coordinates(q)
             speed_error = motion.motor_angle(t, 1) - robot.gear_ratio * v[:, robot.actuated]
             return feedforward.function(t, q, v) + control.torque(angle_error, speed_error)
@@ -255,7 +245,7 @@ class ReferenceMotion:
         return replace(feedforward, function=torque, feedback=True)
 
     def _platform_distance(self, q: Array, x: Array) -> Array:
-        """Return the distances (T,) [path lengths] of the platform at q (T, nq) from x (T, n)."""
+        """Return the distances (T,) of the platform at q (T, nq) from the pose x (T, n), in path lengths."""
         robot = self.highest
-        offset = robot.platform.residual(frames_at(robot, q), x) * coordinate_sizes(robot)
-        return np.linalg.norm(offset, axis=1) / self.length
+        offset = robot.platform.residual(frames_at(robot, q), x) / robot.platform_scale  # [robot lengths]
+        return np.linalg.norm(offset * robot.length, axis=1) / self.length

@@ -5,14 +5,14 @@ Open `plan` first: `plan_crossing` in four steps.
     1. options, request          the declaration of all options, and the checked record of one request
     2. crossing_points           the points of the path where condition (8) is to hold
        condition                 condition (8) there: alpha s" + beta s'^2 + gamma + delta s' = 0
-    3. polynomial, timing        the paper's law: one polynomial; times and speeds of its crossings
-       optimal/, specification   the law of free shape: the cone program, its goal and its limits
+    3. polynomial                the paper's law: one polynomial, with times and speeds of its crossings
+       optimal/                  the law of free shape: the cone program
     4. result                    a plan: law, crossings, torques (of `dynamics.inverse_dynamics`), certificate
 
-Beside them, `refusals/` lists every reason to refuse a plan. `feasibility` computes the acceleration that a
+Beside them, `refusals` lists every reason to refuse a plan. `feasibility` computes the acceleration that a
 singular point requires of any law, and the least duration. `path_modification` bends a path where nothing
-else helps. `neglected_effects` measures the torques that a plan leaves out; `model_on_motion` computes them
-with another model. `scenes` plans the scenes of a robot file, `plan_study` one motion for many values of
+else helps. `neglected_effects` measures the torques that a plan leaves out, by another model on the
+same motion. `scenes` plans the scenes of a robot file, `plan_study` one motion for many values of
 parameters. `saved` and `motion_table` write and read plan.json and motion.csv. `plan_facts` describes a plan
-in words. `planar_crossing` samples one crossing for a lesson. `motion_scales` has the scales of errors.
+in words. `planar_crossing` samples one crossing for a lesson.
 """

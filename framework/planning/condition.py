@@ -20,7 +20,7 @@ import numpy as np
 from framework.dynamics.forces import inertial_forces, static_forces
 from framework.errors import NoLaw, NotConverged, point
 from framework.kinematics.continuation.tracking import Branch
-from framework.kinematics.frames import difference, integrate
+from framework.kinematics.frames import integrate
 from framework.kinematics.inverse_kinematics import close_loops
 from framework.kinematics.linearised_loops import ClosedStack, LinearisedLoops, linearised_at
 from framework.kinematics.loop_matrices import type2_matrix
@@ -28,7 +28,6 @@ from framework.kinematics.motion_rates import Motion, joint_rates, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.path import time_derivatives
 from framework.numerics.arrays import Array
-from framework.planning.motion_scales import coordinate_sizes
 from framework.singularity.bordered_system import root_of_g
 from framework.singularity.points_on_path import SingularPoint
 from framework.singularity.type2 import least_controlled_motion, sign_along, uncontrolled_motion
@@ -54,7 +53,10 @@ class Condition8(NamedTuple):
         return not any(self)
 
     def acceleration(self, speed: Speed) -> Speed:
-        """Return the s" [1/s^2] that meets the condition at speeds s' [1/s]; 0 if any s" does."""
+        """Return the s" [1/s^2] that meets the condition at speeds s' [1/s]; 0 if any s" does.
+
+        alpha must not be zero, unless all coefficients are (see `require_effect`).
+        """
         if self.holds_anyway:
             return 0.0 * speed
         return -(self.beta * speed**2 + self.delta * speed + self.gamma) / self.alpha
@@ -76,17 +78,17 @@ class Deflection(NamedTuple):
 class CrossingPoint(NamedTuple):
     """A point of the path where condition (8) is to hold, of the deflected or the undeformed robot."""
 
-    s: float
-    kind: str
-    twist: Array  # (n,) t_s
+    s: float  # path coordinate
+    kind: str  # of the singularity, see `SingularPoint`
+    twist: Array  # (n,) t_s, pointing along the path
     motion: Array  # (nv,) joint rates of t_s with locked motors
-    q: Array  # (nq,)
+    q: Array  # (nq,) configuration
     corank: int = 1  # number of motions that escape at once; `motion` is one of them
     touches: bool = False  # whether the path touches the locus without crossing it
 
 
 def undeformed_crossing(singular: SingularPoint | CrossingPoint) -> CrossingPoint:
-    """Convert a singular point of the undeformed robot to a crossing point."""
+    """Return the crossing point at a singular point of the undeformed robot, or at an imposed point."""
     if isinstance(singular, CrossingPoint):  # imposed by the user
         return singular
     touches = singular.contact == "tangential"
@@ -108,65 +110,42 @@ def crossing_point(
 
     A point imposed by the user is returned unchanged; so is the point of a robot without deflections.
 
+    Args:
+        branch: poses of the undeformed robot along the path.
+        singular: the singular point of the undeformed robot, or a point imposed by the user.
+        deflection: deflections of the springs; None without.
+        s_guess: path coordinate at which the search begins.
+
     Raises:
         NoLaw: the deflected robot has no singular point there.
     """
     if isinstance(singular, CrossingPoint) or deflection is None or not len(deflection.value):
         return undeformed_crossing(singular)
-    robot, poses = branch.robot, _DeflectedPoses(branch, deflection)
-    root = root_of_g(lambda s: type2_matrix(robot, poses.close(s).linearised), s_guess)
+    robot = branch.robot
+    spring_step = np.zeros((1, robot.nv))
+    spring_step[:, robot.elastic] = deflection.value
+
+    def close(s: Array) -> ClosedStack:
+        """Close the loops of the deflected robot at s (k,), from the poses of the undeformed one."""
+        guess = integrate(robot, branch.guess(s), np.repeat(spring_step, len(s), axis=0))
+        return close_loops(robot, branch.path(s), guess)
+
+    root = root_of_g(lambda s: type2_matrix(robot, close(s).linearised), s_guess)
     if not root.converged:
         raise NoLaw(
             f"{robot.name}: the deflected robot has no singular point near s = {singular.s:.6g}; the "
             f"deflections are too large for the path to cross the locus there"
         )
-    closed = poses.predicted_pose(root.place)
+    closed = close(np.array([root.place]))
     twist, motion = least_controlled_motion(robot, closed.linearised)
     return _orient_along_path(branch, root.place, closed, twist, motion, singular.kind)
 
 
-class _DeflectedPoses:
-    """Poses along a path at constant deflections, each predicted from the last poses closed."""
-
-    def __init__(self, branch: Branch, deflection: Deflection) -> None:
-        """Start from the poses of the undeformed robot and deflect the springs."""
-        self._branch = branch
-        self._spring_step = np.zeros((1, branch.robot.nv))
-        self._spring_step[:, branch.robot.elastic] = deflection.value
-        # the last three s of `close`, ascending, and the poses there
-        self._closed: tuple[Array, ClosedStack] | None = None
-
-    def close(self, s: Array) -> ClosedStack:
-        """Close the loops at s (3,), an iterate of `root_of_g` with two neighbours."""
-        branch = self._branch
-        closed = close_loops(branch.robot, branch.path(s), self._predict(s))
-        self._closed = s, closed
-        return closed
-
-    def predicted_pose(self, s: float) -> ClosedStack:
-        """Predict the pose at s from the last poses closed.
-
-        The loops stay closed but for rounding, since the step along the tangent is short.
-        """
-        branch, s_row = self._branch, np.array([s])
-        q, x = self._predict(s_row), branch.path(s_row)
-        return ClosedStack(q, x, linearised_at(branch.robot, q, x))
-
-    def _predict(self, s: Array) -> Array:
-        """Predict configurations (k, nq) at s (k,) along the tangent of the last poses."""
-        branch, robot = self._branch, self._branch.robot
-        if self._closed is None:
-            return integrate(robot, branch.guess(s), np.repeat(self._spring_step, len(s), axis=0))
-        (s_left, s_middle, s_right), last = self._closed
-        q_left, q_middle, q_right = last.q
-        tangent = difference(robot, q_left, q_right[None]) / (s_right - s_left)  # dq/ds (1, nv)
-        return integrate(robot, q_middle, (s - s_middle)[:, None] * tangent)
-
-
 def imposed_point(branch: Branch, s: float) -> CrossingPoint:
-    """Return the crossing point imposed at s, singular or not.
+    """Return the crossing point that the user imposes at s.
 
-    With rounded data an imposed point lies beside the singular one.
+    The pose there need not be singular: with rounded data it lies beside the singular one. t_s is then the
+    motion that the motors control least.
     """
     closed = branch.close(s)
     kind, twist, motion, _corank = uncontrolled_motion(branch.robot, closed.linearised)
@@ -176,7 +155,13 @@ def imposed_point(branch: Branch, s: float) -> CrossingPoint:
 def _orient_along_path(
     branch: Branch, s: float, closed: ClosedStack, twist: Array, motion: Array, kind: str
 ) -> CrossingPoint:
-    """Return the crossing point at s, with twist and motion signed along the path."""
+    """Return the crossing point at s, with twist t_s and its joint rates signed along the path.
+
+    Args:
+        closed: the one pose at s.
+        twist, motion: t_s (n,) and its joint rates (nv,), of either sign.
+        kind: of the singularity.
+    """
     sign = sign_along(twist, branch.robot.platform.path_twist(branch.path, s))
     return CrossingPoint(s, kind, sign * twist, sign * motion, closed.q[0])
 
@@ -194,7 +179,11 @@ def condition_at(branch: Branch, crossing: CrossingPoint, deflection: Deflection
 def require_effect(
     branch: Branch, crossing: CrossingPoint, condition: Condition8, deflection: Deflection | None
 ) -> Condition8:
-    """Return `condition` unchanged; refuse a condition that no s" meets.
+    """Return a condition (8) unchanged; refuse a condition that no s" meets.
+
+    Args:
+        crossing: the point at which the condition holds.
+        deflection: deflections for which the condition was computed; None without.
 
     Raises:
         NoLaw: s" has no effect on t_s . W_p (alpha = 0), so that no law can meet the condition.
@@ -231,13 +220,14 @@ def coefficients_at(branch: Branch, crossing: CrossingPoint, deflection: Deflect
     deflection = deflection if robot.n_e else None
     linearised = linearised_at(robot, crossing.q[None], branch.path(crossing.s)[None])
     wrenches = branch.wrenches.evaluate(robot, linearised.frames, np.array([crossing.s]))
-    static = static_forces(robot, crossing.q[None], wrenches)[0]
+    static = static_forces(robot, crossing.q[None], wrenches)[0]  # (nv,)
     probe_speed = _matching_speed(branch, crossing, linearised, deflection)
     motion = _probe_motions(branch, crossing, linearised, deflection, probe_speed)
     rigid_terms, elastic_terms = _joint_powers(robot, crossing.motion, motion, static, probe_speed)
     values = rigid_terms.sum(axis=1)  # alpha, beta, gamma, delta
-    values[2:] += elastic_terms.sum(axis=1)
+    values[2:] += elastic_terms.sum(axis=1)  # of gamma and delta
 
+    # a coefficient that is small against the sizes of its terms is rounding
     largest_rate = np.abs(motion.v[1] / robot.column_scale).max()  # of dq/ds: motion 1 has s' = 1
     sizes = np.maximum(bounds_of_terms(branch, crossing, largest_rate), np.abs(rigid_terms).sum(axis=1))
     sizes[2:] += np.abs(elastic_terms).sum(axis=1)
@@ -258,17 +248,19 @@ def _joint_powers(
     Args:
         escape: joint rates (nv,) of the uncontrolled motion.
         motion: the five motions of `_probe_motions`.
-        static: forces (nv,) at rest.
+        static: forces (nv,) of weight and external wrenches at rest.
+        probe_speed: s' [1/s] of the fourth motion.
 
     Returns:
         Powers (4, nv) with springs at rest, for alpha, beta, gamma and delta, and the additional powers
         (2, nv) of moving springs, for gamma and delta.
     """
-    damping = robot.joint_damping * motion.v * escape  # (5, nv)
+    # powers (nv,) of the inertial forces in each motion, and of damping in the motions 1 and 2
     by_acceleration, by_speed, by_springs, forwards, backwards = inertial_forces(robot, motion) * escape
+    damping_by_speed, damping_by_springs = robot.joint_damping * motion.v[1:3] * escape
     bilinear = 0.5 * (forwards - backwards) / probe_speed
-    rigid = np.array([by_acceleration, by_speed, static * escape, damping[1]])
-    return rigid, np.array([by_springs + damping[2], bilinear])
+    rigid = np.array([by_acceleration, by_speed, static * escape, damping_by_speed])
+    return rigid, np.array([by_springs + damping_by_springs, bilinear])
 
 
 def _probe_motions(
@@ -278,7 +270,7 @@ def _probe_motions(
     deflection: Deflection | None,
     probe_speed: float,
 ) -> Motion:
-    """Compute five motions that separate the terms of condition (8).
+    """Compute five motions at a crossing point that separate the terms of condition (8).
 
     motion   s"   s'            springs
     0        1    0             at rest
@@ -288,8 +280,8 @@ def _probe_motions(
     4        0    -probe_speed  with the rates of the deflections
     """
     robot = branch.robot
-    accelerations = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-    speeds = np.array([0.0, 1.0, 0.0, probe_speed, -probe_speed])
+    accelerations = np.array([1.0, 0.0, 0.0, 0.0, 0.0])  # s"
+    speeds = np.array([0.0, 1.0, 0.0, probe_speed, -probe_speed])  # s'
     elastic_rates, elastic_accelerations = np.zeros((2, 5, robot.n_e))
     if deflection is not None:
         elastic_rates[2:] = deflection.rate
@@ -301,7 +293,7 @@ def _probe_motions(
 
 
 def remove_rounding(values: Array, sizes: Array, alpha: int) -> Array:
-    """Set coefficients (k,) of condition (8) to zero where no larger than rounding.
+    """Set coefficients (k,) of condition (8) that are no larger than rounding to zero.
 
     Where s" has no effect, no motion can compensate the other coefficients. They then count as rounding up to
     a larger share of their terms.
@@ -323,18 +315,19 @@ def bounds_of_terms(branch: Branch, crossing: CrossingPoint, rate: float) -> Arr
     like the platform and, for beta, at the end of a joint of the robot's length.
 
     Args:
+        crossing: the point of the path at which the condition holds.
         rate: the largest dq/ds of a joint [rad, robot lengths].
     """
     robot = branch.robot
-    units = coordinate_sizes(robot)  # (n,) [m]
-    tangent = np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max()
-    escape = np.abs(crossing.twist * units).max()
-    weight = robot.mass * np.linalg.norm(robot.model.gravity.linear)
+    units = robot.length / robot.platform_scale  # [m] per unit of each platform coordinate
+    tangent = np.abs(robot.platform.path_twist(branch.path, crossing.s) * units).max()  # [m] of dx/ds
+    escape = np.abs(crossing.twist * units).max()  # of t_s
+
+    load = robot.mass * np.linalg.norm(robot.model.gravity.linear)  # [N] weight and external wrenches
     for wrench in branch.wrenches.entries:
         force, moment = np.linalg.norm(wrench(np.array([crossing.s])).reshape(2, 3), axis=1)
-        weight += force + moment / robot.length
-    alpha, beta = robot.mass * tangent, robot.mass * robot.length * rate**2
-    return escape * np.array([alpha, beta, weight, 0.0])
+        load += force + moment / robot.length
+    return escape * np.array([robot.mass * tangent, robot.mass * robot.length * rate**2, load, 0.0])
 
 
 def _matching_speed(
@@ -348,7 +341,7 @@ def _matching_speed(
     if deflection is None:
         return 1.0
     robot = branch.robot
-    scale = robot.column_scale
+    scale = robot.column_scale  # makes rates of sliding and turning joints comparable
     twist = robot.platform.path_twist(branch.path, crossing.s)
     tangent = joint_rates(robot, linearised, twist[None])  # dq/ds (1, nv)
     path_rate = np.abs(tangent / scale).max()

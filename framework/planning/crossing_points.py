@@ -1,10 +1,15 @@
-"""The points of a path where condition (8) is to hold, and the refusal of points that no law can cross."""
+"""The points of a path where condition (8) is to hold, and the refusal of points that no law can cross.
+
+Condition (8) keeps the motors' torques finite at a Type 2 singularity (`planning.condition`). The poses with
+such a singularity form the locus.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from framework.dynamics.singularity_crossings import check_kind
 from framework.errors import InvalidInput, NoLaw
@@ -17,16 +22,24 @@ from framework.planning.condition import (
     imposed_point,
     undeformed_crossing,
 )
-from framework.planning.refusals.refusal_proofs import UnmetCondition
+from framework.planning.refusals import UnmetCondition
 from framework.planning.request import Request
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
 from framework.tolerances import SAME_PLACE
+
+
+class CrossingTime(NamedTuple):
+    """The time [s] and speed s' [1/s] of a crossing."""
+
+    time: float
+    speed: float
 
 
 @dataclass(frozen=True, eq=False)
 class PathToCross:
     """A path, its singular points, and the points where condition (8) is to hold.
 
+    crossing_points: those points, singular ones of the undeformed robot or imposed by the user.
     explained: whether a refusal also searches for limits and a duration within which a law exists.
     """
 
@@ -68,7 +81,7 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
         if speeds:
             raise InvalidInput(f"speeds: got {len(speeds)}, but times is empty: no crossing is asked for")
         return PathToCross(searched, ())
-    count = len(searched.points if imposed is None else imposed)
+    count = len(searched.points if imposed is None else imposed)  # of the points to cross
     for name, values in (("times", times), ("speeds", speeds)):
         if values is not None and len(values) != count:
             listed = ", ".join(f"{value:g}" for value in values)
@@ -83,7 +96,12 @@ def path_to_cross(searched: SearchedPath, request: Request) -> PathToCross:
 
 
 def _count_points(points: tuple[SingularPoint, ...], imposed: Sequence[float] | None) -> str:
-    """Return the number of imposed or singular points in words; list the s of singular points."""
+    """Return the number of points to cross, in words; list the s of singular points.
+
+    Args:
+        points: the singular points.
+        imposed: s of the points imposed by the user; None if the singular points are to be crossed.
+    """
     if imposed is not None:
         return f"{len(imposed)} imposed by `at`"
     text = f"{len(points)} singular point{'s' * (len(points) != 1)} on the path"

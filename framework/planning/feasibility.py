@@ -1,8 +1,10 @@
 """Condition (8) of the undeformed robot at a singular point, and its consequences for every law.
 
-In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion. alpha is due
-to the acceleration s", beta to the curvature of the path and to joint rates, gamma to weight, joint springs
-and external wrenches, and delta to viscous damping.
+In alpha s" + beta s'^2 + gamma + delta s' = 0 each term is a power in the uncontrolled motion, which locked
+motors do not prevent; t_s is the platform's twist in this motion, and W_p the wrench that the motion requires
+on the platform. s' and s" are derivatives of the path coordinate s over time. alpha is due to the
+acceleration s", beta to the curvature of the path and to joint rates, gamma to weight, joint springs and
+external wrenches, and delta to viscous damping.
 """
 
 from __future__ import annotations
@@ -20,13 +22,11 @@ from framework.laws.optimal_law import HIGHEST_SMOOTHNESS
 from framework.numerics.arrays import Array
 from framework.planning.condition import Condition8, coefficients_at, undeformed_crossing
 from framework.planning.crossing_points import PathToCross, is_at_path_end
-from framework.planning.motion_scales import coordinate_sizes
-from framework.planning.request import Request
-from framework.planning.specification import specification_of
+from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import SearchedPath, SingularPoint
+from framework.tolerances import RANK_ROUNDING
 
 LARGE_CURVATURE = 4.0  # of |s"| / s'^2; polynomial laws reach no larger values
-VECTOR_ROUNDING = 1e-12  # [robot lengths, rad] norm of a motion of unit size, below which it counts as zero
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,10 @@ class Feasibility:
 
     @property
     def steady_speed(self) -> float | None:
-        """The least s' > 0 [1/s] that meets condition (8) at s" = 0, or None."""
+        """The least s' > 0 [1/s] that meets condition (8) at s" = 0, or None.
+
+        It is a root of beta s'^2 + delta s' + gamma.
+        """
         _alpha, beta, gamma, delta = self.condition
         discriminant = delta**2 - 4.0 * beta * gamma
         roots = []
@@ -103,7 +106,7 @@ class Feasibility:
 
     @property
     def sentence(self) -> str:
-        """The condition, the required s", and the consequences for path and speed, in one line."""
+        """The condition, the required s", and the consequences for path and speed, in one line of text."""
         alpha, beta, gamma, delta = self.condition
         damping = f", delta = {delta:.6g}" if delta else ""
         clauses = "; ".join([self._demand_text(), *self._consequence_texts()])
@@ -164,8 +167,8 @@ class Feasibility:
 def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | None:
     """Compute condition (8) at a singular point, with its geometric causes.
 
-    None where several motions escape, so that one condition is not enough, and where the singularity is not
-    of Type 2, so that the condition does not apply.
+    The result is None where several motions escape, so that one condition is not enough, and where the
+    singularity is not of Type 2, so that the condition does not apply.
     """
     if singular.corank > 1:
         return None
@@ -177,13 +180,13 @@ def feasibility_at(branch: Branch, singular: SingularPoint) -> Feasibility | Non
     crossing = undeformed_crossing(singular)
     condition = coefficients_at(branch, crossing, deflection=None)
     centre_jacobian = pin.jacobianCenterOfMass(robot.model, robot.model.createData(), crossing.q)
-    centre_velocity = centre_jacobian @ crossing.motion
-    size, tangent = coordinate_sizes(robot), robot.platform.path_twist(branch.path, crossing.s)
+    centre_velocity = centre_jacobian @ crossing.motion  # (3,) in the uncontrolled motion
+    tangent = robot.platform.path_twist(branch.path, crossing.s)
     return Feasibility(
         crossing.s,
         condition,
         weight_share=_cosine(robot.model.gravity.linear, centre_velocity / robot.length),
-        tangent_share=_cosine(tangent * size, crossing.twist * size),
+        tangent_share=_cosine(tangent / robot.platform_scale, crossing.twist / robot.platform_scale),
         wrenches=bool(branch.wrenches.entries),
     )
 
@@ -196,10 +199,10 @@ def feasibility_on_path(searched: SearchedPath) -> tuple[Feasibility | None, ...
 def _cosine(a: Array, b: Array) -> float:
     """Compute |cos| of the angle between vectors a and b; 0 if either vanishes.
 
-    b is of unit size unless it vanishes, and vanishes only up to rounding.
+    b is part of a motion of unit size, so it vanishes where it is no larger than rounding.
     """
     norm_a, norm_b = np.linalg.norm(a), np.linalg.norm(b)
-    if norm_a == 0.0 or norm_b <= VECTOR_ROUNDING:
+    if norm_a == 0.0 or norm_b <= RANK_ROUNDING:
         return 0.0
     return float(abs(a @ b) / (norm_a * norm_b))
 

@@ -35,7 +35,7 @@ class MotionTable(NamedTuple):
     """Samples of a motion: one row for each instant, one entry for each column."""
 
     columns: tuple[Column, ...]
-    rows: Array
+    rows: Array  # (T, number of columns) in the units of the columns
 
     @property
     def names(self) -> list[str]:
@@ -97,27 +97,20 @@ def motion_table(
     Raises:
         InvalidInput: a column is unknown; the message lists the valid ones.
     """
-    robot = dynamics.robot
-    coordinates, passive = robot.coordinates, robot.passive
-    positions = coordinates.positions(dynamics.configuration(times))
-    velocities = coordinates.to_file_axes(dynamics.velocity(times, 1))
-    accelerations = coordinates.to_file_axes(dynamics.velocity(times, 2))
-    values = [  # in the order of `motion_columns`, each (T, k)
-        np.stack([times, *law_derivatives(dynamics.law, times)], axis=1),
-        dynamics.platform(times),
-        dynamics.motor_angle(times),
-        dynamics.torque(times),
-        dynamics.deflection(times),
-        dynamics.platform(times, 1),
-        dynamics.platform(times, 2),
-        dynamics.motor_angle(times, 1),
-        dynamics.motor_angle(times, 2),
-        dynamics.deflection(times, 1),
-        dynamics.deflection(times, 2),
-        positions[:, passive],
-        velocities[:, passive],
-        accelerations[:, passive],
+    robot, coordinates = dynamics.robot, dynamics.robot.coordinates
+    joints = [  # each (T, nv): positions, velocities, accelerations
+        coordinates.positions(dynamics.configuration(times)),
+        coordinates.to_file_axes(dynamics.velocity(times, 1)),
+        coordinates.to_file_axes(dynamics.velocity(times, 2)),
     ]
+    # in the order of `motion_columns`, each (T, number of components)
+    values = [np.stack([times, *law_derivatives(dynamics.law, times)], axis=1)]
+    values += [dynamics.platform(times), dynamics.motor_angle(times)]
+    values += [dynamics.torque(times), dynamics.deflection(times)]
+    for quantity in (dynamics.platform, dynamics.motor_angle, dynamics.deflection):
+        values += [quantity(times, 1), quantity(times, 2)]
+    values += [joint[:, robot.passive] for joint in joints]
+
     all_columns = motion_columns(robot)
     chosen = select_columns(all_columns, columns)
     rows = np.concatenate(values, axis=1)[:, chosen]
@@ -145,7 +138,7 @@ def select_columns(columns: Sequence[Column], wanted: Sequence[str] | None) -> l
 
 def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
     """Return the columns of motion.csv, in their order."""
-    # names and units of the components of each quantity
+    # names and units of the components of each quantity; those without a motor are called passive
     axes = robot.axis_names, robot.axis_units
     forces = robot.actuator_names, robot.torque_units
     motors = robot.actuator_names, ["m" if unit == "N" else "rad" for unit in robot.torque_units]
@@ -176,13 +169,24 @@ def motion_columns(robot: ParallelRobot) -> tuple[Column, ...]:
 def _quantity_columns(
     prefix: str, names_and_units: NamesAndUnits, description: str, order: int = 0
 ) -> list[Column]:
-    """Return a column for each name and unit; units are divided by s^order."""
+    """Return a column for each component of a quantity or of its time derivative.
+
+    Args:
+        prefix: of the columns' names.
+        names_and_units: of the components.
+        order: of the time derivative; the units are divided by s^order.
+    """
     pairs = zip(*names_and_units, strict=True)
     return [Column(f"{prefix}_{name}", f"{unit}{RATES[order]}", description) for name, unit in pairs]
 
 
 def _rate_columns(prefix: str, names_and_units: NamesAndUnits, description: str) -> list[Column]:
-    """Return the columns of the first and second time derivatives of a quantity."""
+    """Return the columns of the first and second time derivatives of a quantity.
+
+    Args:
+        prefix, names_and_units: as for `_quantity_columns`.
+        description: of the quantity, beginning with `of`.
+    """
     derivative = f"time derivative {description}"
     return [
         *_quantity_columns(f"{prefix}_velocity", names_and_units, derivative, 1),

@@ -1,36 +1,324 @@
-"""The effects that a motion's torques leave out, each with the motor torque that it would add.
+"""The effects that a motion's torques leave out, measured by another model on nearly the same motion.
+
+The other model has its own condition (8) and, with springs, its own singular points on the path. So the law
+is corrected by polynomials of least degree. The corrected law passes the model's singular points at the
+planned instants and speeds, with the accelerations that the model's condition (8) requires. The model's
+torques are then bounded, and their difference from the motion's is the effect that the motion leaves out.
+The corrections vanish at both ends, with as many derivatives as the laws of elastic robots if one of the two
+models has springs. A polynomial that is as smooth at its ends becomes the polynomial with which the model
+itself would be planned, for the same instants and speeds of the crossings.
+
+`neglected_effects` lists the effects, each with the motor torque that it would add:
 
 * Springs left rigid, geometry and inertia of the deflections, dry friction: the number is the difference of
-  the torques of the model with and without the effect (`model_on_motion`).
+  the torques of the model with and without the effect.
 * Idle turns: the number is the torque that would hold them, which the certificate contains.
 * Parts of a foreign file that its reader left out: there is no number.
 
 Masses without which the robot was made, as at the lower levels of fidelity, are not listed: the robot does
-not know of them.
+not know of them. `framework.fidelity` compares the same torques between its levels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import cache, partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from framework.dynamics.result import InverseDynamics
-from framework.errors import NoAnswer
+from framework.dynamics.elastic_pass import Pass, evaluate_pass
+from framework.dynamics.forces import balanced_forces, motor_torque, tree_forces
+from framework.dynamics.inverse_dynamics import resolve
+from framework.dynamics.motor_friction import speed_signs
+from framework.dynamics.result import InverseDynamics, SingularityCrossing
+from framework.errors import NoAnswer, NoLaw, NotConverged
 from framework.kinematics.idle_turns import driven_turns
 from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import (
+    ExactLaw,
+    Law,
+    MotionLaw,
+    conditions_at_instants,
+    edges_of,
+    law_derivatives,
+)
 from framework.model.description import FLEXIBILITIES
-from framework.numerics.arrays import Array
-from framework.planning.model_on_motion import ModelOnMotion
-from framework.planning.motion_scales import largest_by_unit
-from framework.tolerances import TORQUE_TAIL
+from framework.numerics.arrays import Array, ArrayLike
+from framework.numerics.chebyshev import TimeFunction, TimeGrid
+from framework.planning.condition import Deflection, condition_at, crossing_point
+from framework.planning.refusals import check_advance
+from framework.planning.request import SMOOTHNESS, largest_by_unit
+from framework.singularity.points_on_path import SearchedPath, search_path
+from framework.tolerances import RESOLVABLE_TAIL, SAME_PLACE, TORQUE_TAIL
 
+CORRECTED_SHARE = 0.9  # half-width of a local correction divided by the time to the next crossing or end
 MAX_NAMES = 4  # of springs or idle turns that are listed by name
 
-# Each effect in words, with a function that computes the torques (T, n_a) it adds, or raises NoAnswer.
+
+# ------------------------------------------------------------------ the corrected law
+
+
+@dataclass(frozen=True)
+class CorrectedLaw(ExactLaw):
+    """A law plus correction polynomials, each of which vanishes at both of its ends."""
+
+    law: MotionLaw
+    corrections: Mapping[float, Law]  # by the instant [s] at which the correction and its time begin
+
+    @staticmethod
+    def of(law: MotionLaw, times: Array, changes: Array, smoothness: int) -> CorrectedLaw:
+        """Correct a law so that s, s' and s" change by given amounts at given instants.
+
+        Args:
+            times: instants (k,) [s], ascending.
+            changes: amounts (k, 3) for s, s' and s".
+            smoothness: order up to which derivatives of a correction vanish at its ends.
+        """
+        corrections = {}
+        for start, end in _correction_intervals(law, times):
+            inside = (start < times) & (times < end)
+            inner = conditions_at_instants(times[inside] - start, changes[inside])
+            ends = conditions_at_instants([0.0, end - start], np.zeros((2, smoothness + 1)))
+            corrections[start] = Law.from_conditions([*ends, *inner], end - start)
+        return CorrectedLaw(law, corrections)
+
+    @property
+    def duration(self) -> float:
+        """The duration of the law [s]."""
+        return self.law.duration
+
+    @property
+    def edges(self) -> Array:
+        """Instants (k,) [s] between which the law is smooth; empty without panels."""
+        edges = edges_of(self.law)
+        if not len(edges):
+            return edges
+        ends = [[start, start + polynomial.duration] for start, polynomial in self.corrections.items()]
+        return np.unique(np.concatenate([edges, *ends]))
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Return s(t) or its derivative [1/s^order], with the shape of t."""
+        values = np.array(self.law(t, order))
+        for start, polynomial in self.corrections.items():
+            time = np.asarray(t) - start  # since the beginning of the correction
+            inside = (time >= 0.0) & (time <= polynomial.duration)
+            values[inside] += polynomial(time[inside], order)
+        return values
+
+
+def _correction_intervals(law: MotionLaw, times: Array) -> list[tuple[float, float]]:
+    """Return the start and end [s] of each correction of a law that crosses at times (k,).
+
+    A law without panels, such as the polynomial, has one correction over the whole motion, so that the sum is
+    the polynomial with which the model would be planned. Any other law has one correction around each
+    crossing: for a crossing near an end of the motion, a single correction would be large far away from it.
+    """
+    if not len(edges_of(law)):
+        return [(0.0, law.duration)]
+    gaps = np.diff([0.0, *times, law.duration])
+    half_widths = CORRECTED_SHARE * np.minimum(gaps[:-1], gaps[1:])
+    return list(zip(times - half_widths, times + half_widths, strict=True))
+
+
+# ------------------------------------------------------------------ another model on the motion
+
+
+@dataclass(frozen=True, eq=False)
+class ModelOnMotion:
+    """A motion with its torques, and its path searched with another model of the robot.
+
+    dynamics: the motion with the torques of its own model.
+    searched: the path of the motion, followed with the other model.
+    friction: dry friction (nv,) [N m or N] of the joints in the other model; None without.
+    """
+
+    dynamics: InverseDynamics
+    searched: SearchedPath
+    friction: Array | None = None
+
+    @classmethod
+    def of(
+        cls, dynamics: InverseDynamics, robot: ParallelRobot, *, friction: Array | None = None
+    ) -> ModelOnMotion:
+        """Search the path of a motion with another model of the robot, its joints with this friction.
+
+        Raises:
+            NoAnswer: the model cannot follow the path.
+        """
+        return cls(dynamics, search_path(robot, dynamics.path).under(dynamics.wrenches), friction)
+
+    @property
+    def robot(self) -> ParallelRobot:
+        """The other model."""
+        return self.searched.branch.robot
+
+    @property
+    def grid(self) -> TimeGrid:
+        """The nodes in time on which the torques of the motion were computed."""
+        torques = self.dynamics.torques
+        return TimeGrid(torques.edges, torques.coefficients.shape[1])
+
+    def known_deflections(self) -> Array:
+        """Return the deflections (T, n_e) at which the forces of the motion were computed.
+
+        Springs that only the other model has do not deflect, nor does any under rigid geometry.
+        """
+        dynamics, robot = self.dynamics, self.robot
+        deflections = np.zeros((len(self.grid.times), robot.n_e))
+        if dynamics.geometry == "deformed":
+            columns = [robot.elastic_names.index(name) for name in dynamics.robot.elastic_names]
+            deflections[:, columns] = dynamics.deflection(self.grid.times)
+        return deflections
+
+    @cached_property
+    def first_pass(self) -> Pass:
+        """Motion and forces of the other model at the known deflections.
+
+        Raises:
+            NoAnswer: as `compute_pass`.
+        """
+        return self.compute_pass(self.known_deflections())
+
+    def resolve(self, geometry: str) -> InverseDynamics:
+        """Compute the model's certified torques under the corrected law, without dry friction.
+
+        Args:
+            geometry: "rigid" or "deformed", as for `inverse_dynamics`.
+
+        Raises:
+            NoAnswer: no correction of the law makes the torques bounded, or they cannot be resolved.
+        """
+        at_rest = self.grid.fit(np.zeros((len(self.grid.times), self.robot.n_e)))
+
+        def choose_law(deflections: TimeFunction | None, _: MotionLaw | None) -> CorrectedLaw:
+            """Correct the law for the deflections, which rigid geometry ignores."""
+            if deflections is None or geometry == "rigid":
+                deflections = at_rest
+            return self._correct_law(deflections)
+
+        return resolve(self.searched, choose_law, geometry=geometry, tolerance=TORQUE_TAIL, friction="none")
+
+    @property
+    def planned_torque(self) -> Array:
+        """The planned torques (T, n_a) [N m or N] at the nodes, without dry friction."""
+        return self.dynamics.torque_without_friction(self.grid.times)
+
+    def compute_pass(self, deflections: Array) -> Pass:
+        """Compute motion and forces at the nodes for deflections (T, n_e) under the corrected law.
+
+        The deflections are not iterated, so that torques from this pass are estimates of first order.
+
+        Raises:
+            NoAnswer: no correction of the law makes the torques bounded.
+        """
+        series = self.grid.fit(deflections)
+        law = self._correct_law(series)
+        return evaluate_pass(self.searched.branch, self.grid, law, series, None)
+
+    def torque(self, evaluated: Pass) -> Array:
+        """Compute the motors' torques (T, n_a) [N m or N] of a pass at the nodes.
+
+        Torques with dry friction jump where a joint changes direction, and the tail of a series cannot tell
+        a pole from a jump. So the check for a pole uses a smooth friction, which equals the dry friction at
+        the crossings: condition (8) contains it there.
+
+        Raises:
+            NotConverged: the torques have a pole.
+        """
+        smooth = 0.0 if self.friction is None else self.friction * self._smooth_signs()
+        torque = self._torque_with_friction(evaluated, smooth)
+        tail = self.grid.fit(torque).tail
+        if not tail <= RESOLVABLE_TAIL:
+            raise NotConverged("the torques of the other model have a pole on this motion", residual=tail)
+        if self.friction is None:
+            return torque
+        dry = self.friction * speed_signs(evaluated.motion.v / self.robot.column_scale)
+        return self._torque_with_friction(evaluated, dry)
+
+    def _smooth_signs(self) -> Array:
+        """Compute polynomials (T, nv) through the signs of joint rates at crossings; 0 without crossings."""
+        from scipy.interpolate import KroghInterpolator  # takes time to import
+
+        times = np.array([crossing.time for crossing in self.dynamics.crossings])
+        if not len(times):
+            return np.zeros((len(self.grid.times), self.robot.nv))
+        return np.asarray(KroghInterpolator(times, self._rate_signs(times))(self.grid.times))
+
+    def _torque_with_friction(self, evaluated: Pass, friction: Array | float) -> Array:
+        """Compute motor torques (T, n_a) of a pass with friction (T, nv) [N m, N] at the joints."""
+        robot, motion = self.robot, evaluated.motion
+        forces = tree_forces(robot, motion) + friction
+        return motor_torque(robot, motion, balanced_forces(robot, motion.linearised, forces).joint_torque)
+
+    def _rate_signs(self, times: Array) -> Array:
+        """Compute the signs (k, nv) of the joint rates at instants (k,) [s]."""
+        return speed_signs(self.dynamics.velocity(times) / self.robot.column_scale)
+
+    def _correct_law(self, deflections: TimeFunction) -> CorrectedLaw:
+        """Correct the law to meet the model's condition (8) under deflections over time.
+
+        At each crossing, s, s' and s" change from the planned values to those of `_correct_crossing`.
+
+        Args:
+            deflections: deflections (n_e) [m, rad] as a function of time.
+
+        Raises:
+            NoAnswer: as `_correct_crossing`; two crossings meet one singular point; the law turns back.
+        """
+        law, crossings = self.dynamics.law, self.dynamics.crossings
+        times = np.array([crossing.time for crossing in crossings])
+        planned = np.transpose(law_derivatives(law, times))  # (k, 3): s, s', s"
+        corrected = planned.copy()
+        for row, crossing in zip(corrected, crossings, strict=True):
+            row[:] = self._correct_crossing(crossing, row, deflections)
+        if not np.all(np.diff(corrected[:, 0]) > SAME_PLACE):
+            raise NotConverged("crossings of the motion meet the same singular point of the model")
+        has_springs = self.robot.n_e + self.dynamics.robot.n_e > 0
+        corrected_law = CorrectedLaw.of(law, times, corrected - planned, SMOOTHNESS[has_springs])
+        try:
+            check_advance(corrected_law, list(corrected[:, 0]), self.robot.name)
+        except NoLaw as refusal:
+            raise NotConverged(f"the corrected law turns back: {refusal}") from None
+        return corrected_law
+
+    def _correct_crossing(
+        self, crossing: SingularityCrossing, planned: Array, deflections: TimeFunction
+    ) -> tuple[float, float, float]:
+        """Compute s, s' and s" that the model needs at the instant of a crossing.
+
+        s' stays as planned. Dry friction adds its power in the uncontrolled motion to gamma of condition (8).
+
+        Args:
+            planned: s, s' and s" (3,) of the planned law.
+            deflections: deflections (n_e) [m, rad] as a function of time.
+
+        Raises:
+            NoAnswer: the model has no such singular point, or no s" meets its condition (8).
+        """
+        branch = self.searched.branch
+        _s, speed, acceleration = planned
+        singular = min(self.searched.points, key=lambda point: abs(point.s - crossing.s), default=None)
+        if singular is None or singular.corank > 1:
+            raise NotConverged("the model has no simple singular point at the crossing")
+        deflection = Deflection.evaluate(deflections, crossing.time)
+        point = crossing_point(branch, singular, deflection, crossing.s)
+        condition = condition_at(branch, point, deflection)
+        if self.friction is not None:
+            friction = self.friction * self._rate_signs(np.array([crossing.time]))[0]
+            condition = condition._replace(gamma=condition.gamma + friction @ point.motion)
+        if not condition.holds_anyway:
+            if condition.alpha == 0.0:
+                raise NotConverged("no acceleration at the crossing meets the model's condition (8)")
+            acceleration = condition.acceleration(speed)
+        return point.s, speed, acceleration
+
+
+# ------------------------------------------------------------------ the effects
+
+# Effects in words, each with a function that computes the torques (T, n_a) it adds, or raises NoAnswer.
 Differences = Iterator[tuple[str, Callable[[], Array]]]
 
 
@@ -59,14 +347,15 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
     robot = dynamics.robot
     times = np.linspace(0.0, dynamics.duration, 501)
     peaks = largest_by_unit(robot, np.abs(dynamics.torque(times)).max(axis=0))
-    differences = [*_spring_differences(dynamics), *_friction_differences(dynamics)]
     effects = [
-        *(_measure_effect(robot, peaks, *difference) for difference in differences),
-        *_idle_turn_effects(dynamics, peaks),
-        *map(NeglectedEffect, robot.description.left_out),
+        _measure_effect(robot, peaks, effect, difference)
+        for effect, difference in chain(_spring_differences(dynamics), _friction_differences(dynamics))
     ]
+    effects += _idle_turn_effects(dynamics, peaks)
+    effects += map(NeglectedEffect, robot.description.left_out)
+
     unknown = [effect for effect in effects if effect.share is None]
-    resolved = max(TORQUE_TAIL, dynamics.certificate.tail)
+    resolved = max(TORQUE_TAIL, dynamics.certificate.tail)  # smaller shares are errors of the series
     measured = [effect for effect in effects if (effect.share or 0.0) > resolved]
     return (*sorted(measured, key=lambda effect: -(effect.share or 0.0)), *unknown)
 
@@ -74,9 +363,14 @@ def neglected_effects(dynamics: InverseDynamics) -> tuple[NeglectedEffect, ...]:
 def _measure_effect(
     robot: ParallelRobot, peaks: Array, effect: str, difference: Callable[[], Array]
 ) -> NeglectedEffect:
-    """Measure the largest torque of an effect relative to the planned peaks (n_a,).
+    """Measure the largest torque of an effect relative to the planned peaks.
 
     If the torque cannot be computed, the result says why.
+
+    Args:
+        peaks: largest planned torque (n_a,) of motors of the same unit.
+        effect: description in words.
+        difference: computes the torques (T, n_a) that the effect adds, or raises NoAnswer.
     """
     try:
         largest = np.abs(difference()).max(axis=0)
@@ -85,7 +379,7 @@ def _measure_effect(
     if not np.all(np.isfinite(largest)):
         return NeglectedEffect(f"{effect}: no number, the torques have a pole")
     shares = largest / peaks
-    motor = np.argmax(shares)
+    motor = np.argmax(shares)  # index of the motor
     joint = robot.actuator_names[motor]
     return NeglectedEffect(effect, float(largest[motor]), joint, float(shares[motor]))
 
@@ -94,22 +388,25 @@ def _measure_effect(
 
 
 def _spring_differences(dynamics: InverseDynamics) -> Differences:
-    """Yield the effects of springs left rigid, and of geometry and inertia of active springs."""
+    """Yield the effects of springs left rigid, and of geometry and inertia of active springs.
+
+    The fullest model measures them. It is made with the first number, whose effect then reports a failure.
+    """
     robot, description = dynamics.robot, dynamics.robot.description
 
     @cache
     def fullest() -> ModelOnMotion:
-        """Return the model with all springs."""
+        """Return the model with all springs on the motion."""
         return ModelOnMotion.of(
             dynamics, ParallelRobot.from_description(description, flexibility=FLEXIBILITIES[-1])
         )
 
     def torque_with(coordinates: Sequence[str]) -> Array:
         """Compute torques (T, n_a) of the fullest model with deflections of more `coordinates`."""
-        fuller = fullest()
-        deflecting = np.isin(fuller.robot.elastic_names, coordinates)
-        deflections = np.where(deflecting, fuller.first_pass.caused, fuller.known_deflections())
-        return fuller.torque(fuller.compute_pass(deflections))
+        model = fullest()
+        is_deflecting = np.isin(model.robot.elastic_names, coordinates)
+        deflections = np.where(is_deflecting, model.first_pass.caused, model.known_deflections())
+        return model.torque(model.compute_pass(deflections))
 
     def left_rigid(coordinates: Sequence[str]) -> Array:
         """Compute the change of torque (T, n_a) by springs that the motion leaves rigid."""
@@ -148,15 +445,15 @@ def _friction_differences(dynamics: InverseDynamics) -> Differences:
 
     def difference() -> Array:
         """Compute the change of torque (T, n_a) by the friction."""
-        rough = ModelOnMotion.of(dynamics, robot, friction=friction)
-        smooth = replace(rough, friction=None)
-        return rough.torque(rough.first_pass) - smooth.torque(smooth.first_pass)
+        with_friction = ModelOnMotion.of(dynamics, robot, friction=friction)
+        without = replace(with_friction, friction=None)
+        return with_friction.torque(with_friction.first_pass) - without.torque(without.first_pass)
 
     yield f"dry friction of {robot.friction_sizes(np.flatnonzero(friction))} (joint side)", difference
 
 
 def neglected_friction(dynamics: InverseDynamics) -> Array:
-    """Return the dry friction (nv,) [N m or N] of joints that the torques do not contain."""
+    """Return the dry friction (nv,) [N m or N] of joints that a motion's torques do not contain."""
     friction = dynamics.robot.joint_friction.copy()
     if dynamics.friction is not None:
         friction[dynamics.robot.actuated] = 0.0
@@ -164,12 +461,17 @@ def neglected_friction(dynamics: InverseDynamics) -> Array:
 
 
 def _idle_turn_effects(dynamics: InverseDynamics, peaks: Array) -> Iterator[NeglectedEffect]:
-    """Yield the torque that would hold the idle turns as planned, an estimate of the torques' error."""
+    """Yield the torque that would hold the idle turns, an estimate of the error of the torques.
+
+    Args:
+        peaks: largest planned torque (n_a,) of motors of the same unit.
+    """
     robot, holding = dynamics.robot, dynamics.certificate.max_held_torque
     if not holding:
         return
     idle = robot.structure.idle
     still_turns = np.setdiff1d(idle, driven_turns(robot))
-    names = _list_names([robot.coordinates.name_of(k) for k in (still_turns if len(still_turns) else idle)])
+    columns = still_turns if len(still_turns) else idle  # of the coordinates that turn
+    names = _list_names([robot.coordinates.name_of(column) for column in columns])
     torque = float(holding / np.abs(robot.gear_ratio).min())
     yield NeglectedEffect(f"what nothing holds of {names}", torque, share=float(torque / peaks.max()))

@@ -107,6 +107,7 @@ def _one_of(valid: Sequence[str]) -> Check:
     """Return a check that accepts only the valid names."""
 
     def check(name: str, value: Any) -> str:
+        """Return a valid name."""
         check_choice(name, value, valid)
         return str(value)
 
@@ -125,7 +126,7 @@ def _option(
     typed: Mapping[str, Any] | None = None,
     topic: str = LAW,
 ) -> Any:
-    """Declare a field of `PlanOptions` with its default, help and check."""
+    """Declare a field of `PlanOptions` by its default and the fields of its `Option`."""
     meaning = {"summary": summary, "details": details, "check": check, "typed": typed, "topic": topic}
     return field(default=default, metadata=meaning)
 
@@ -267,7 +268,10 @@ R = TypeVar("R")
 def _with_parameters_of(
     _: Callable[P, PlanOptions],
 ) -> Callable[[Callable[..., R]], Callable[Concatenate[ParallelRobot, Path, P], R]]:
-    """Make a decorator that gives **options the signature and the help of `PlanOptions`."""
+    """Make a decorator that gives **options the signature and the help of `PlanOptions`.
+
+    The argument is `PlanOptions` itself, from which type checkers take the parameters P.
+    """
     named = inspect.signature(PlanOptions).parameters.values()
     listed = "\n".join(option.documentation for option in OPTIONS.values())
 

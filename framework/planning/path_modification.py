@@ -1,14 +1,15 @@
 """The least bend of a path that lets a robot cross where no timing can.
 
-Where a path runs orthogonal to t_s, s" has no effect on condition (8). So the tangent at the crossing s = c
-is turned towards t_s. The path becomes x(s) + size d b(s), where d are the rates of the platform coordinates
-that move the platform along t_s, and
+t_s is the platform's twist that the motors do not control at a crossing. Where a path runs orthogonal to t_s,
+the acceleration s" of a law has no effect on condition (8). So the tangent at the crossing s = c is turned
+towards t_s. The path becomes x(s) + k d b(s) with a factor k, where d are the rates of the platform
+coordinates that move the platform along t_s, and
 
     b(s) = (s / m)^(N m) ((1 - s) / (1 - m))^(N (1 - m)),  b"(c) = 0,
 
-is a bump of height 1 at m with its steepest slope at c. Among all m, this one turns the tangent most for a
-given height of the bump. The bend shifts the crossing a little and keeps both ends of the path. The bent path
-is a spline through points of that curve, and all proofs are made on the spline.
+is a bump of height 1 at m with its steepest slope at c; N = 10 is its order. Among all m, this one turns the
+tangent most for a given height of the bump. The bend shifts the crossing a little and keeps both ends of the
+path. The bent path is a spline through points of that curve, and all proofs are made on the spline.
 """
 
 from __future__ import annotations
@@ -24,17 +25,15 @@ from framework.laws.law import is_number
 from framework.laws.path import Path, Spline
 from framework.numerics.arrays import Array
 from framework.planning.feasibility import feasibility_on_path
-from framework.planning.motion_scales import coordinate_sizes, path_length
 from framework.planning.plan import plan_request
-from framework.planning.refusals.refusal_proofs import HoldingTorque, UnmetCondition
-from framework.planning.request import Request
+from framework.planning.refusals import HoldingTorque, UnmetCondition
+from framework.planning.request import MOTION_SAMPLES, Request, path_length
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import SAME_PLACE
 
 MAX_BEND_SHARE = 0.05  # largest bend divided by the path's length; a larger one would make another path
 END_SHARE = 0.15  # least distance in s of a crossing from both ends: nearer, the bump ends with a kink
-BEND_SAMPLES = 1001  # equidistant values of s at which the size of a bend is measured
 # DOUBLED_BENDS bends are tried to each side, each twice the last. The first, 0.04 % of the path's length, is
 # of the size of errors in building a robot. COMPARED_BENDS is the number of bends from the least sufficient
 # one to the largest whose torques are compared.
@@ -45,7 +44,7 @@ MIN_INTERVALS = 9  # least number of intervals of the bent spline
 
 
 class BendChoice(NamedTuple):
-    """A bend, and the peak torques of a plan on the path that is bent so."""
+    """The size of a bend, and the peak torques of the plan on the bent path."""
 
     share: float  # of the path's length
     peak_torque: dict[str, float]  # [N m, N] by joint of the motor
@@ -56,7 +55,7 @@ class ModifiedPathPlan(NamedTuple):
 
     Distances are between points of equal s.
 
-    moved: the largest distance [m].
+    moved: the largest distance of the translations [m].
     turned: the largest norm of the difference of the rotation vectors [rad].
     share: the largest distance divided by the path's length, with rotations multiplied by the robot's length.
     choices: this bend and larger ones to the same side, with the torques of their plans.
@@ -115,14 +114,14 @@ class _Modification(NamedTuple):
     """A request and the unit bend of its path: a displacement as large as the path is long."""
 
     robot: ParallelRobot
-    request: Request
-    s: Array  # (m,) of the points of the bent spline
+    request: Request  # with the path that is to be bent
+    s: Array  # (m,) path coordinates of the points of the bent spline
     unit_bend: Array  # (m, n) displacement of these points by the unit bend, zero at both ends
-    size: Array  # (n,) [m] length per unit of each platform coordinate
+    sizes: Array  # (n,) [m] length per unit of each platform coordinate
     length: float  # [m] of the path
 
     def plan_bent(self, share: float) -> CrossingPlan | None:
-        """Plan on the path bent by a share of its length; None without a plan."""
+        """Plan on the path bent by a share of its length, whose sign is the side; None without a plan."""
         points = self.request.path(self.s) + share * self.unit_bend
         try:
             request = replace(self.request, path=Spline(points))
@@ -131,7 +130,7 @@ class _Modification(NamedTuple):
             return None
 
     def plan_with(self, bend: float) -> ModifiedPathPlan | None:
-        """Plan with this bend to the side of smaller torques; None without a plan."""
+        """Plan with a bend, a share of the length, to the side of smaller torques; None without a plan."""
         plans = [plan for plan in map(self.plan_bent, (bend, -bend)) if plan is not None]
         best = min(plans, key=lambda plan: max(plan.peak_torque.values()), default=None)
         return None if best is None else self._measure(best, choices=())
@@ -157,15 +156,16 @@ class _Modification(NamedTuple):
         The bend is a share of the path's length; its sign is the side. The reserve is left out if the request
         has no plan with it.
         """
-        sizes = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]  # ascending
-        for share in np.outer(sizes, [1.0, -1.0]).ravel().tolist():  # each size to both sides
+        shares = MAX_BEND_SHARE / 2.0 ** np.arange(DOUBLED_BENDS)[::-1]  # ascending
+        for share in np.outer(shares, [1.0, -1.0]).ravel().tolist():  # each to both sides
             plan = self.plan_bent(share)
             if plan is not None:
                 break
-        else:
+        else:  # no bend has a plan
             return None
+
         refused = 0.5 * share
-        bisections = BISECTIONS if abs(share) > sizes[0] else 0  # half of the first size was not tried
+        bisections = BISECTIONS if abs(share) > shares[0] else 0  # half of the first bend was not tried
         for _ in range(bisections):
             middle = np.copysign(np.sqrt(refused * share), share)
             middle_plan = self.plan_bent(middle)
@@ -173,18 +173,19 @@ class _Modification(NamedTuple):
                 refused = middle
             else:
                 share, plan = middle, middle_plan
+
         with_reserve = RESERVE * share
         reserved = self.plan_bent(with_reserve)
         return (share, plan) if reserved is None else (with_reserve, reserved)
 
     def _measure(self, plan: CrossingPlan, choices: tuple[BendChoice, ...]) -> ModifiedPathPlan:
-        """Measure how far the path of a plan is from the requested path."""
-        s = np.linspace(0.0, 1.0, BEND_SAMPLES)
-        change = plan.path(s) - self.request.path(s)  # (BEND_SAMPLES, n)
+        """Return the plan with the distances of its path from the requested path, and with `choices`."""
+        s = np.linspace(0.0, 1.0, MOTION_SAMPLES)
+        change = plan.path(s) - self.request.path(s)  # (MOTION_SAMPLES, n)
         is_translation = self.robot.translations
         distance = _largest_norm(change[:, is_translation])
         turn = _largest_norm(change[:, ~is_translation])
-        share = _largest_norm(change * self.size) / self.length
+        share = _largest_norm(change * self.sizes) / self.length
         return ModifiedPathPlan(plan, distance, turn, share, choices)
 
 
@@ -201,14 +202,16 @@ def _modification_at_crossing(robot: ParallelRobot, request: Request) -> _Modifi
         return None
     feasibility, twist = min(candidates, key=lambda pair: pair[0].tangent_share)
     c = feasibility.s
-    size, length = coordinate_sizes(robot), path_length(robot, path)
+
     rate_matrix = robot.platform.rate_matrix(path(c)[None])[0]  # (n, n) twist per coordinate rate
     direction = np.linalg.solve(rate_matrix, twist)  # d of this file's docstring
-    bump = _evaluate_bump(np.linspace(0.0, 1.0, BEND_SAMPLES), c)
-    height = np.abs(bump).max() * np.linalg.norm(direction * size)  # [m] of b(s) d
+    sizes, length = robot.length / robot.platform_scale, path_length(robot, path)
+    bump = _evaluate_bump(np.linspace(0.0, 1.0, MOTION_SAMPLES), c)
+    height = np.abs(bump).max() * np.linalg.norm(direction * sizes)  # [m] of b(s) d
+
     s = np.linspace(0.0, 1.0, _choose_intervals(path, c) + 1)
     unit_bend = _evaluate_bump(s, c)[:, None] * direction * (length / height)
-    return _Modification(robot, request, s, unit_bend, size, length)
+    return _Modification(robot, request, s, unit_bend, sizes, length)
 
 
 def _choose_intervals(path: Path, c: float) -> int:

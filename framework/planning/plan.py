@@ -1,5 +1,8 @@
 """Plan a crossing: locate the singular points, meet condition (8) at each, prove that torques are finite.
 
+The singular points are those of Type 2 on the path, where the measure g vanishes; at a near miss |g| is
+least, but not zero.
+
 There are two kinds of law, the polynomial and the optimal one; `_plan_best` chooses between them. A third
 kind would need a `PlannedLaw`, a function like `_plan_polynomial`, a name in `options.LAWS`, and a reader in
 `saved`.
@@ -35,10 +38,9 @@ from framework.planning.crossing_points import PathToCross, path_to_cross
 from framework.planning.feasibility import feasibility_on_path, is_crossable
 from framework.planning.options import OPTIMAL_LAW, takes_options
 from framework.planning.polynomial import plan_polynomial, undeformed_polynomial
-from framework.planning.refusals.refusal_proofs import SearchEvidence, UnmetCondition
-from framework.planning.request import Request
-from framework.planning.result import PEAK_SAMPLES, CrossingPlan, Optimality, certified_plan
-from framework.planning.specification import limit_excess, specification_of
+from framework.planning.refusals import SearchEvidence, UnmetCondition
+from framework.planning.request import PEAK_SAMPLES, Request, limit_excess, specification_of
+from framework.planning.result import CrossingPlan, Optimality, certified_plan
 from framework.singularity.points_on_path import SearchedPath, check_branch, search_path
 from framework.singularity.rank_deficiency import NearMiss
 from framework.tolerances import MIN_POLYNOMIAL_ADVANCE, NEAR_MISS_WIDTHS
@@ -93,7 +95,8 @@ def plan_request(
 
     Args:
         searched: the path with its singular points, if they have been located already.
-        explained: whether a refusal also searches for limits and a duration within which a law exists.
+        explained: whether a refusal also searches for limits and a duration within which a law exists, which
+            takes time.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
@@ -101,7 +104,7 @@ def plan_request(
     started = time.perf_counter()
     if searched is None:
         searched = search_path(robot, request.path)
-    check_branch(robot, request.path, searched.branch)
+    check_branch(robot, request.path, searched.branch)  # that it is a branch of this robot and path
     to_cross = replace(path_to_cross(searched, request), explained=explained)
     searched = to_cross.searched  # under the wrenches of the request
     try:
@@ -132,18 +135,20 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """
     if request.law == "optimal":
         return _plan_optimal(to_cross, request, "it was asked for")
-    if request.kind == "optimal":
+    if request.kind == "optimal":  # by a goal, or by limits without a duration
         try:
             return _plan_optimal(to_cross, request, "only the optimal law has a goal")
         except (NoLaw, NotConverged, SearchEnded) as refusal:
             with limit_time(None):  # the time limit is for the search of the optimal law alone
                 return _plan_polynomial_within_limits(to_cross, request, refusal)
+
     try:
         plan = _plan_polynomial(to_cross, request)
     except (NoLaw, NotConverged) as refusal:
         if not request.may_be_optimal:
             raise
         return _plan_after_refusal(to_cross, request, refusal)
+
     excess = _limit_ratio(plan)
     if excess > 1.0:
         needs = f"the polynomial needs {excess:.4g} times the limits"
@@ -159,7 +164,11 @@ def _plan_best(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _improve_polynomial(to_cross: PathToCross, plan: CrossingPlan) -> CrossingPlan:
-    """Plan with the optimal law if a polynomial nearly stops or peaks beside a near miss."""
+    """Return the plan, or one with the optimal law if the plan nearly stops or peaks beside a near miss.
+
+    Args:
+        plan: with the polynomial, within the limits.
+    """
     advance = plan.law.advance(plan.request.smoothness)
     if plan.crossings and advance < MIN_POLYNOMIAL_ADVANCE:
         nearly_stops = (
@@ -195,16 +204,16 @@ def _plan_after_refusal(
         raise
     except SearchEnded as end:
         raise SearchEnded(f"{why}; {end}") from None
-    except (NoLaw, NotConverged) as second:
-        both = f"{refusal}; nor does the optimal law help: {second}"
+    except (NoLaw, NotConverged) as of_optimal:
+        both = f"{refusal}; nor does the optimal law help: {of_optimal}"
         if isinstance(refusal, NotConverged):
             raise NotConverged(
                 both, residual=refusal.residual, s=refusal.s, platform=refusal.platform
             ) from None
         raise NoLaw(
             both,
-            proof=refusal.proof or getattr(second, "proof", None),
-            evidence=getattr(second, "evidence", None),
+            proof=refusal.proof or getattr(of_optimal, "proof", None),
+            evidence=getattr(of_optimal, "evidence", None),
         ) from None
 
 
@@ -213,8 +222,11 @@ def _plan_polynomial_within_limits(
 ) -> CrossingPlan:
     """Plan with the polynomial after a refusal of the optimal law.
 
+    Args:
+        refusal: of the optimal law.
+
     Raises:
-        NoAnswer: `refusal`, if there is no polynomial within the limits.
+        NoAnswer: `refusal`, if there is no polynomial of a requested duration within the limits.
     """
     if request.duration is None:
         raise refusal
@@ -233,10 +245,11 @@ def _limit_ratio(plan: CrossingPlan) -> float:
 
 
 def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: NearMiss) -> CrossingPlan:
-    """Plan with the optimal law; return the plan of lower peak torque.
+    """Plan with the optimal law; return the plan of lower peak torque, that one or the polynomial.
 
     Args:
-        polynomial: the plan whose largest torque stands beside the near miss.
+        polynomial: the plan whose largest torque is beside the near miss.
+        miss: the near miss.
     """
     why = (
         f"the polynomial's largest torque, {_peak_text(polynomial)}, is beside s = {miss.s:.6g}, where "
@@ -254,7 +267,7 @@ def _plan_lower_peak(to_cross: PathToCross, polynomial: CrossingPlan, miss: Near
 
 
 def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMiss | None:
-    """Find the near miss beside which a plan has its largest torque, if any.
+    """Return the near miss beside which a plan has its largest torque, if any.
 
     Torques of different motors are divided by their limits, or compared in N m and N if a motor has none.
 
@@ -265,14 +278,16 @@ def miss_of_peak(plan: CrossingPlan, near_misses: Sequence[NearMiss]) -> NearMis
     """
     if not near_misses:
         return None
+    # instants over the motion, and denser ones beside each near miss
     sampled_times = np.linspace(0.0, plan.duration, PEAK_SAMPLES)
     sampled_s = plan.law(sampled_times)
-    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)  # denser samples beside each near miss
+    x = NEAR_MISS_WIDTHS * np.linspace(-1.0, 1.0, 65)
     times_beside = [np.interp(miss.s + miss.width * x, sampled_s, sampled_times) for miss in near_misses]
     times = np.concatenate([sampled_times, *times_beside])
+
     limits = motor_limits(plan.robot, "torque_limit", None)
     reference = limits if np.isfinite(limits).all() else 1.0
-    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,)
+    largest = (np.abs(plan.torque(times)) / reference).max(axis=1)  # (T,) of all motors
     s_peak = plan.law(times[np.argmax(largest)])
     beside_peak = (miss for miss in near_misses if abs(s_peak - miss.s) <= NEAR_MISS_WIDTHS * miss.width)
     return next(beside_peak, None)
@@ -285,7 +300,7 @@ def max_torque_ratio(plan: CrossingPlan, reference: Array) -> float:
 
 
 def _peak_text(plan: CrossingPlan) -> str:
-    """Return the largest torques of turning and sliding motors, in words."""
+    """Return the largest torque [N m] of turning motors and force [N] of sliding ones, in words."""
     largest: dict[str, float] = {}
     for torque, unit in zip(plan.peak_torque.values(), plan.robot.torque_units, strict=True):
         largest[unit] = max(torque, largest.get(unit, 0.0))
@@ -293,7 +308,11 @@ def _peak_text(plan: CrossingPlan) -> str:
 
 
 def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
-    """Plan with the polynomial law; the plan states the reason for this choice."""
+    """Plan with the polynomial law; the plan states the reason for this choice.
+
+    Raises:
+        InvalidInput, NoAnswer: as `plan_crossing`.
+    """
     plan = plan_polynomial(to_cross, request)
     advance = plan.law.advance(request.smoothness)
     reason = ADVANCES if advance > 0 else "the polynomial, though it overshoots its ends"
@@ -305,7 +324,14 @@ def _plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
 
 
 def _plan_optimal(to_cross: PathToCross, request: Request, reason: str) -> CrossingPlan:
-    """Plan with the optimal law; the plan states the reason for this choice."""
+    """Plan with the optimal law.
+
+    Args:
+        reason: for the choice of this law, in words.
+
+    Raises:
+        NoAnswer: as `plan_crossing`.
+    """
     from framework.planning.optimal.optimal_motion import optimal_motion  # slow to import, seldom needed
     from framework.planning.optimal.optimal_task import Task
 
@@ -346,7 +372,11 @@ def law_before_proof(searched: SearchedPath, request: Request) -> tuple[Law, tup
 
 
 def with_explanation(refusal: NoLaw, searched: SearchedPath, request: Request) -> NoLaw:
-    """Append condition (8) at each singular point and a remedy to a refusal."""
+    """Return a refusal with condition (8) at each singular point in the message, and with a remedy.
+
+    Args:
+        searched: the path under the wrenches of the request.
+    """
     at_points = feasibility_on_path(searched)
     conditions = [feasibility.short_sentence for feasibility in at_points if feasibility is not None]
     message = "; ".join([str(refusal), *conditions])
@@ -376,7 +406,7 @@ def find_remedy(refusal: NoAnswer, searched: SearchedPath, request: Request) -> 
         has_optimal_form = request.smoothness <= HIGHEST_SMOOTHNESS and request.duration is not None
         return OPTIMAL_LAW if has_optimal_form and is_crossable(searched) else None
     if isinstance(refusal, NoLaw) and isinstance(refusal.proof, UnmetCondition):
-        return None if refusal.proof.stop else {"bend": True}
+        return None if refusal.proof.stop else {"bend": True}  # a bend keeps the ends of the path
     evidence = getattr(refusal, "evidence", None)
     if robot.n_e or not isinstance(evidence, SearchEvidence):  # evidence is about the undeformed robot
         return None

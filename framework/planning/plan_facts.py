@@ -1,6 +1,7 @@
 """The facts that describe a plan, each a label and a text with units.
 
-Each fact is a line of the printed plan and a row of the table in the HTML report.
+Each fact is a line of the printed plan and a row of the table in the HTML report. t_s is the twist of the
+platform that the motors do not control at a crossing, and W_p the wrench that the motion requires.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from framework.laws.optimal_law import OptimalLaw
 from framework.model.description import FrameWrench
 from framework.numerics.arrays import Array
 from framework.planning.neglected_effects import NeglectedEffect
+from framework.planning.request import PEAK_SAMPLES
 from framework.planning.result import CrossingPlan
 from framework.singularity.type2 import moves_point
+from framework.tolerances import FILE_ROUNDING
 
 CROSSING = (
     "t = {0.time:.6g} s at s = {0.s:.15f}, {place}",
@@ -44,7 +47,6 @@ OVERSHOOT = (
     "the law overshoots its ends (s from {0:.6g} to {1:.6g}); other times or speeds, or a higher "
     "--smoothness, avoid it"
 )
-MOVING_END_SPEED = 1e-6  # speed at the ends relative to the motors' largest, above which there is a warning
 
 
 class Fact(NamedTuple):
@@ -60,15 +62,13 @@ class Fact(NamedTuple):
 
 
 def motion_facts(plan: CrossingPlan) -> list[Fact]:
-    """Return the facts about the motion of a plan, the certificate and the faults.
-
-    The order is: wrenches, crossings, torques, certificate, effects left out, warnings.
-    """
-    wrenches = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
-    torque = Fact("peak torque", torque_text(plan.robot, plan.peak_torque))
-    left_out = [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
-    proof, warnings = _certificate_facts(plan), _warning_facts(plan)
-    return [*wrenches, *_crossing_facts(plan), torque, *proof, *left_out, *warnings]
+    """Return the facts about the motion of a plan, the certificate, effects left out, and warnings."""
+    facts = [Fact("wrench", wrench_text(wrench)) for wrench in plan.dynamics.wrenches.entries]
+    facts += _crossing_facts(plan)
+    facts.append(Fact("peak torque", torque_text(plan.robot, plan.peak_torque)))
+    facts += _certificate_facts(plan)
+    facts += [Fact("left out", neglected_text(plan.robot, effect)) for effect in plan.neglected]
+    return facts + _warning_facts(plan)
 
 
 def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
@@ -83,7 +83,12 @@ def smoothness_facts(plan: CrossingPlan) -> list[Fact]:
 
 
 def torque_text(robot: ParallelRobot, torques: Mapping[str, float], digits: int = 6) -> str:
-    """Return the torques of motors with their units, in words."""
+    """Return the torques of motors with their units, in words.
+
+    Args:
+        torques: [N m, N] of all motors by joint, in the order of the robot's motors.
+        digits: significant digits.
+    """
     units = zip(torques.items(), robot.torque_units, strict=True)
     return ", ".join(f"{joint} {torque:.{digits}g} {unit}" for (joint, torque), unit in units)
 
@@ -99,7 +104,7 @@ def wrench_text(wrench: FrameWrench) -> str:
     For a table of wrenches over s, these are the largest force and the largest moment.
     """
     axes = f"axes of {'the frame' if wrench.turns else 'the base'}"
-    if wrench.rows.ndim == 1:
+    if wrench.rows.ndim == 1:  # one constant wrench (6,)
         force, moment = point(wrench.rows[:3]), point(wrench.rows[3:])
         return f"on {wrench.frame}: force {force} N, moment {moment} N m, {axes}"
     force_peak = np.linalg.norm(wrench.rows[:, 1:4], axis=1).max()  # rows (s, force, moment)
@@ -111,10 +116,10 @@ def wrench_text(wrench: FrameWrench) -> str:
 
 
 def neglected_text(robot: ParallelRobot, neglected: NeglectedEffect) -> str:
-    """Return a neglected effect with its torque, in words."""
+    """Return a neglected effect with its torque and share of the largest torque, in words."""
     if neglected.torque is None or neglected.share is None:
         return neglected.effect
-    motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0
+    motor = robot.actuator_names.index(neglected.motor) if neglected.motor else 0  # for the unit
     joint = f" at {neglected.motor}" if neglected.motor else ""
     share = f"{neglected.share:.2g} times" if neglected.share > 1.0 else f"{100 * neglected.share:.2g} % of"
     worth = f"{neglected.torque:.2g} {robot.torque_units[motor]}{joint}"
@@ -122,7 +127,7 @@ def neglected_text(robot: ParallelRobot, neglected: NeglectedEffect) -> str:
 
 
 def excess_facts(exceeded: Mapping[str, str]) -> list[Fact]:
-    """Return warnings about joints that exceed their limits."""
+    """Return warnings about joints that exceed their limits; `exceeded` as of `CrossingPlan`."""
     return [Fact("warning", f"{joint} exceeds its limits: {excess}") for joint, excess in exceeded.items()]
 
 
@@ -131,10 +136,10 @@ def _crossing_facts(plan: CrossingPlan) -> list[Fact]:
     robot, facts = plan.robot, list[Fact]()
     unit = "m" if robot.translations.any() else "rad"
     for crossing, loaded in zip(plan.crossings, plan.loaded_points, strict=True):
-        words = {
+        words = {  # fields of the texts CROSSING
             "place": robot.place(crossing.platform),
             "twist": twist_text(robot, crossing.twist),
-            "acceleration": round(crossing.acceleration, 9) + 0.0,
+            "acceleration": round(crossing.acceleration, 9) + 0.0,  # -0.0 becomes 0.0
         }
         texts = [text.format(crossing, **words) for text in CROSSING]
         facts += map(Fact, ("crossing", ""), texts)
@@ -162,16 +167,16 @@ def _warning_facts(plan: CrossingPlan) -> list[Fact]:
     certificate, facts = plan.certificate, excess_facts(plan.exceeded)
     if any((effect.share or 0.0) > 1.0 for effect in plan.neglected):
         facts.insert(0, Fact("warning", MUCH_LEFT_OUT))
-    if certificate.end_speed > MOVING_END_SPEED:
+    if certificate.end_speed > FILE_ROUNDING:
         facts.append(Fact("warning", MOVING_ENDS.format(certificate)))
     if not certificate.monotone:
-        s = plan.law(np.linspace(0.0, plan.duration, 2001))
+        s = plan.law(np.linspace(0.0, plan.duration, PEAK_SAMPLES))
         facts.append(Fact("warning", OVERSHOOT.format(s.min(), s.max())))
     return facts
 
 
 def _idle_turns(robot: ParallelRobot) -> str:
-    """Return the idle turns held still, and the turns that balls drive, in words."""
+    """Return the idle turns that are held still, and the turns that balls drive, in words."""
     driven = driven_turns(robot)
     kinds = {
         "held still": np.setdiff1d(robot.structure.idle, driven),

@@ -74,18 +74,19 @@ def plan_study(
         >>> study.quantities["duration"]  # doctest: +SKIP
     """
     path = str(robot_file(file))
-    declared = declared_parameters(read_text(path, f"{path}: cannot read it"))  # parameters of the file
+    declared = declared_parameters(read_text(path, f"{path}: cannot read it"))
     for unknown in parameters.keys() - declared.keys():
         raise InvalidInput(f"{path}: {choose_from('parameter', unknown, declared)}")
     if WHY in quantities:
         raise InvalidInput(f"quantities: {WHY!r} is the name of the reasons; choose another")
+    # all combinations of values, each as a mapping from parameters to values
     combinations = [dict(zip(parameters, values, strict=True)) for values in product(*parameters.values())]
     if not combinations:
         raise InvalidInput("parameters: needs at least one value of each")
     plan_combination = partial(_plan_combination, path, flexibility, motion, options, quantities)
     columns = complete_chunks(
         partial(compute_rows, plan_combination, tuple(quantities), REFUSALS),
-        {str(k): [combination] for k, combination in enumerate(combinations)},  # one plan a chunk
+        {str(k): [combination] for k, combination in enumerate(combinations)},  # one plan for each chunk
         lambda chunk: {},
         executor=executor,
         keeper=None,
@@ -106,8 +107,13 @@ def _plan_combination(
 ) -> Mapping[str, float]:
     """Compute the quantities of the plan for one combination of parameter values.
 
+    Args:
+        file: path of the robot file.
+        parameters: value of each parameter, by name.
+        flexibility, motion, options, quantities: as for `plan_study`.
+
     Raises:
-        REFUSALS: there is no plan.
+        NoAnswer, RobotFileError, SingularReference: there is no plan.
     """
     robot = load_robot(file, flexibility=flexibility, parameters=parameters)
     plan_motion = plan_scene if isinstance(motion, str) else plan_crossing

@@ -4,8 +4,9 @@ With ds/dt = v and d2s/dt2 = a the motor torques and t_s . W_p are
 
     torque = (c0 + cv v^2 + ca a) / g,     t_s . W_p = d0 + dv v^2 + da a,
 
-with coefficients c and d that depend on s alone. The numerators are smooth through the singular point, where
-the measure g vanishes. From samples of the coefficients the page of a lesson can evaluate any law.
+with coefficients c and d that depend on s alone. t_s is the platform's twist that the motors do not control,
+W_p the wrench on the platform that the motion requires. The numerators are smooth through the singular point,
+where the measure g vanishes. From samples of the coefficients the page of a lesson can evaluate any law.
 """
 
 from __future__ import annotations
@@ -27,11 +28,12 @@ from framework.laws.path import Path
 from framework.numerics.arrays import Array
 from framework.planning.optimal.phase_plane import demand
 from framework.planning.plan import plan_crossing
+from framework.planning.request import SMOOTHNESS
 from framework.planning.result import CrossingPlan
 from framework.singularity.points_on_path import SearchedPath, SingularPoint, search_path
 from framework.singularity.type2 import SingularityMeasure, sign_along, singularity_measure, twist_norm
 
-PATH_SMOOTHNESS = 2  # derivatives of s that vanish at both ends of the planned laws
+PATH_SMOOTHNESS = SMOOTHNESS[False]  # derivatives of s that vanish at both ends of the planned laws
 STEP_ASIDE = 1e-3  # [robot lengths] displacement of the platform that shows how the joints follow
 GRAVITY = {"off": 0.0, "on": 9.81}  # [m/s^2]
 
@@ -39,7 +41,7 @@ GRAVITY = {"off": 0.0, "on": 9.81}  # [m/s^2]
 class PlanarCrossing(NamedTuple):
     """A planar robot's path across its locus, with a plan for gravity off and on."""
 
-    searched: SearchedPath
+    searched: SearchedPath  # without gravity; poses and twists are the same with gravity
     robots: dict[str, ParallelRobot]  # by "off" and "on"
     plans: dict[str, CrossingPlan]  # of least peak torque in the given duration
 
@@ -49,7 +51,7 @@ class PlanarCrossing(NamedTuple):
         return self.searched.points[0]
 
     def sample(self, s: Array) -> dict[str, Array]:
-        """Sample the crossing at ascending s (M,), none at the singular point.
+        """Sample the crossing at ascending s (M,), none of which may be at the singular point.
 
         Twists and motions are divided by one number: the norm of the twist at the crossing, signed so that
         t_s points along the path. Motor speeds are G v for a twist v of the platform, so the torques
@@ -87,18 +89,24 @@ class PlanarCrossing(NamedTuple):
         return samples
 
     def _twist_scale(self, nearest: Array) -> float:
-        """Compute the norm of t_s at the crossing, signed by its direction along the path.
+        """Compute the norm of t_s at the crossing, negative if t_s points backwards on the path.
+
+        The null vector from which t_s is computed has an arbitrary length and sign.
 
         Args:
-            nearest: t_s (n,) at the sample nearest to the crossing. The norm is negative if it points
-                backwards.
+            nearest: t_s (n,) at the sample nearest to the crossing, which has the sign of all samples.
         """
-        robot, branch, s = self.robots["off"], self.searched.branch, self.point.s
-        _, twist = _measure_with_twist(robot, branch.close(np.array([s])))
-        return twist_norm(robot, twist[0]) * sign_along(nearest, branch.path(s, 1))
+        robot, branch = self.robots["off"], self.searched.branch
+        s = self.point.s
+        _measure, twist = _measure_with_twist(robot, branch.close(np.array([s])))
+        direction = sign_along(nearest, branch.path(s, 1))
+        return twist_norm(robot, twist[0]) * direction
 
     def _torque_terms(self, gravity: str, s: Array) -> Array:
-        """Compute the torques (M, 3, n_a) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2."""
+        """Compute the torques (M, 3, n_a) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
+
+        `gravity` is "off" or "on".
+        """
         branch = replace(self.searched.branch, robot=self.robots[gravity])
         torque = demand(branch, Smoothstep(0), s).torque
         return np.stack([torque.constant, torque.per_z, torque.per_u], axis=1)
@@ -106,8 +114,13 @@ class PlanarCrossing(NamedTuple):
     def _power_terms(self, gravity: str, s: Array, closed: ClosedStack, motion: Array) -> Array:
         """Compute t_s . W_p (M, 3) at s (M,): constant, per (ds/dt)^2 and per d2s/dt2.
 
-        They are the powers of these forces of the open tree in the uncontrolled motion (M, nv): weight,
-        inertia at ds/dt = 1, and inertia at d2s/dt2 = 1.
+        They are the powers of these forces of the open tree in the uncontrolled motion: weight, inertia at
+        ds/dt = 1, and inertia at d2s/dt2 = 1.
+
+        Args:
+            gravity: "off" or "on".
+            closed: the poses at s.
+            motion: joint rates (M, nv) of the uncontrolled motion.
         """
         robot, path = self.robots[gravity], self.searched.branch.path
         slope, curvature = path(s, 1), path(s, 2)
@@ -121,7 +134,7 @@ class PlanarCrossing(NamedTuple):
 def _close_aside(robot: ParallelRobot, closed: ClosedStack) -> Array:
     """Close the loops with the platform displaced along each axis: q (n, 2, M, nq).
 
-    The displacement is STEP_ASIDE robot lengths, forward and back.
+    The displacement is STEP_ASIDE robot lengths, forward and back, from the M poses `closed`.
     """
     poses = []
     for step in STEP_ASIDE * robot.length * np.eye(robot.n):  # (n,), along one axis

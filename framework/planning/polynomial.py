@@ -1,13 +1,20 @@
-"""The law of the paper: one polynomial with given s, s' and s" at its crossings."""
+"""The law of the paper: one polynomial with given s, s' and s" at its crossings.
+
+The law is the path coordinate s as a function of time, with derivatives s' and s". Condition (8) gives s" at
+each crossing of a singular point. Times and speeds s' of the crossings that the user leaves open are chosen
+so that the law always advances.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from framework.dynamics.inverse_dynamics import resolve
 from framework.dynamics.result import SingularityCrossing
+from framework.dynamics.singularity_crossings import find_instants
 from framework.errors import InvalidInput, NoLaw
 from framework.laws.law import Law, MotionLaw, advances_and_peaks, conditions_at_instants
 from framework.numerics.arrays import Array
@@ -20,14 +27,25 @@ from framework.planning.condition import (
     crossing_point,
     require_effect,
 )
-from framework.planning.crossing_points import PathToCross, check_one_condition_each
+from framework.planning.crossing_points import CrossingTime, PathToCross, check_one_condition_each
 from framework.planning.options import OPTIMAL_LAW
-from framework.planning.refusals.turning_back import check_advance
+from framework.planning.refusals import check_advance
 from framework.planning.request import Request
 from framework.planning.result import CrossingPlan, certified_plan
-from framework.planning.timing import CrossingTime, choose_timing
 from framework.singularity.points_on_path import SingularPoint
+from framework.tolerances import MIN_POLYNOMIAL_ADVANCE
 
+# `Law.advance` (least speed over the mean, without the zeros at the ends) that a chosen law should have.
+COMFORTABLE_ADVANCE = 2.0 * MIN_POLYNOMIAL_ADVANCE
+MIN_SEPARATION = 1e-3  # of the duration: least time between crossings, and from crossings to the ends
+MAX_CROSSINGS = 8  # polynomials through more crossings oscillate so much that none is found to advance
+# Each round of the search draws LAWS_PER_UNKNOWN laws for each open time or speed, and keeps the best one in
+# LAWS_PER_SURVIVOR. The search ends when the scores of these survivors differ by less than MIN_SPREAD.
+LAWS_PER_UNKNOWN, MAX_ROUNDS = 64, 25
+LAWS_PER_SURVIVOR, MIN_SPREAD = 8, 1e-4
+DRAW_SPREAD = 0.1  # standard deviation in the first round, of times over the duration and of log speeds
+
+Measure = Callable[[Array, Array], tuple[Array, Array]]  # see `choose_timing`
 OF_A_SCENE = (
     "times and speeds of a scene belong to its own duration: give others for this one, or take law optimal, "
     "which finds its own"
@@ -37,18 +55,22 @@ OF_A_SCENE = (
 def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     """Plan with the polynomial of least degree; choose times and speeds left open.
 
-    Deflections shift the crossing points, so each pass of the deflections solves for a law of its own. The
-    first law and the last one must advance.
+    Deflections shift the crossing points, so each pass of the deflections solves for a law of its own, which
+    has the times and speeds of the first. The first law and the last one must advance.
 
     Raises:
         InvalidInput, NoAnswer: as `plan_crossing`.
     """
     name = to_cross.branch.robot.name
     timing = timing_of(to_cross, request)
-    conditions_of: dict[MotionLaw, list[Condition8]] = {}  # by the law of each pass
 
     def choose_law(deflections: TimeFunction | None, previous: MotionLaw | None) -> Law:
-        """Solve for the law at given deflections; check the first law."""
+        """Solve for the law of a pass at given deflections; check the first law.
+
+        Args:
+            deflections: deflections (n_e) as a function of time; None before the first pass.
+            previous: the law of the pass before.
+        """
         if deflections is None or request.geometry != "deformed":
             crossings = _undeformed_crossings(to_cross)
         else:
@@ -56,7 +78,6 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
         law = _solve_law(crossings, timing, request, name)
         if previous is None:
             _check_advance(law, request, to_cross.points, name)
-        conditions_of[law] = [condition for _, condition in crossings]
         return law
 
     dynamics = resolve(
@@ -68,9 +89,8 @@ def plan_polynomial(to_cross: PathToCross, request: Request) -> CrossingPlan:
     )
     law = dynamics.law
     assert isinstance(law, Law)
-    if len(conditions_of) > 1:  # otherwise it is the first law, already checked
-        _check_advance(law, request, dynamics.crossings, name)
-    return certified_plan(to_cross, request, dynamics, law, timing, conditions=conditions_of[law])
+    _check_advance(law, request, dynamics.crossings, name)
+    return certified_plan(to_cross, request, dynamics, law, timing)
 
 
 def undeformed_polynomial(to_cross: PathToCross, request: Request) -> Law:
@@ -90,6 +110,10 @@ def _check_advance(
     law: Law, request: Request, crossings: Sequence[SingularPoint | SingularityCrossing], name: str
 ) -> None:
     """Refuse a law that turns back, leaves the path or repeats a crossing.
+
+    Args:
+        crossings: the points that the law crosses.
+        name: name of the robot.
 
     Raises:
         NoLaw: as `check_advance`.
@@ -119,8 +143,13 @@ def _deformed_crossings(
     """Compute the crossing points of the deflected robot, with their conditions (8).
 
     Args:
+        timing: times and speeds of the crossings.
         deflections: deflections (n_e) as a function of time.
         law: the law of the last pass, near whose crossings the points are; None for the first pass.
+
+    Raises:
+        NoLaw: the deflected robot has no singular point there.
+        NotConverged: s" has no effect on the condition with these deflections.
     """
     branch, crossings = to_cross.branch, []
     for target, (time, _) in zip(to_cross.crossing_points, timing, strict=True):
@@ -138,6 +167,11 @@ def _solve_law(
     name: str,
 ) -> Law:
     """Solve for the polynomial with the s, s' and s" of each crossing.
+
+    Args:
+        crossings: the points, each with the condition (8) that gives s".
+        timing: times and speeds of the crossings.
+        name: name of the robot, for messages.
 
     Raises:
         InvalidInput: there is no such polynomial with the user's times.
@@ -183,10 +217,162 @@ def timing_of(to_cross: PathToCross, request: Request) -> tuple[CrossingTime, ..
 
     def measure(times: Array, speeds: Array) -> tuple[Array, Array]:
         """Compute advance (m,) and peak |s"| (m,) of laws with crossings at times and speeds (m, k)."""
-        accelerations = np.transpose(
-            [condition.acceleration(v) for (_, condition), v in zip(crossings, speeds.T, strict=True)]
-        )
+        accelerations = np.empty_like(speeds)  # (m, k) that condition (8) requires
+        for k, (_, condition) in enumerate(crossings):
+            accelerations[:, k] = condition.acceleration(speeds[:, k])
         values = np.stack(np.broadcast_arrays(s, speeds, accelerations), axis=2)  # (m, k, 3): s, s', s"
         return advances_and_peaks(duration, request.smoothness, times, values)
 
     return choose_timing(s, request, measure, to_cross.branch.robot.name)
+
+
+# ------------------------------------------------------------------ times and speeds of crossings
+
+
+def choose_timing(
+    s: Sequence[float], request: Request, measure: Measure, name: str
+) -> tuple[CrossingTime, ...]:
+    """Choose times and speeds of the crossings at ascending path coordinates s (k,).
+
+    Times or speeds of the request are kept. Candidates for the open ones are tried in turn: first those of
+    the law without crossing conditions, then faster ones. The first candidate whose law advances comfortably
+    is chosen. If there is none, times and speeds are searched.
+
+    Args:
+        measure: a function of times (m, k) and speeds (m, k) of the crossings of m laws. It returns
+            `Law.advance` (m,) and the peak (m,) of |s"| [1/s^2] of each law, as `advances_and_peaks` does.
+        name: name of the robot, for messages.
+
+    Raises:
+        NoLaw: the search finds no law that always advances.
+    """
+    if request.times is not None and request.speeds is not None:
+        # nothing is open; `check_advance` judges the law
+        return _crossing_times(np.array([request.times, request.speeds]))
+    if len(s) > MAX_CROSSINGS:
+        raise NoLaw(
+            f"{name}: the path meets {len(s)} singular points, the first at s = {s[0]:.6g}; a law through "
+            f"more than {MAX_CROSSINGS} is not searched for: cut the path, take law optimal, or give "
+            f"all times and speeds"
+        )
+    score_laws = partial(_score_laws, request.fixed_duration, measure)
+    starts = _first_timings(s, request)  # (m, 2, k)
+    scores = score_laws(starts)
+    comfortable = np.flatnonzero(scores >= COMFORTABLE_ADVANCE)
+    if len(comfortable):
+        return _crossing_times(starts[comfortable[0]])
+
+    best_first = np.argsort(-scores, kind="stable")  # equal scores stay in the order of `starts`
+    best, score = _search_timings(starts[best_first], request, score_laws)
+    timing = _crossing_times(best)
+    if score <= 0:
+        raise NoLaw(
+            f"{name}: no law that always advances found through s = "
+            f"{', '.join(f'{value:.6g}' for value in s)}, tried t = "
+            f"{', '.join(f'{m.time:.6g}' for m in timing)} s, s' = "
+            f"{', '.join(f'{m.speed:.6g}' for m in timing)} 1/s; give other times, speeds or another "
+            f"duration, or take law optimal"
+        )
+    return timing
+
+
+def _first_timings(s: Sequence[float], request: Request) -> Array:
+    """Return times and speeds (m, 2, k) of the laws to try first.
+
+    The first entry are times and speeds of the law without crossing conditions. Each other entry has one
+    speed for all crossings, between 1.2 and 2.4 paths per duration, and the times of a motion at this
+    constant speed that passes s = 1/2 at half of the duration.
+    """
+    duration = request.fixed_duration
+    plain = Law.rest_to_rest(duration, request.smoothness)  # without crossing conditions
+    ends = np.array([0.0, duration])
+    plain_times = np.array([find_instants(plain, ends, value)[0] for value in s])
+    constant_speeds = np.linspace(1.2, 2.4, 7)[:, None] / duration  # (7, 1)
+    constant_speed_times = 0.5 * duration + (np.array(s) - 0.5) / constant_speeds  # (7, k)
+
+    times = np.vstack([plain_times, constant_speed_times])
+    if request.times is not None:
+        times[:] = plain_times = np.array(request.times)
+    speeds = np.vstack([plain(plain_times, 1), np.repeat(constant_speeds, len(s), axis=1)])
+    if request.speeds is not None:
+        speeds[:] = request.speeds
+    return np.stack([times, speeds], axis=1)
+
+
+def _crossing_times(timing: Array) -> tuple[CrossingTime, ...]:
+    """Convert times and speeds (2, k) to crossing times."""
+    return tuple(CrossingTime(t, v) for t, v in timing.T.tolist())
+
+
+def _score_laws(duration: float, measure: Measure, timings: Array) -> Array:
+    """Score laws (m,) by the times and speeds (m, 2, k) of their crossings; higher is better.
+
+    The score is the advance of the law. Laws that advance comfortably score above COMFORTABLE_ADVANCE, by the
+    reciprocal of their peak |s"|. Impossible times or speeds score negative infinity.
+
+    Args:
+        duration: of the laws [s].
+        measure: as for `choose_timing`.
+    """
+    times, speeds = timings.swapaxes(0, 1)  # each (m, k)
+    separation = np.diff(times, axis=1, prepend=0.0, append=duration).min(axis=1)
+    possible = (separation >= MIN_SEPARATION * duration) & (speeds > 0).all(axis=1)
+    scores = np.full(len(timings), -np.inf)
+    advances, peaks = measure(times[possible], speeds[possible])
+    by_peak = COMFORTABLE_ADVANCE + 1.0 / (peaks * duration**2)
+    scores[possible] = np.where(advances < COMFORTABLE_ADVANCE, advances, by_peak)
+    return scores
+
+
+def _search_timings(
+    starts: Array, request: Request, score_laws: Callable[[Array], Array]
+) -> tuple[Array, float]:
+    """Search open times and speeds until laws advance comfortably; return the best (2, k) and its score.
+
+    The method is an evolution strategy. The unknowns of a law are its times over the duration and the
+    logarithms of its speeds. In the first round laws are drawn around all starts. In each further round they
+    are drawn around the mean of the survivors, with the covariance of the survivors about the mean of the
+    round before. This covariance stretches along an ascent of the score and shrinks at its maximum.
+
+    Args:
+        starts: times and speeds (m, 2, k), best first.
+        score_laws: a function that scores laws by their times and speeds (m, 2, k).
+    """
+    duration = request.fixed_duration
+    is_open = np.array([[request.times is None], [request.speeds is None]])  # (2, 1)
+
+    def to_timings(laws: Array) -> Array:
+        """Convert unknowns (m, 2, k) to times [s] and speeds [1/s], or the request's own."""
+        physical = np.stack([duration * laws[:, 0], np.exp(laws[:, 1])], axis=1)
+        return np.where(is_open, physical, starts[0])
+
+    random = np.random.default_rng(0)
+    first_laws = np.stack([starts[:, 0] / duration, np.log(starts[:, 1])], axis=1)  # (m, 2, k)
+    count = LAWS_PER_UNKNOWN * int(is_open.sum()) * starts.shape[2]  # laws drawn in each round
+    centres = first_laws[random.integers(len(starts), size=count)]
+    drawn = centres + is_open * DRAW_SPREAD * random.standard_normal(centres.shape)
+
+    # the survivors, best first, their scores and the mean of the survivors of the round before
+    laws, scores, mean = first_laws[:1], score_laws(starts[:1]), first_laws[0]
+    for _ in range(MAX_ROUNDS):
+        # survivors of the round before stay in the race
+        laws = np.concatenate([laws, drawn])
+        scores = np.concatenate([scores, score_laws(to_timings(drawn))])
+        survivors = np.argsort(-scores, kind="stable")[: count // LAWS_PER_SURVIVOR]
+        laws, scores = laws[survivors], scores[survivors]
+        if scores[-1] >= COMFORTABLE_ADVANCE or scores[-1] > scores[0] - MIN_SPREAD:
+            break
+        drawn = _draw_laws(random, count, laws, mean)
+        mean = laws.mean(axis=0)
+    return to_timings(laws[:1])[0], scores[0]
+
+
+def _draw_laws(random: np.random.Generator, count: int, survivors: Array, last_mean: Array) -> Array:
+    """Draw unknowns (count, 2, k) of laws, normally distributed around the mean of survivors (m, 2, k).
+
+    Their covariance is that of the survivors about the mean (2, k) of the round before: sums of the
+    survivors' offsets from that mean, with independent normal weights, have it.
+    """
+    weights = random.standard_normal((count, len(survivors))) / np.sqrt(len(survivors))
+    steps = np.tensordot(weights, survivors - last_mean, axes=1)
+    return np.asarray(survivors.mean(axis=0) + steps)

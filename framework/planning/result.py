@@ -1,4 +1,7 @@
-"""The result of planning: the crossings, the law with its torques, and the certificate."""
+"""The result of planning: the crossings, the law with its torques, and the certificate.
+
+t_s . W_p is the power of the required wrench in the uncontrolled motion, which condition (8) sets to zero.
+"""
 
 from __future__ import annotations
 
@@ -21,16 +24,12 @@ from framework.laws.law import PlannedLaw
 from framework.laws.path import Path
 from framework.numerics.arrays import Array, ArrayLike, ReadOnlyArrays
 from framework.planning.condition import Condition8, Deflection, coefficients_at, crossing_point
-from framework.planning.crossing_points import PathToCross
+from framework.planning.crossing_points import CrossingTime, PathToCross
 from framework.planning.motion_table import DEFAULT_ROWS, MotionTable, motion_table, sample_times
 from framework.planning.neglected_effects import NeglectedEffect, neglected_effects, neglected_friction
-from framework.planning.request import Request
-from framework.planning.specification import Specification, motor_peaks
-from framework.planning.timing import CrossingTime
+from framework.planning.request import PEAK_SAMPLES, Request, Specification, motor_peaks
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import SAME_PLACE
-
-PEAK_SAMPLES = 2001  # equidistant instants at which positions are checked and peaks are located
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +37,8 @@ class Crossing(ReadOnlyArrays):
     """A crossing of a Type 2 singularity, measured on the finished motion.
 
     residual: |t_s . W_p| divided by the largest sum, along the motion, of the absolute values of its terms.
-    condition: the coefficients of condition (8) that the law was made to meet; None if condition (8) holds
-        although the request did not ask for it.
+    condition: the coefficients of condition (8) that the law meets; None if condition (8) holds although the
+        request did not ask for it.
     """
 
     s: float  # s(time) of the law
@@ -156,10 +155,10 @@ class CrossingPlan:
         Each text has the s of the largest excess. The robot file limits torques and speeds of motors, the
         URDF limits positions of joints.
         """
-        exceeded: dict[str, list[str]] = {joint: [] for joint in self.robot.actuator_names}
+        excesses: dict[str, list[str]] = {joint: [] for joint in self.robot.actuator_names}
         for joint, excess in [*self._motor_excesses(), *self._position_excesses()]:
-            exceeded.setdefault(joint, []).append(excess)
-        return {joint: ", ".join(excesses) for joint, excesses in exceeded.items() if excesses}
+            excesses.setdefault(joint, []).append(excess)
+        return {joint: ", ".join(texts) for joint, texts in excesses.items() if texts}
 
     @cached_property
     def _peaks(self) -> tuple[Array, Array]:
@@ -175,9 +174,9 @@ class CrossingPlan:
             ("speed", self.motor_angle(times, 1), peak_speeds, robot.speed_units),
         )
         for quantity, values, peaks, units in quantities:
-            limits = motor_limits(robot, f"{quantity}_limit", None)
+            limits = motor_limits(robot, f"{quantity}_limit", None)  # of the robot file
             s_peaks = self.law(times[np.abs(values).argmax(axis=0)])  # (n_a,)
-            for k in np.flatnonzero(peaks > limits):
+            for k in np.flatnonzero(peaks > limits):  # indices of motors
                 size, bound = format_distinct(peaks[k], limits[k])
                 excess = f"{quantity} {size} {units[k]} of {bound} at s = {s_peaks[k]:.4g}"
                 yield robot.actuator_names[k], excess
@@ -185,9 +184,9 @@ class CrossingPlan:
     def _position_excesses(self) -> Iterator[tuple[str, str]]:
         """Yield each joint that exceeds a position limit of the URDF, with the excess in words."""
         times, limits = np.linspace(0.0, self.duration, PEAK_SAMPLES), self.robot.limits
-        q = self.dynamics.configuration(times)
-        excess_shares = shares_beyond_limits(limits, q)  # (T, limits)
-        s_worst = self.law(times[excess_shares.argmax(axis=0)])
+        q = self.configuration(times)
+        excess_shares = shares_beyond_limits(limits, q)  # (T, number of limits)
+        s_worst = self.law(times[excess_shares.argmax(axis=0)])  # (number of limits,)
         s_of_joint = dict(zip([limit.joint for limit in limits], s_worst, strict=True))
         for joint, excess in positions_beyond_limits(limits, q).items():
             yield joint, f"{excess} at s = {s_of_joint[joint]:.4g}"
@@ -221,7 +220,12 @@ class CrossingPlan:
         period: float | None = None,
         columns: Sequence[str] | None = None,
     ) -> None:
-        """Write motion.csv to a path or an open text file; options of `samples`."""
+        """Write motion.csv to a path or an open text file.
+
+        Args:
+            samples: number of instants, unless a period is given.
+            period, columns: as for `samples`.
+        """
         text = self.samples(samples, period=period, columns=columns).as_csv()
         if isinstance(file, str | PathLike):
             FilePath(file).write_text(text, encoding="utf-8")
@@ -238,32 +242,26 @@ def certified_plan(
     *,
     reason: str = "",
     optimality: Optimality | None = None,
-    conditions: Sequence[Condition8] = (),
 ) -> CrossingPlan:
     """Return the plan of a motion whose torques are computed.
 
     Args:
+        dynamics: the motion under the law, with its torques, crossings and certificate.
         timing: times and speeds of crossings for which the law was made. They replace the numbers of a
-            measured crossing that differs only by rounding.
+            measured crossing that differ only by rounding.
         reason, optimality: fields of the plan.
-        conditions: the conditions (8) that the law was made to meet, one for each crossing point. If empty,
-            they are computed on the motion.
     """
     crossings = []
-    matches = _match_points(to_cross, dynamics.crossings)
-    for measured, index in zip(dynamics.crossings, matches, strict=True):
+    point_indices = _match_points(to_cross, dynamics.crossings)
+    for measured, index in zip(dynamics.crossings, point_indices, strict=True):
         time, speed = _crossing_time(measured.time, law, timing)
-        if index is None:  # the request did not ask for condition (8) here
-            condition = None
-        elif conditions:
-            condition = conditions[index]
-        else:
-            condition = _find_condition(to_cross, request, dynamics, index, time)
+        # None where the request did not ask for condition (8)
+        condition = None if index is None else _find_condition(to_cross, request, dynamics, index, time)
         crossings.append(
             Crossing(
-                measured.s,
-                time,
-                speed,
+                s=measured.s,
+                time=time,
+                speed=speed,
                 acceleration=float(law(time, 2)),
                 kind=measured.kind,
                 twist=measured.twist,
@@ -286,9 +284,10 @@ def certified_plan(
 
 
 def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTime]) -> CrossingTime:
-    """Return time and speed of a measured crossing, without rounding errors.
+    """Return time and speed of a crossing that was measured at a time [s].
 
-    Intended numbers that differ by rounding alone replace the measured ones.
+    Numbers of `timing`, for which the law was made, replace the measured ones where they differ by rounding
+    alone.
     """
     for intended in timing:
         if abs(intended.time - measured) < SAME_PLACE * law.duration:
@@ -300,11 +299,11 @@ def _crossing_time(measured: float, law: PlannedLaw, timing: Sequence[CrossingTi
 
 
 def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing]) -> list[int | None]:
-    """Return for each crossing the index of its crossing point; None if the request had none.
+    """Return for each measured crossing the index of its crossing point; None if the request had none.
 
-    Singular points and crossings are both in the order of the path. If their numbers agree they are matched
-    by that order, since springs may have shifted the crossings. Otherwise, and for imposed points, they are
-    matched by s.
+    Singular points and crossings are both in the order of the path. If there are equally many, they are
+    matched by that order, since springs may have shifted the crossings. Otherwise, and for imposed points,
+    they are matched by s.
     """
     points = to_cross.crossing_points
     are_located = all(isinstance(point, SingularPoint) for point in points)
@@ -318,13 +317,17 @@ def _match_points(to_cross: PathToCross, crossings: Sequence[SingularityCrossing
 
 
 def _find_condition(
-    to_cross: PathToCross, request: Request, dynamics: InverseDynamics, k: int, time: float
+    to_cross: PathToCross, request: Request, dynamics: InverseDynamics, index: int, time: float
 ) -> Condition8:
-    """Compute condition (8) at crossing point k with the deflections at a time [s]."""
+    """Compute condition (8) at a crossing point with the deflections at a time [s].
+
+    Args:
+        index: of the point in `to_cross.crossing_points`.
+    """
     if request.geometry != "deformed":
-        _, condition = to_cross.undeformed_crossings[k]
+        _point, condition = to_cross.undeformed_crossings[index]
         return condition
     deflection = Deflection.evaluate(dynamics.deflection, time)
     s_guess = float(dynamics.law(time))
-    point = crossing_point(to_cross.branch, to_cross.crossing_points[k], deflection, s_guess)
+    point = crossing_point(to_cross.branch, to_cross.crossing_points[index], deflection, s_guess)
     return coefficients_at(to_cross.branch, point, deflection)

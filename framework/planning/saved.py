@@ -1,16 +1,17 @@
 """plan.json: write a plan, and read its request and its law back.
 
 Everything else is computed anew from these two. Geometry, crossings with their condition (8), peak torques,
-the goal and whether the law always advances are then compared with the file, numbers within the rounding of
-`_rounding_sizes`. `reason`, `seconds`, and the reference and gap of an optimal law are taken from the file.
-Its other numbers, such as those of the certificate and of the neglected effects, must be there, but are not
-used.
+the goal and whether the law always advances are then compared with the file leaf by leaf, numbers within the
+rounding of one table, `_rounding_sizes`. `reason`, `seconds`, and the reference and gap of an optimal law are
+taken from the file. The other numbers of the file, such as those of the certificate and of the neglected
+effects, must be there, but are not used.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path as FilePath
@@ -52,13 +53,11 @@ from framework.numerics.fields import (
 from framework.numerics.input import read_text
 from framework.numerics.output import Document, json_text, plain, select_fields, write_file
 from framework.planning.condition import Condition8
-from framework.planning.crossing_points import path_to_cross
+from framework.planning.crossing_points import CrossingTime, path_to_cross
 from framework.planning.options import OPTIONS
-from framework.planning.request import Request
+from framework.planning.request import Request, specification_of
 from framework.planning.result import CrossingPlan, Optimality, certified_plan
 from framework.planning.scenes import path_of
-from framework.planning.specification import specification_of
-from framework.planning.timing import CrossingTime
 from framework.singularity.points_on_path import search_path
 from framework.tolerances import FILE_ROUNDING
 
@@ -69,18 +68,18 @@ LAW_KINDS = (Law.kind, OptimalLaw.kind)
 # ------------------------------------------------------------------ the keys that are read
 
 
-def _read_series(where: str, given: Any) -> tuple[float, ...]:
-    """Read the coefficients of a law, at least two."""
-    coefficients = list_of(number)(where, given)
+def _read_series(where: str, raw: Any) -> tuple[float, ...]:
+    """Read the coefficients of a law, at least two, from the raw value at `where` in the file."""
+    coefficients = list_of(number)(where, raw)
     if len(coefficients) < 2:
         raise InvalidInput(f"{where}: needs at least two numbers, got {len(coefficients)}")
     return coefficients
 
 
-def _read_law(where: str, given: Any) -> Document:
-    """Read the keys of a law by its kind."""
-    kind = read_table(where, given, _KIND, others=None)["kind"]
-    return read_table(where, given, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
+def _read_law(where: str, raw: Any) -> Document:
+    """Read the keys of a law at `where` in the file: first its kind, then the keys of this kind."""
+    kind = read_table(where, raw, _KIND, others=None)["kind"]
+    return read_table(where, raw, {**_KIND, **_LAWS[kind]}, others=("degree", "domain", "turns"))
 
 
 _NUMBERS = list_of(number)
@@ -96,10 +95,7 @@ _LAWS: Mapping[str, Table] = {
 }
 _OPTIMALITY: Table = {"reference": required(list_of(positive)), "gap": required(not_negative)}
 _TIME: Table = {"time": required(number), "speed": required(number)}
-_COMPUTED: Table = dict.fromkeys(
-    ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate"),
-    required(anything),
-)
+_COMPUTED = ("robot", "geometry", "peak_torque", "exceeded", "neglected_friction", "neglected", "certificate")
 _READ: Table = {
     "version": required(whole),
     "robot_file": required(text),
@@ -110,13 +106,13 @@ _READ: Table = {
         record({"path": required(record(PATHS, select_path)), **{name: Field(anything) for name in OPTIONS}})
     ),
     "law": required(_read_law),
-    "crossings": required(list_of(lambda where, given: read_table(where, given, _TIME, others=None))),
+    "crossings": required(list_of(lambda where, raw: read_table(where, raw, _TIME, others=None))),
     "reason": required(text_or_empty),
     "optimality": required(
-        or_null(lambda where, given: read_table(where, given, _OPTIMALITY, others=("optimize",)))
+        or_null(lambda where, raw: read_table(where, raw, _OPTIMALITY, others=("optimize",)))
     ),
     "seconds": required(not_negative),
-    **_COMPUTED,
+    **dict.fromkeys(_COMPUTED, required(anything)),
 }
 
 # ------------------------------------------------------------------ writing
@@ -143,7 +139,7 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
     Raises:
         InvalidInput: the path or the law is a user's own function, which cannot be written.
     """
-    best = plan.optimality
+    best = plan.optimality  # None for a polynomial
     document: Document = plain(
         {
             "version": VERSION,
@@ -171,7 +167,11 @@ def plan_document(plan: CrossingPlan, folder: FilePath | None = None) -> Documen
 
 
 def robot_name_or_file(robot: ParallelRobot, folder: FilePath | None = None) -> str:
-    """Return the robot's catalogue name, or else the path of its file, relative to a given folder."""
+    """Return the robot's catalogue name, or else the path of its file.
+
+    The path is relative to `folder` if possible, and absolute without a folder. A relative path begins with a
+    folder, such as `.`, so that it is no catalogue name.
+    """
     name, file = robot.name, robot.description.file
     entry = find_entry(name)
     if entry is not None and file.exists() and entry.file.samefile(file):
@@ -200,19 +200,23 @@ def _request_document(request: Request) -> Document:
     }
 
 
-def _law_document(law: object) -> Document:
-    """Return the law as a document; refuse kinds of law that cannot be read again."""
-    document = law.to_dict() if isinstance(law, PlannedLaw) else {"kind": type(law).__name__}
-    kind = document.get("kind", Law.kind)
-    if kind not in LAW_KINDS:
+def _law_document(law: PlannedLaw) -> Document:
+    """Return the law as a document.
+
+    Raises:
+        InvalidInput: the law is of a kind that `load_plan` cannot read.
+    """
+    if law.kind not in LAW_KINDS:
         raise InvalidInput(
-            f"law: {choose_from('kind of law', kind, LAW_KINDS)}, in a plan that is saved; plan.to_csv "
+            f"law: {choose_from('kind of law', law.kind, LAW_KINDS)}, in a plan that is saved; plan.to_csv "
             f"saves its motion"
         )
-    return document
+    return law.to_dict()
 
 
 # ------------------------------------------------------------------ reading
+
+# `stated` has the checked values of plan.json, by key, or those of the key that a function is named after.
 
 
 def is_plan_folder(name: str) -> bool:
@@ -246,6 +250,7 @@ def plan_from_document(
 
     Args:
         file: the plan.json, for messages; paths in it are relative to its folder.
+        robot_file: as for `load_plan`.
 
     Raises:
         InvalidInput, RobotFileError: see `load_plan`.
@@ -285,7 +290,11 @@ def plan_from_document(
 
 
 def _read_plan(saved: Document, file: FilePath) -> Document:
-    """Return the checked values of plan.json, by key."""
+    """Return the checked values of plan.json, by key, from its content `saved`.
+
+    Raises:
+        InvalidInput: the file has another version, lacks a key, or has an invalid value.
+    """
     if saved.get("version") != VERSION:
         raise InvalidInput(
             f"{file}: version: this program reads plans of version {VERSION}, got "
@@ -296,7 +305,10 @@ def _read_plan(saved: Document, file: FilePath) -> Document:
 
 
 def read_document(file: FilePath, command: str) -> Document:
-    """Return the JSON object in a file that a command has written.
+    """Return the JSON object in a file that a `crossing` command with --out has written.
+
+    Args:
+        command: name of that command, for messages.
 
     Raises:
         InvalidInput: the file cannot be read, or is no JSON object.
@@ -313,7 +325,13 @@ def read_document(file: FilePath, command: str) -> Document:
 
 
 def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | None) -> ParallelRobot:
-    """Load the robot of a plan, or of `robot_file` if given."""
+    """Load the robot that plan.json states, or the one of `robot_file` if given.
+
+    The stated robot file is relative to the folder of `file`, the plan.json.
+
+    Raises:
+        InvalidInput, RobotFileError: the file is missing or broken.
+    """
     if robot_file is not None:
         found = robot_file_of(str(robot_file))
     else:
@@ -328,7 +346,11 @@ def _find_robot(stated: Document, file: FilePath, robot_file: str | FilePath | N
 
 
 def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Request:
-    """Return the request of the file, checked for robot and duration [s]."""
+    """Return the request that plan.json states, checked for the robot and the law's duration [s].
+
+    Raises:
+        InvalidInput: an option is invalid, or the request has another duration.
+    """
     path = path_of(*stated.pop("path"))
     with prefix_errors("request", InvalidInput):
         request = Request.of(robot, path, **stated)
@@ -338,7 +360,7 @@ def _make_request(robot: ParallelRobot, stated: Document, duration: float) -> Re
 
 
 def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw:
-    """Return the law of the file, of a duration [s]."""
+    """Return the stated law of a duration [s]; refuse a smoothness that the request or laws exclude."""
     check_duration(duration)
     if stated["kind"] == Law.kind:
         return Law(np.array(stated["chebyshev"]), duration)
@@ -355,7 +377,7 @@ def _make_law(stated: Document, duration: float, request: Request) -> PlannedLaw
 def _make_optimality(
     robot: ParallelRobot, request: Request, stated: Document | None, kind: str
 ) -> Optimality | None:
-    """Return the stated optimality of an optimal law; None for a polynomial."""
+    """Return the stated optimality of an optimal law, None for a polynomial; refuse other combinations."""
     if (stated is None) != (kind == Law.kind):
         raise InvalidInput(f"optimality: got {short(stated)} with a {kind} law")
     if stated is None:
@@ -368,7 +390,7 @@ def _make_optimality(
 
 
 def _compared_document(plan: CrossingPlan) -> Document:
-    """Return the part of plan.json that is computed anew and compared."""
+    """Return the part of plan.json that `load_plan` computes anew and compares."""
     crossings = [
         vars(crossing) | {"condition": crossing.condition and crossing.condition._asdict()}
         for crossing in plan.crossings
@@ -383,40 +405,40 @@ def _compared_document(plan: CrossingPlan) -> Document:
 
 
 def _rounding_sizes(plan: CrossingPlan) -> dict[str, float]:
-    """Return the size of each computed number of plan.json, by key.
+    """Return the size of each computed number of plan.json, by key without the index of the crossing.
 
     Differences of FILE_ROUNDING times the size are rounding. Coefficients of condition (8) have the size of
-    the largest term at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so any value agrees.
+    the largest term of any crossing at s' = 1 / duration and s" = s'^2. A residual consists of rounding, so
+    any value agrees.
     """
-    pace = 1.0 / plan.duration
-    rates = Condition8(alpha=pace**2, beta=pace**2, gamma=1.0, delta=pace)._asdict()
+    mean_speed = 1.0 / plan.duration  # [1/s] of s
+    # what coefficients are multiplied by at this speed
+    factors = Condition8(alpha=mean_speed**2, beta=mean_speed**2, gamma=1.0, delta=mean_speed)
+    conditions = [crossing.condition for crossing in plan.crossings if crossing.condition is not None]
+    largest_term = np.abs(np.reshape(conditions, (-1, len(factors))) * factors).max(initial=0.0)
     largest_torque = max(plan.peak_torque.values())
-    sizes = {f"peak_torque.{joint}": largest_torque for joint in plan.peak_torque}
-    crossing_sizes = {
-        "s": 1.0,
-        "time": plan.duration,
-        "speed": pace,
-        "acceleration": pace**2,
-        "twist": 1.0,
-        "platform": plan.robot.length,
-        "residual": np.inf,
+    return {
+        "crossings.s": 1.0,
+        "crossings.time": plan.duration,
+        "crossings.speed": mean_speed,
+        "crossings.acceleration": mean_speed**2,
+        "crossings.twist": 1.0,
+        "crossings.platform": plan.robot.length,
+        "crossings.residual": np.inf,
+        **{f"crossings.condition.{key}": largest_term / factor for key, factor in factors._asdict().items()},
+        **{f"peak_torque.{joint}": largest_torque for joint in plan.peak_torque},
     }
-    for k, crossing in enumerate(plan.crossings):
-        sizes |= {f"crossings[{k}].{key}": size for key, size in crossing_sizes.items()}
-        terms = np.abs(crossing.condition or 0.0) * list(rates.values())
-        for key, rate in rates.items():
-            sizes[f"crossings[{k}].condition.{key}"] = terms.max() / rate
-    return sizes
 
 
 def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
-    """Raise InvalidInput with the first key whose value in the file contradicts the plan."""
+    """Raise InvalidInput with the first key whose value in the content of the file contradicts the plan."""
     document, best = _compared_document(plan), plan.optimality
     document["certificate"] = {"monotone": plan.certificate.monotone}
     document["optimality"] = best and {"optimize": best.specification.goal}
     stated, sizes = dict(_yield_leaves(saved)), _rounding_sizes(plan)
     for key, computed in _yield_leaves(plain(document)):
-        if key not in stated or not _values_agree(stated[key], computed, sizes.get(key)):
+        size = sizes.get(re.sub(r"^crossings\[\d+\]", "crossings", key))
+        if key not in stated or not _values_agree(stated[key], computed, size):
             raise InvalidInput(
                 f"{key}: the file says {short(stated.get(key, 'nothing'))}, the robot now needs "
                 f"{short(computed)}: the robot has changed since; plan again"
@@ -424,7 +446,11 @@ def _check_leaves(saved: Document, plan: CrossingPlan) -> None:
 
 
 def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the key and the value of each leaf of a document, and the length of each list of mappings."""
+    """Yield the key and the value of each leaf of a document, and the length of each list of mappings.
+
+    Args:
+        key: of the value in the whole document, such as `crossings[0].condition`.
+    """
     if isinstance(value, Mapping):
         for name, part in value.items():
             yield from _yield_leaves(part, below(key, name))
@@ -437,7 +463,11 @@ def _yield_leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _values_agree(stated: Any, computed: Any, size: float | None) -> bool:
-    """Return whether values agree to FILE_ROUNDING of a size or of themselves; exactly without a size."""
+    """Return whether the value of a leaf in the file agrees with the computed one.
+
+    Numbers may differ by FILE_ROUNDING of the size, or of themselves if they are larger. Without a size the
+    values must be equal.
+    """
     if size is None or computed is None or stated == computed:
         return bool(stated == computed)
     try:

@@ -22,7 +22,7 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
 
     Raises:
         InvalidInput: the robot has no such scene; the message lists the names of its scenes.
-        RobotFileError: the path of the scene is invalid.
+        RobotFileError: the points of the scene make no path.
     """
     expect_robot(robot)
     scenes = robot.description.scenes
@@ -31,7 +31,7 @@ def scene(robot: ParallelRobot, name: str) -> Scene:
     if name not in scenes:
         raise InvalidInput(f"{robot.name}: {choose_from('scene', name, scenes)}")
     with prefix_errors(f"{robot.description.file}: scenes.{name}"):
-        scene_path(scenes[name])
+        scene_path(scenes[name])  # raises if it is invalid
     return scenes[name]
 
 
@@ -44,7 +44,7 @@ def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = 
     """Return the line, arc, spline or polyline through points (m, n).
 
     Args:
-        kind: `kind` of the path's class.
+        kind: "line", "arc", "spline" or "polyline", the `kind` of the path's class.
         points: (start, end) of a line, (start, via, end) of an arc.
         blend: distance from a polyline's corners at which their rounding begins.
 
@@ -63,7 +63,11 @@ def path_of(kind: str, points: Sequence[Sequence[float]], blend: float | None = 
 
 
 def plan_scene(robot: ParallelRobot, name: str, **options: Any) -> CrossingPlan:
-    """Plan the request of a scene; options of `plan_crossing` override the scene's."""
+    """Plan the request of a scene; options of `plan_crossing` override the scene's.
+
+    Raises:
+        InvalidInput, NoAnswer: as `scene_request` and `plan_crossing`.
+    """
     return plan_request(robot, scene_request(robot, name, **options))
 
 
@@ -79,19 +83,22 @@ def scene_request(robot: ParallelRobot, name: str, **options: Any) -> Request:
         InvalidInput: the robot has no such scene, or as `Request.of`.
     """
     chosen = scene(robot, name)
-    stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}
+    stated = {key: getattr(chosen, key) for key in OPTIONS if hasattr(chosen, key)}  # options of the scene
     set_options = {key for key, value in options.items() if value is not None}
 
+    # the scene's goal gives way
     fixes_duration = "duration" in set_options and chosen.optimize == "time"
     if fixes_duration or options.get("law") == "polynomial" or "times" in set_options:
         stated["optimize"] = None
 
+    # its times and speeds give way to an optimal law
     has_limits = any(is_limited(options.get(key)) for key in ("torque_limit", "speed_limit"))
     combined = {**stated, **options}
     has_goal = any(combined.get(key) is not None for key in ("optimize", "longest", "margin"))
     if options.get("law") == "optimal" or has_goal or has_limits:
         stated.update(times=None, speeds=None)
 
+    # its duration gives way to a law that finds its own
     if options.get("optimize") == "time" or "longest" in set_options:
         stated["duration"] = None
     return Request.of(robot, scene_path(chosen), **{**stated, **options})

@@ -14,8 +14,8 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import law_derivatives
 from framework.numerics.arrays import Array
 from framework.planning.optimal.limit_curves import LimitCurves, limit_curves
+from framework.planning.request import specification_of
 from framework.planning.result import CrossingPlan
-from framework.planning.specification import specification_of
 from framework.show.captions import display_name, wrench_unit
 from framework.show.film import Film, film_plan
 from framework.show.force_polygon import limit_for_picture, plot_eyes

@@ -17,8 +17,7 @@ from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.elastic_balance import find_law_in_balance
 from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
-from framework.planning.request import Request
-from framework.planning.specification import specification_of
+from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import search_path
 
 DAMPED = {"left_motor": JointDynamics(damping=0.02), "left_elbow": JointDynamics(damping=0.01)}

@@ -21,9 +21,8 @@ from framework import (
 )
 from framework.cli import main
 from framework.cli.fidelity import fidelity_lines
-from framework.fidelity.chosen_level import options_of_level
-from framework.fidelity.fidelity_indicators import robot_at_level
 from framework.fidelity.fidelity_study import _plan_motion
+from framework.fidelity.predicted_level import options_of_level, robot_at_level
 from framework.model.description import JointDynamics
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME, with_bodies
 from framework.model.robot_file_writer import write_robot_file

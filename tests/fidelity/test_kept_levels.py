@@ -6,8 +6,8 @@ import pytest
 
 import robots
 from framework import plan_scene
-from framework.fidelity.fidelity_indicators import compute_level_motions, robot_at_level
 from framework.fidelity.model_comparison import Comparison, ReferenceMotion
+from framework.fidelity.predicted_level import compute_level_motions, robot_at_level
 from framework.model.fidelity_levels import LEVELS, LEVELS_BY_NAME
 from tests.robots.every_robot import RIGID, SCENES, asks_nothing, in_stages
 

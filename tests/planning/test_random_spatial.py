@@ -12,7 +12,7 @@ import pytest
 import robots
 from framework import CrossingPlan, Line, NoAnswer, NoLaw, ParallelRobot, locate_singularities, plan_crossing
 from framework.planning.optimal.peak_bound import bound_plan
-from framework.planning.refusals.refusal_proofs import HoldingTorque
+from framework.planning.refusals import HoldingTorque
 from framework.planning.scenes import scene_path
 from tests.oracles.equations_of_motion import defects
 

@@ -26,10 +26,9 @@ from framework.cli.commands import OneLineParser
 from framework.cli.parser import add_motion, add_options, add_path
 from framework.model.description import Scene
 from framework.planning.options import OPTIONS, TYPED
-from framework.planning.request import Request
+from framework.planning.request import Request, specification_of
 from framework.planning.saved import plan_document, save_plan
 from framework.planning.scenes import scene_request
-from framework.planning.specification import specification_of
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])
 ASKED = {"duration": 1.5, "times": [1.0], "speeds": [1.5]}

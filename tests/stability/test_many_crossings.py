@@ -15,9 +15,9 @@ import pytest
 
 import robots
 from framework import Condition, Law, Line, NoLaw, assemble, locate_singularities, plan_crossing
-from framework.planning import timing
+from framework.planning import polynomial
+from framework.planning.polynomial import LAWS_PER_UNKNOWN, MAX_CROSSINGS, MAX_ROUNDS, choose_timing
 from framework.planning.request import Request
-from framework.planning.timing import LAWS_PER_UNKNOWN, MAX_CROSSINGS, MAX_ROUNDS, choose_timing
 from tests.benchmarks.chart.along import massless_legs
 
 OPEN = Request(path=Line([0.0], [1.0]), duration=1.0)
@@ -65,7 +65,7 @@ def test_one_polynomial_swings_between_many_points():
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_the_search_is_bounded(count):
-    starts = len(timing._first_timings([0.5], OPEN))
+    starts = len(polynomial._first_timings([0.5], OPEN))
     most = starts + 1 + MAX_ROUNDS * LAWS_PER_UNKNOWN * 2 * count
     assert trials(count) <= (0 if count > MAX_CROSSINGS else most)
 

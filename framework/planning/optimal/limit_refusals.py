@@ -19,7 +19,7 @@ from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.least_cost import NoneFound, find_least_cost
 from framework.planning.optimal.peak_bound import find_refuting_bound
 from framework.planning.optimal.phase_plane import demand
-from framework.planning.refusals.refusal_proofs import HoldingTorque, LeastLimits, SearchEvidence, advice_of
+from framework.planning.refusals import HoldingTorque, LeastLimits, SearchEvidence, advice_of
 
 
 def refuse_law(problem: LawProblem, none: NoneFound) -> NoLaw | NotConverged:

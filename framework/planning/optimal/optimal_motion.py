@@ -45,8 +45,8 @@ from framework.planning.optimal.optimal_task import (
 from framework.planning.optimal.rest_of_springs import check_rest
 from framework.planning.optimal.sampled_demand import SampledDemand, sample_demand
 from framework.planning.optimal.undeformed_law import adapt_found_law, find_law, problem_of, solve_problem
-from framework.planning.refusals.refusal_proofs import StaticFold
-from framework.planning.specification import limit_excess, motor_peaks
+from framework.planning.refusals import StaticFold
+from framework.planning.request import limit_excess, motor_peaks
 from framework.tolerances import PEAK_TORQUE_MISMATCH, REQUIRED_SPEED_ERROR, STIFFER_THAN_FOLD
 
 MAX_PASSES = 12  # of optimising a law and resolving its motion

@@ -15,9 +15,8 @@ from framework.numerics.arrays import Array
 from framework.planning.condition import CrossingPoint, coefficients_at, undeformed_crossing
 from framework.planning.crossing_points import PathToCross
 from framework.planning.optimal.phase_plane import SquaredSpeed, crossing_rows
-from framework.planning.refusals.refusal_proofs import UnmetCondition
-from framework.planning.request import Request
-from framework.planning.specification import Specification
+from framework.planning.refusals import UnmetCondition
+from framework.planning.request import Request, Specification
 from framework.singularity.points_on_path import SingularPoint
 from framework.tolerances import NO_HOLD
 

@@ -13,8 +13,7 @@ from framework.planning.optimal.elastic_balance import _fit_series
 from framework.planning.optimal.law_problem import condition_rows
 from framework.planning.optimal.optimal_task import Task, find_crossing_points
 from framework.planning.optimal.undeformed_law import problem_of, solve_problem
-from framework.planning.request import Request
-from framework.planning.specification import specification_of
+from framework.planning.request import Request, specification_of
 from framework.singularity.points_on_path import search_path
 
 

@@ -20,9 +20,8 @@ from framework.planning.optimal.law_problem import LawProblem
 from framework.planning.optimal.optimal_task import Task
 from framework.planning.optimal.peak_bound import bound_duration, bound_peak, find_refuting_bound
 from framework.planning.optimal.phase_plane import AffineInSpeed, Demand, demand
-from framework.planning.request import Request
+from framework.planning.request import Request, Specification, specification_of
 from framework.planning.scenes import scene_path
-from framework.planning.specification import Specification, specification_of
 from framework.singularity.points_on_path import search_path
 
 LINE = Line([0.1, 0.345], [-0.05, 0.195])

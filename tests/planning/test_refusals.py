@@ -42,7 +42,7 @@ def errors_made(module: str) -> set[str]:
 
 
 # what a plan leaves out is asked of it afterwards, and no reason to refuse it
-AFTERWARDS = {"framework.planning.model_on_motion"}
+AFTERWARDS = {"framework.planning.neglected_effects"}
 
 
 def read_table(text: str) -> list[tuple[str, str, list[str]]]:

@@ -10,8 +10,13 @@ import pytest
 import robots
 from framework import InvalidInput, fidelity_study, plan_scene
 from framework.dynamics.open_loop import ErrorDynamics, MotorControl, error_dynamics, open_loop_error
-from framework.fidelity.chosen_level import predict_errors, predict_level, scene_level
-from framework.fidelity.fidelity_indicators import Indicators, LevelError
+from framework.fidelity.predicted_level import (
+    Indicators,
+    LevelError,
+    predict_errors,
+    predict_level,
+    scene_level,
+)
 from framework.model.fidelity_levels import LEVELS
 from tests.fidelity.test_kept_levels import PLANNED
 from tests.robots.every_robot import in_stages

@@ -1,0 +1,319 @@
+"""All reasons to refuse a plan, in the order in which they are checked.
+
+Each entry has the error, the reason, and below them the functions that decide, in this package or a lower
+one, without the prefix `framework.`. Invalid options are refused earlier, by an InvalidInput of
+`planning.options` or `planning.request`. `planning.plan` adds the remedy. The code below the table has the
+records of the numbers on which a refusal rests, and the refusal of laws that turn back.
+
+On the path, springs at rest:
+
+    NotAssembled: the loops do not close at the reference, or far from it
+        kinematics.assembly.close_reference
+    OutOfReach: the path leaves the workspace
+        kinematics.continuation.tracking.track_path
+    Type1Singularity: a leg is stretched or folded on the path
+        kinematics.continuation.tracking.track_path
+        singularity.points_on_path.search_path
+    SingularPath: the path runs along the singular locus
+        singularity.piecewise_measure.resolve_panels
+    NotConverged: g is not resolved, or needs dropped loop equations
+        singularity.piecewise_measure.resolve_panels
+        singularity.points_on_path.search_path
+
+At a singular point:
+
+    UncontrolledMotions: motions escape that cannot be told apart
+        singularity.points_on_path.search_path
+        kinematics.continuation.tracking.escape_error
+    NoLaw: a singular point is not of Type 2
+        dynamics.singularity_crossings.check_kind
+    UncontrolledMotions: several motions escape, not all across the locus
+        dynamics.singularity_crossings.check_kind
+        kinematics.continuation.tracking.escape_error
+    NoLaw: the path starts or ends on the locus
+        planning.crossing_points.check_crossable
+
+The polynomial law:
+
+    NoLaw: a touch, or several motions: more than one condition
+        planning.crossing_points.check_one_condition_each
+    NoLaw: the path is orthogonal to t_s: s" has no effect on t_s . W_p
+        planning.condition.require_effect
+    NoLaw: too many crossings, or no times and speeds at which a law advances
+        planning.polynomial.choose_timing
+    NoLaw: the conditions on the polynomial repeat or contradict each other
+        planning.polynomial.plan_polynomial
+    NoLaw: the law runs back or leaves the path
+        planning.refusals.check_advance
+
+The optimal law:
+
+    NoLaw: deflections turn a tangential touch into two crossings, or into none
+        planning.optimal.optimal_task.check_single_crossings
+    NoLaw: springs and damping with redundant motors or rigid geometry
+        planning.optimal.optimal_motion.optimal_motion
+    NoLaw: s" has no effect, and no speed meets condition (8)
+        planning.optimal.optimal_task.check_speeds
+    UncontrolledMotions: no law meets the conditions of several motions
+        planning.optimal.optimal_task.check_speeds
+        kinematics.continuation.tracking.escape_error
+    NoLaw: a motor cannot hold an end of the path, or limits are too low
+        planning.optimal.limit_refusals.refuse_law
+    NotConverged: no law is found, although the limits are not the reason
+        planning.optimal.limit_refusals.refuse_law
+    NotConverged: law and damping do not settle
+        planning.optimal.undeformed_law.find_law
+    NoLaw: the springs give way at an end, at rest
+        planning.optimal.optimal_motion.optimal_motion
+    NotConverged: law and springs do not settle together
+        planning.optimal.optimal_motion.optimal_motion
+    NotConverged: springs do not start or stop at rest
+        planning.optimal.rest_of_springs.check_rest
+
+The motion, under either law or one of the user's own:
+
+    NoLaw: the motion stops on the locus
+        dynamics.singularity_crossings.rigid_crossings
+    UnboundedTorque: condition (8) is not met: t_s . W_p is not zero at a crossing
+        dynamics.singularity_crossings.check_bounded
+    NoLaw: the deflected robot has no singular point near the crossing
+        planning.condition.crossing_point
+    NotConverged: deflected, the path is orthogonal to t_s: s" has no effect
+        planning.condition.condition_at
+    NotAssembled: loops do not close along the motion, or rates do not exist
+        kinematics.inverse_kinematics.close_loops
+        kinematics.motion_rates.motion_at
+    NotConverged: no deflections found in equilibrium with their forces
+        dynamics.elasticity.solve_deflections
+        dynamics.refusals.unsettled_error
+    NotConverged: no law near this one has deflections in balance
+        dynamics.restoration.solve_balance
+        planning.optimal.elastic_balance.find_law_in_balance
+    SpringsTooSoft: even much stiffer springs would deflect beyond the range of the model
+        dynamics.restoration.solve_balance
+    NotConverged: springs tear the loops open
+        dynamics.inverse_dynamics.resolve
+    NotConverged: torques, deflections or a near miss are not resolved
+        dynamics.refusals.unresolved_error
+    NoLaw: the deflected robot meets a singularity that the undeformed robot does not
+        dynamics.singularity_crossings.check_crossings
+    NotAssembled: the motion opens a loop equation that was redundant at the reference
+        dynamics.residuals.measure_residuals
+    LoadedJoint: a joint is loaded that nothing holds
+        dynamics.residuals.check_idle_joints
+
+The plan:
+
+    NoLaw: the polynomial that was asked for exceeds the limits of the file
+        planning.plan.plan_request
+    NoLaw: neither law is found; the message has both reasons
+        planning.plan.plan_request
+        planning.plan.with_explanation
+    NotConverged: neither law is resolved; the message has both reasons
+        planning.plan.plan_request
+    LimitsExceeded: the plan exceeds limits although `keep_limits` is set
+        planning.plan.check_limits
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from framework.errors import NoLaw, format_distinct, round_up
+from framework.kinematics.parallel_robot import ParallelRobot
+from framework.laws.law import MotionLaw, law_derivatives
+from framework.numerics.arrays import Array
+from framework.planning.request import PEAK_SAMPLES, Specification
+from framework.tolerances import AT_REST, LIMIT_MARGIN, OVERSHOOT
+
+# ------------------------------------------------------------------ proofs, and numbers of searches
+
+# Ratio of advised limits to the least peak found. Limits nearer to that peak hardly admit a smooth law.
+RAISED_RATIO = 1.0 + 10.0 * LIMIT_MARGIN
+
+
+class UnmetCondition(NamedTuple):
+    """A condition (8) alpha s" + beta s'^2 + gamma = 0 at s that no motion can meet.
+
+    stop: whether the path starts or ends at s, where s' = s" = 0 and gamma is not zero. Otherwise alpha is
+        zero, and beta s'^2 + gamma vanishes for no s'^2 > 0.
+    """
+
+    s: float
+    alpha: float
+    beta: float
+    gamma: float
+    stop: bool
+
+
+class StaticFold(NamedTuple):
+    """A fold of the static equilibria at an end s of the path, met as the springs get softer.
+
+    compliance: compliance of the softest springs with an equilibrium, divided by that of the robot's springs.
+    """
+
+    s: float
+    compliance: float
+
+
+class HoldingTorque(NamedTuple):
+    """A motor torque that holds the robot at an end s of the path, above the limit.
+
+    joint: name of the motor's joint.
+    torque, limit: motor side [N m], or [N] for a sliding motor.
+    """
+
+    joint: str
+    s: float
+    torque: float
+    limit: float
+
+
+class LeastLimits(NamedTuple):
+    """The least limits of torque or speed within which a law was found.
+
+    torque_peak: the least peak of torque found in the requested duration and within the speed limits, over
+        the torque limits; None if no law was found, or without a torque limit.
+    speed_peak: the least peak of speed found in the requested duration and within the torque limits, over the
+        speed limits; None as above.
+    together: whether limits of torque and of speed must both be raised. Both peaks are then of one law, for
+        which the larger of the torque ratio and the squared speed ratio is least.
+    options: limits (n_a,) a little above these peaks, motor side, as options of a plan without margin;
+        several entries are alternatives.
+    """
+
+    torque_peak: float | None
+    speed_peak: float | None
+    together: bool
+    options: list[dict[str, Array]]
+
+    @staticmethod
+    def of(
+        specification: Specification, torque: float | None, speed: float | None, *, together: bool
+    ) -> LeastLimits:
+        """Return the least limits for ratios of peak torque and speed to a specification's limits.
+
+        The ratios are the fields `torque_peak` and `speed_peak`; `together` is the field of this name.
+        """
+        limits = {}
+        if torque is not None:
+            limits["torque_limit"] = RAISED_RATIO * torque * specification.torque_limit
+        if speed is not None:
+            limits["speed_limit"] = RAISED_RATIO * speed * specification.speed_limit
+        options = [limits] if together else [{name: limit} for name, limit in limits.items()]
+        return LeastLimits(torque, speed, together, options)
+
+
+class SearchEvidence(NamedTuple):
+    """The numbers of a search that found no law; no proof that none exists.
+
+    cells: number of intervals of the piecewise polynomial that represents the squared speed.
+    least: the least limits within which a law of the requested duration was found.
+    quickest: the least duration [s] found within the limits; None without a law.
+    limits: options with raised limits for which a plan was found; None without a plan.
+    """
+
+    cells: int
+    least: LeastLimits
+    quickest: float | None = None
+    limits: dict[str, Array] | None = None
+
+    @property
+    def sentence(self) -> str:
+        """The numbers of the search, in words."""
+        parts = []
+        least = self.least
+        if least.together:
+            parts.append(
+                f"torques {_ratio_text(least.torque_peak)} and speeds {_ratio_text(least.speed_peak)} times "
+                f"the limits were needed together"
+            )
+        else:
+            for quantity, peak in (("torque", least.torque_peak), ("speed", least.speed_peak)):
+                if peak is not None:
+                    left = f", of which a search leaves {LIMIT_MARGIN:.2%}" if peak <= 1.0 else ""
+                    ratio = _ratio_text(peak)
+                    parts.append(f"the least peak of {quantity} found is {ratio} times the limits{left}")
+        if self.quickest is not None:
+            parts.append(f"within the limits the quickest law found takes {self.quickest:.4g} s")
+        return "; ".join([*parts, f"searched on {self.cells} cells"])
+
+
+def _ratio_text(ratio: float | None) -> str:
+    """Return a ratio with enough digits to differ from 1, such as 1.00002; empty for None."""
+    return "" if ratio is None else format_distinct(ratio, 1.0)[0]
+
+
+def advice_of(robot: ParallelRobot, limits: dict[str, Array]) -> str:
+    """Return the advice to raise limits of torque and speed, in words.
+
+    Args:
+        limits: the advised limits (n_a,), by the name of their option.
+    """
+    units = {"torque_limit": robot.torque_units, "speed_limit": robot.speed_units}
+    words = (f"{name} {_format_limits(robot, limit, units[name])}" for name, limit in limits.items())
+    return f"{' with '.join(words)} would do"
+
+
+def _format_limits(robot: ParallelRobot, limits: Array, units: Sequence[str]) -> str:
+    """Return limits (n_a,) rounded up to four digits: one for all motors, or by joint where limited.
+
+    Args:
+        units: of the limits, by motor.
+    """
+    rounded = [f"{round_up(limit, 4):.4g}" for limit in limits]
+    if len(set(rounded)) == 1 and len(set(units)) == 1:
+        return f"{rounded[0]} {units[0]}"
+    by_joint = zip(robot.actuator_names, rounded, strict=True)
+    return " ".join(f"{joint}={number}" for joint, number in by_joint if number != "inf")
+
+
+# ------------------------------------------------------------------ laws that turn back
+
+
+def check_advance(law: MotionLaw, s: Sequence[float], name: str) -> None:
+    """Refuse a law that turns back, leaves the path or repeats a crossing.
+
+    A law may overshoot an end by less than `tolerances.OVERSHOOT` and return to it, as the law of degree 8 in
+    the paper's case C does.
+
+    Args:
+        s: path coordinates (k,) of the singular points.
+        name: name of the robot.
+
+    Raises:
+        NoLaw: the law has such a fault; the message has its s and time.
+    """
+    fault = _find_fault(law, s)
+    if fault:
+        raise NoLaw(f"{name}: the law does not always advance: it {fault}; choose other times or speeds")
+
+
+def _find_fault(law: MotionLaw, singular: Sequence[float]) -> str:
+    """Find the first fault of a law, in words; empty without one.
+
+    Args:
+        singular: path coordinates (k,) of the singular points.
+    """
+    times = np.linspace(0.0, law.duration, PEAK_SAMPLES)
+    s, ds = law_derivatives(law, times, 2)
+    for end, overshoot in ((0.0, -s), (1.0, s - 1.0)):  # how far s is beyond the end
+        worst = np.argmax(overshoot)
+        if overshoot[worst] > OVERSHOOT:
+            return f"leaves the path at s = {end:g}, up to s = {s[worst]:.4g} at t = {times[worst]:.4g} s"
+
+    is_inside = (s > 0) & (s < 1)
+    is_backwards = is_inside & (ds < -AT_REST * np.abs(ds).max())
+    if is_backwards.any():
+        first = np.argmax(is_backwards)
+        return f"runs backwards at t = {times[first]:.4g} s, s = {s[first]:.4g}"
+
+    for s_singular in singular:
+        meetings = times[:-1][np.diff(s > s_singular)]  # [s] samples after which s passes the point
+        if len(meetings) > 1:
+            instants = f"{len(meetings)} times (about t = {', '.join(f'{t:.4g}' for t in meetings)} s)"
+            return f"meets the singular point s = {s_singular:.6g} {instants}"
+    return ""
