@@ -1,12 +1,16 @@
-"""Make the robot, the path and the motion that a command line requests."""
+"""Make the robot, the path and the motion that a command line requests, and write the files of --out."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 from framework.catalogue import robot_file
+from framework.cli.parser import Report
 from framework.errors import InvalidInput, finite_numbers
 from framework.kinematics.external_wrenches import wrench_on_platform
 from framework.kinematics.mechanism import Mechanism
@@ -16,6 +20,9 @@ from framework.model.description import FLEXIBILITIES, ParsedRobot
 from framework.model.readers.describe import Propose
 from framework.model.readers.recognise import parse_any
 from framework.numerics.fields import number
+from framework.numerics.kept import KeptChunks, remove_stores
+from framework.numerics.output import Document, write_file, written_together
+from framework.numerics.tasks import executor_of
 from framework.planning.motion_table import (
     DEFAULT_ROWS,
     MAX_SAMPLES,
@@ -295,3 +302,57 @@ _OF_A_PLAN = (
     *TYPED,
     *WRENCH_OPTIONS,
 )
+
+
+# ------------------------------------------------------------------ files of --out
+
+
+def write_page(file: FilePath, page: str | bytes) -> Report:
+    """Write one file and return the report on its name and size."""
+    write_file(file, page)
+    size = file.stat().st_size
+    return {"file": str(file), "bytes": size}, [f"written to {file} ({size / 1e6:.2f} MB)"]
+
+
+@contextmanager
+def written_out(options: Namespace, document: str, beside: Collection[str] = ()) -> Iterator[FilePath | None]:
+    """Yield a folder whose files `written_together` moves into --out; None without --out."""
+    if options.out is None:
+        yield None
+        return
+    with written_together(FilePath(options.out), document=document, beside=beside) as folder:
+        yield folder
+    options.written = options.out
+
+
+@contextmanager
+def mapped_stepwise(
+    options: Namespace, document: str, setup: Document, unit: str
+) -> Iterator[tuple[FilePath | None, KeptChunks | None, Executor | None]]:
+    """Yield the folder of `written_stepwise`, the store of finished chunks, the executor."""
+    store = None if options.out is None else KeptChunks.of(FilePath(options.out), setup)
+    with (
+        written_stepwise(options, document, lambda: len(store.read()) if store else 0, unit) as folder,
+        executor_of(workers=options.workers, dask=options.dask) as executor,
+    ):
+        yield folder, store, executor
+
+
+@contextmanager
+def written_stepwise(
+    options: Namespace, document: str, count: Callable[[], int], unit: str
+) -> Iterator[FilePath | None]:
+    """Yield the folder of `written_out`, for long work that may be interrupted.
+
+    After an interruption finished parts stay in --out, and the message states their number, `count()`, and
+    `unit`.
+    """
+    with written_out(options, document) as folder:
+        try:
+            yield folder
+        except KeyboardInterrupt as stop:
+            finished = count()
+            sentence = f"{finished} {unit} are kept in {options.out}, and the same command goes on from them"
+            raise type(stop)(*([sentence] if finished else [])) from None
+    if options.out is not None:
+        remove_stores(FilePath(options.out))

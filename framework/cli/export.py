@@ -6,18 +6,17 @@ import json
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path as FilePath
-from typing import Any
 
 import yaml
 
 from framework.cli import arguments
 from framework.cli.parser import (
+    OneLineParser,
     Report,
     add_flexibility,
     add_motion,
     add_robot_or_plan,
     add_rows,
-    command,
     integer_between,
 )
 from framework.errors import InvalidInput, NoAnswer
@@ -57,9 +56,8 @@ FORMATS_OF = {  # formats that take an option; all formats take the others
 }
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "export", run)
+def add_export_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing export`."""
     add_robot_or_plan(parser)
     parser.add_argument(
         "--to",
@@ -97,7 +95,7 @@ def add(commands: Any) -> None:
     add_motion(parser)
 
 
-def run(options: Namespace) -> Report:
+def run_export(options: Namespace) -> Report:
     """Write the complete file, or none."""
     file = FilePath(options.out)
     _check_options(options, file)

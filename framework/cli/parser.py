@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from argparse import Namespace
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from framework.cli.commands import COMMANDS, OneLineParser
+from framework.cli.commands import OneLineParser
 from framework.model.description import FLEXIBILITIES
 from framework.numerics import MAX_WORKERS
 from framework.numerics.output import Document
@@ -30,19 +29,6 @@ def integer_between(least: int, most: int) -> Callable[[str], int]:
         )
 
     return read
-
-
-def command(commands: Any, name: str, run: Callable[[Namespace], Report], details: str = "") -> Any:
-    """Add a command with --json, which `run` executes.
-
-    `details` follow the text of the list of commands in the command's own help.
-    """
-    text, examples = COMMANDS[name]
-    described = f"{text}. {details}" if details else text
-    parser = commands.add_parser(name, help=text, description=described, examples=examples)
-    parser.add_argument("--json", action="store_true", help="one JSON object on stdout, nothing else")
-    parser.set_defaults(run=run)
-    return parser
 
 
 def add_robot(parser: OneLineParser, text: str = "catalogue name, or path of a robot file") -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.parser import (
+    OneLineParser,
     Report,
     add_flexibility,
     add_motion,
@@ -19,10 +20,8 @@ from framework.cli.parser import (
     add_path,
     add_robot,
     add_rows,
-    command,
     integer_between,
 )
-from framework.cli.writing import written_out
 from framework.dynamics.finite_differences import finite_difference_torques
 from framework.errors import InvalidInput
 from framework.kinematics.mistaken_units import remarks_on_bodies
@@ -61,9 +60,8 @@ RAW = "{0.name}: raw sampling, proves nothing: {1} samples, largest {2}"
 SINGULAR = "  singular          t = {0.time:.9g} s, s = {0.s:.12g}, t_s . W_p = {0.wrench:.6g}"
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "plan", run)
+def add_plan_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing plan`."""
     add_robot(parser)
     add_path(parser)
     add_flexibility(parser, auto="the least that is enough for 1 %%, kept by the scene or predicted")
@@ -92,7 +90,7 @@ def add(commands: Any) -> None:
     )
 
 
-def run(options: Namespace) -> Report:
+def run_plan(options: Namespace) -> Report:
     """Plan; with --out write plan.json, motion.csv and figures, all or none."""
     level = arguments.take_level(options)
     robot = arguments.load(options)
@@ -101,11 +99,11 @@ def run(options: Namespace) -> Report:
     _check_options(options, level)
     arguments.check_columns(options, robot)
     if options.raw:
-        with written_out(options, "raw.json") as folder:
+        with arguments.written_out(options, "raw.json") as folder:
             return report_raw(options, robot, request, folder)
     out = None if options.out is None else FilePath(options.out)
     replaced = "" if out is None else _describe_replaced(out)
-    with written_out(options, FILE, OF_A_PLAN) as folder:
+    with arguments.written_out(options, FILE, OF_A_PLAN) as folder:
         plan, entries, lines = _make_plan(options, robot, request, level)
         document = plan_document(plan, out) | entries
         if folder is not None:

@@ -12,13 +12,13 @@ import numpy as np
 from framework.atlas.nearest_pose import nearest_pose
 from framework.cli import arguments
 from framework.cli.parser import (
+    OneLineParser,
     Report,
     add_flexibility,
     add_number,
     add_options,
     add_robot,
     add_wrenches,
-    command,
 )
 from framework.dynamics.platform_limits import platform_limits
 from framework.dynamics.pointwise_dynamics import Instant, dynamics_at
@@ -51,9 +51,8 @@ WORST = (
 )
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "pose", run)
+def add_pose_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing pose`."""
     add_robot(parser)
     group = parser.topic("which pose")
     add_number(
@@ -86,7 +85,7 @@ def add(commands: Any) -> None:
     add_options(parser, "torque_limit", "speed_limit")
 
 
-def run(options: Namespace) -> Report:
+def run_pose(options: Namespace) -> Report:
     """Report the pose of motor angles or of a platform point, springs at rest."""
     robot = arguments.load(options)
     if (options.motor_joints is None) == (options.point is None):

@@ -7,23 +7,20 @@ import csv
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.arguments import flag_of
 from framework.cli.parser import (
+    OneLineParser,
     Report,
     add_executor,
     add_number,
     add_out,
     add_path_and_motion,
     add_robot_or_plan,
-    command,
     integer_between,
 )
-from framework.cli.writing import written_stepwise
 from framework.control.closed_loop import SENSORS, ControlLoop, Run
 from framework.control.controllers import CONTROLLERS
 from framework.control.study import Study, run_store, run_study
@@ -62,9 +59,8 @@ MORE_FAILED = "                    and {} more; --out or --json keeps all seeds"
 MAX_RUNS = 1_000_000
 
 
-def add(commands: Any) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "robustness", run)
+def add_robustness_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing robustness`."""
     add_robot_or_plan(parser)
     add_path_and_motion(parser, without="friction")  # --friction is one of the differences of the robots
     group = parser.topic("the study")
@@ -132,7 +128,7 @@ def _add_loop(loop: argparse._ArgumentGroup) -> None:
     )
 
 
-def run(options: Namespace) -> Report:
+def run_robustness(options: Namespace) -> Report:
     """Study each controller on the same robots, or repeat a single run."""
     if options.replay is not None:
         return replay_run(options)
@@ -148,7 +144,7 @@ def run(options: Namespace) -> Report:
         return sum(len(arrays["passed"]) for arrays in kept)
 
     unit = f"of {options.runs * len(stores)} runs"
-    with written_stepwise(options, FILE, count_runs, unit) as folder:
+    with arguments.written_stepwise(options, FILE, count_runs, unit) as folder:
         studies = _run_studies(options, setup, stores)
         document = _make_document(setup, studies, out)
         if folder is not None:
@@ -300,7 +296,9 @@ def replay_run(options: Namespace) -> Report:
     defaults = vars(options.parser.parse_args([options.robot]))
     for key, default in defaults.items():
         if key not in OF_A_REPLAY and getattr(options, key) != default:
-            raise InvalidInput(f"{flag_of(key)}: the study in {options.robot} has its own; leave it out")
+            raise InvalidInput(
+                f"{arguments.flag_of(key)}: the study in {options.robot} has its own; leave it out"
+            )
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)

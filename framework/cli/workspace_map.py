@@ -34,6 +34,7 @@ from framework.atlas.workspace_map import (
 from framework.catalogue import robot_file
 from framework.cli import arguments
 from framework.cli.parser import (
+    OneLineParser,
     Report,
     add_executor,
     add_flexibility,
@@ -41,10 +42,8 @@ from framework.cli.parser import (
     add_number,
     add_out,
     add_robot,
-    command,
     integer_between,
 )
-from framework.cli.writing import mapped_stepwise
 from framework.errors import InvalidInput, finite_numbers, point
 from framework.kinematics.continuation.tracking import assemble
 from framework.kinematics.parallel_robot import ParallelRobot
@@ -69,15 +68,10 @@ NOT_FOR_STUDIES = (
     "base",
     "set",
 )
-MORE = (
-    "Poses are reached from the reference by continuation, so the map never leaves its working mode; what is "
-    "not reached has no value and a reason."
-)
 
 
-def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the parser."""
-    parser = command(commands, "map", run, MORE)
+def add_map_options(parser: OneLineParser) -> None:
+    """Add the arguments of `crossing map`."""
     add_robot(parser)
     group = parser.topic("what to map")
     group.add_argument("--scene", metavar="S", help="draw the path of this scene, and hold what it holds")
@@ -153,7 +147,7 @@ def _add_window(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def run(options: Namespace) -> Report:
+def run_map(options: Namespace) -> Report:
     """Compute, report and write a map."""
     if options.study:
         return report_design_study(options)
@@ -171,7 +165,7 @@ def run(options: Namespace) -> Report:
         check_window(robot, window)
     margin = _find_margin(options, robot)
     setup = setup_document(robot, window, quantities)
-    with mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store, executor):
+    with arguments.mapped_stepwise(options, DOCUMENT, setup, "bands") as (folder, store, executor):
         workspace = workspace_map(
             robot,
             window,
@@ -290,7 +284,7 @@ def report_design_study(options: Namespace) -> Report:
         keys=tuple(quantity.key for quantity in choose_quantities(robot, options.quantity)),
     )
     setup = study_setup(task, designs)
-    with mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store, executor):
+    with arguments.mapped_stepwise(options, STUDY_DOCUMENT, setup, "chunks") as (folder, store, executor):
         progress = options.progress.start("mapping", len(designs.values), "designs")
         study = design_study(task, designs, executor=executor, keeper=store, progress=progress)
         if folder is not None:

@@ -17,11 +17,9 @@ from PIL import Image
 from framework.errors import check_choice
 from framework.numerics.arrays import Array
 from framework.show.captions import describe_film_briefly
-from framework.show.film import Film
-from framework.show.force_polygon import MISSES, THREADS, plot_eyes, twist_at_singularity
-from framework.show.plots import draw_torques
-from framework.show.scene import film_limit
-from framework.show.still import plot_still
+from framework.show.drawing import plot_still
+from framework.show.film import Film, film_limit
+from framework.show.plots import MISSES, THREADS, draw_torques, plot_eyes, twist_at_singularity
 from framework.show.style import ALARM, LOCUS, Style, figure_file, line_style, use_style
 
 GIF_FRAMES = 60

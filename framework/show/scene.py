@@ -6,6 +6,7 @@ a micrometre. The page (framework/show/page) draws this document and computes no
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,18 +35,20 @@ from framework.show.captions import (
     wrench_kind,
     wrench_unit,
 )
-from framework.show.film import Film
-from framework.show.force_polygon import limit_for_picture, peak_torque
+from framework.show.film import Film, film_limit, films_with_motors_of, largest_drawn_torque, peak_torque
 from framework.show.shapes import placement_with_z_along
 from framework.show.sight import Sight, film_sight, tilt_direction
-from framework.show.standalone import encode_array
 from framework.singularity.drawn_locus import LocusCurves, locus_curves, locus_patch
 
-UNPROVED_TORQUE_RATIO = 2.5  # largest unproved torque drawn, over the usual torque away from its pole
 COIL_LENGTH = 0.18  # length of a spring's coil, over the `length` of the document
 LOCUS_MARGIN = 0.9  # largest distance of the drawn locus from the path, in lengths of the robot
 
 Traced = list[tuple[RobotDescription, LocusCurves]]  # curves with the robot for which they were traced
+
+
+def encode_array(values: np.ndarray) -> str:
+    """Encode an array for the scripts, as base64 of its rows."""
+    return base64.b64encode(values.tobytes()).decode("ascii")
 
 
 def encode_floats(values: ArrayLike) -> str:
@@ -62,18 +65,6 @@ def film_documents(films: Sequence[Film]) -> list[Document]:
     return [plain(_film_document(film, films, traced)) for film in films]
 
 
-def film_limit(film: Film, films: Sequence[Film]) -> Array:
-    """Return the torque limits (n_a,) of a film's picture, common to films with its motors."""
-    alike = _films_with_motors_of(film, films)
-    proved = [np.abs(other.torque).max(axis=0) for other in alike if other.proved]
-    return limit_for_picture(film.robot, np.array(proved or [_largest_drawn_torque(film)]))
-
-
-def _films_with_motors_of(film: Film, films: Sequence[Film]) -> list[Film]:
-    """Return the films whose robots have the same motors."""
-    return [other for other in films if other.robot.actuator_names == film.robot.actuator_names]
-
-
 def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Document:
     """Return a film's data for the page.
 
@@ -82,7 +73,7 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
     robot, time, platform = film.robot, film.time, film.platform
     same_robot = [other for other in films if other.robot.description == robot.description]
     sight = film_sight(min(same_robot, key=lambda other: not other.instants))  # one that crosses, if any
-    limit, peak = film_limit(film, films), peak_torque(_films_with_motors_of(film, films))
+    limit, peak = film_limit(film, films), peak_torque(films_with_motors_of(film, films))
     poses = joint_poses(robot, film.q)
     W_p, *world = _wrench_documents(film)
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
@@ -105,7 +96,7 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
         "platform": encode_floats(platform),
         "path": encode_floats(platform),
         "torque": encode_floats(film.torque),
-        "torque_limit": _largest_drawn_torque(film),
+        "torque_limit": largest_drawn_torque(film),
         "law": encode_floats(film.law(time)),
         "g": encode_floats(film.g) if film.has_measure else None,
         "power": encode_floats(_power(film)),
@@ -292,16 +283,6 @@ def _action_line_document(film: Film) -> Document | None:
         "way": encode_floats(lines.direction),
         "count": film.robot.n_a,
     }
-
-
-def _largest_drawn_torque(film: Film) -> float:
-    """Return the largest torque to draw; the poles of an unproved motion are cut off."""
-    peaks = np.abs(film.torque).max(axis=1)  # (F,)
-    if film.proved:
-        return float(peaks.max())
-    peaks[np.isnan(peaks)] = np.inf
-    usual = float(np.quantile(peaks, 0.8))
-    return UNPROVED_TORQUE_RATIO * usual if np.isfinite(usual) and usual > 0 else 1.0
 
 
 def _locus_document(film: Film, traced: Traced) -> Document | None:
