@@ -21,11 +21,17 @@ from framework.cli.parser import (
     add_robot_or_plan,
     integer_between,
 )
-from framework.control.closed_loop import SENSORS, ControlLoop, Run
+from framework.control.closed_loop import SENSORS, ControlLoop, Run, Spread
 from framework.control.controllers import CONTROLLERS
-from framework.control.study import Study, run_store, run_study
-from framework.control.study_setup import FILE, StudySetup, library_versions, load_study
-from framework.control.variation import Spread
+from framework.control.study import (
+    FILE,
+    Study,
+    StudySetup,
+    library_versions,
+    load_study,
+    run_store,
+    run_study,
+)
 from framework.errors import InvalidInput
 from framework.model.documents import prefix_errors
 from framework.numerics.fields import Table, list_of, mapping, mapping_of, read_table, required, text, whole

@@ -17,7 +17,7 @@ from framework.cli.parser import (
     add_robot_or_plan,
 )
 from framework.errors import InvalidInput, NoAnswer
-from framework.identification.sensors import Sensors, make_sensors, record_sensors
+from framework.identification.recording import Sensors, make_sensors, record_sensors
 from framework.numerics.output import json_text, write_csv
 from framework.planning.result import CrossingPlan
 from framework.simulation import Simulation, simulate

@@ -15,13 +15,17 @@ Open `study` first (many runs), then `closed_loop` (the loop over sampling perio
 * `control_cycle`: `ControlCycle` computes pose and torques of one robot once a millisecond.
 """
 
-from framework.control.closed_loop import ControlLoop, Run, run_closed_loop
+from framework.control.closed_loop import ControlLoop, Run, Spread, Variation, draw, run_closed_loop
 from framework.control.control_cycle import ControlCycle
-from framework.control.controllers import CONTROLLERS, Controller, Measurement, tuned_controller
-from framework.control.reference import Reference, reference_of
-from framework.control.study import Study, run_study
-from framework.control.study_setup import StudySetup, load_study
-from framework.control.variation import Spread, Variation, draw
+from framework.control.controllers import (
+    CONTROLLERS,
+    Controller,
+    Measurement,
+    Reference,
+    reference_of,
+    tuned_controller,
+)
+from framework.control.study import Study, StudySetup, load_study, run_study
 
 __all__ = [
     "CONTROLLERS",

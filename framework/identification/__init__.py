@@ -18,8 +18,7 @@ measured poses. `read_recording` reads data; `record_sensors` simulates them.
 from framework.identification.base_parameters import BaseParameters, base_parameters
 from framework.identification.calibrate import Calibration, calibrate
 from framework.identification.identify import Identification, identify
-from framework.identification.recording import Recording, read_recording
-from framework.identification.sensors import Sensors, record_sensors
+from framework.identification.recording import Recording, Sensors, read_recording, record_sensors
 
 __all__ = [
     "BaseParameters",

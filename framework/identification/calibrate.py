@@ -16,16 +16,17 @@ from pathlib import Path
 import numpy as np
 
 from framework.errors import InvalidInput, NotConverged, check_choice
-from framework.identification.calibration_equations import (
+from framework.identification.combinations import Combinations, find_combinations, format_combination
+from framework.identification.geometry import (
+    Geometry,
     Measurements,
     ParameterEquations,
     eliminate_poses,
     encoder_names,
     measurement_offsets,
+    parametrise_geometry,
     select_measurements,
 )
-from framework.identification.combinations import Combinations, find_combinations, format_combination
-from framework.identification.geometry import Geometry, parametrise_geometry
 from framework.identification.recording import Recording, load_recording
 from framework.kinematics.continuation.motor_curves import close_at_motors
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack

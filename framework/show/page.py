@@ -1,6 +1,7 @@
 """Pages in one file that fetch nothing and work offline: `standalone_page` makes any of them.
 
-The others are pages on which robots move in three dimensions: films, and robots moved by hand. Their viewer is the JavaScript of the installed `meshcat` package, copied into each page.
+The others are pages on which robots move in three dimensions: films, and robots moved by hand. Their
+viewer is the JavaScript of the installed `meshcat` package, copied into each page.
 """
 
 from __future__ import annotations

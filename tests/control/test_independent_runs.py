@@ -20,8 +20,8 @@ from framework.control import (
     run_closed_loop,
     tuned_controller,
 )
+from framework.control.closed_loop import apply_variation
 from framework.control.controllers import RobotState
-from framework.control.variation import apply_variation
 from framework.kinematics.frames import integrate
 from framework.simulation import Stepper
 

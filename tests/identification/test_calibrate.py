@@ -13,8 +13,7 @@ from framework import InvalidInput, NotConverged, forward_kinematics
 from framework.cli import main
 from framework.identification import Recording, calibrate
 from framework.identification.calibrate import NOISE, _prediction_error
-from framework.identification.calibration_equations import select_measurements
-from framework.identification.geometry import parametrise_geometry
+from framework.identification.geometry import parametrise_geometry, select_measurements
 from framework.kinematics.continuation.pose_stack import forward_kinematics_stack
 from tests.identification.measured_poses import TRACKER, off_by, only, poses, with_geometry
 
