@@ -5,13 +5,12 @@
 
 Open `study` first (many runs), then `closed_loop` (the loop over sampling periods).
 
-* `controllers`: `tuned_controller` makes one of `CONTROLLERS` for a plan; other controllers follow the
-  protocol `Controller`;
-* `reference`: the plan at the sampling instants of the controller;
-* `variation`: random robots that differ from the model as `Spread` says;
-* `closed_loop`: `run_closed_loop` drives such robots, with friction and delay between controller and robot;
-* `study`: `run_study` draws robots and judges their runs, `run_store` stores finished runs;
-* `study_setup`: `load_study` reads a study that `crossing robustness --out` wrote;
+* `controllers`: the plan at the sampling instants, a `Reference`; `tuned_controller` makes one of
+  `CONTROLLERS` for it; other controllers follow the protocol `Controller`;
+* `closed_loop`: random robots that differ from the model as `Spread` says; `run_closed_loop` drives them,
+  with friction and delay between controller and robot;
+* `study`: `run_study` draws robots and judges their runs, `run_store` stores finished runs, `load_study`
+  reads a study that `crossing robustness --out` wrote;
 * `control_cycle`: `ControlCycle` computes pose and torques of one robot once a millisecond.
 """
 

@@ -1,6 +1,7 @@
 """A controller on robots that differ from its model, with sampling, delay, noise, saturation and friction.
 
-A monitor compares the platforms with the plan, ends diverged runs and decides which runs pass.
+`Spread` says how far the robots differ, `draw` draws the differences of one robot, a `Variation`. A monitor
+compares the platforms with the plan, ends diverged runs and decides which runs pass.
 """
 
 from __future__ import annotations

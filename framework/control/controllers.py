@@ -1,4 +1,4 @@
-"""Controllers by name, with the measurements and state estimates that they use.
+"""Controllers by name, with the planned motion, the measurements and the state estimates that they use.
 
 With encoders only on the motors, the platform coordinates follow from the motor angles by the inverse of G =
 d(motor angles)/dx. Like A, G is singular at Type 2. The naive estimate amplifies noise without bound there.

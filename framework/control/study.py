@@ -2,7 +2,8 @@
 
 Runs are computed in chunks by any `concurrent.futures.Executor`. Each run is drawn from its own seed and has
 the same result in any chunk, so results depend neither on the executor nor on the chunks. Finished chunks can
-be stored, so that an interrupted study can go on.
+be stored, so that an interrupted study can go on. The set-up of a study is stored in robustness.json; with
+its seed it reproduces any run.
 """
 
 from __future__ import annotations

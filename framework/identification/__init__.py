@@ -6,13 +6,11 @@
 
 Open `base_parameters` first: it computes the combinations of masses, inertias and motor parameters on which
 torques depend. `identify` estimates these from a recorded motion, `calibrate` estimates the geometry from
-measured poses. `read_recording` reads data; `record_sensors` simulates them.
+measured poses. `recording` reads data and simulates them.
 
-    combinations           the combinations of parameters that a regressor determines
-    measured_motion        the motion of all joints from recorded samples
-    physical               parameters of bodies that can exist
-    geometry               errors of joint origins as virtual joints
-    calibration_equations  measured poses as equations for these errors
+    combinations     the combinations of parameters that a regressor determines
+    measured_motion  the motion of all joints from recorded samples
+    geometry         errors of joint origins as virtual joints, and equations for these errors
 """
 
 from framework.identification.base_parameters import BaseParameters, base_parameters

@@ -10,17 +10,26 @@ Type 2 singularities too, and holds with redundant motors.
 
 Each moving body has ten parameters (m, m c, I about the origin of its joint), on the axes of its link. Each
 motor has three: the rotor inertia on the motor side of the gear, and viscous and dry friction on the joint
-side.
+side. The robot file has these parameters too, those of the bodies split among their links.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import numpy as np
+import pinocchio as pin
 
-from framework.dynamics.body_parameters import INERTIAL, link_of, link_parameters, tree_regressor
+from framework.dynamics.body_parameters import (
+    INERTIAL,
+    link_of,
+    link_parameters,
+    parameter_transform,
+    pseudo_inertia,
+    tree_regressor,
+)
 from framework.dynamics.forces import tree_forces
 from framework.dynamics.platform_wrench import motor_speeds
 from framework.errors import InvalidInput, NotAssembled, NotConverged
@@ -29,12 +38,17 @@ from framework.identification.combinations import (
     find_combinations,
     format_combination,
 )
+from framework.identification.geometry import elements_by_name
 from framework.kinematics.assembly import MAX_NEWTON_STEP
 from framework.kinematics.inverse_kinematics import close_each, close_loops, require_square
 from framework.kinematics.linearised_loops import linearised_at
 from framework.kinematics.loop_matrices import clearance
 from framework.kinematics.motion_rates import Motion, motion_at
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
+from framework.kinematics.tree_model import link_axes
+from framework.model.description import JointDynamics, RobotDescription
+from framework.model.documents import attribute, child_element, read_origin, remove_children
+from framework.model.urdf_edits import inertial_element
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
 
@@ -270,3 +284,144 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
         q=robot.reference.q,
         residual=robot.reference.residual,
     )
+
+
+# ------------------------------------------------------------------ links and motors in the robot file
+
+
+MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
+NO_ROTOR = 1e-9  # prior deviation of a rotor that is zero in the file, over the typical inertia of a motor
+
+
+class LinkParameters(NamedTuple):
+    """The u parameters of links and motors: ten of each link on its axes, then three of each motor."""
+
+    links: tuple[str, ...]  # those with mass in the file
+    values: Array  # (u,) in the robot file
+    spread: Array  # (u,) sizes of the parameters, in which the prior deviation is measured
+    to_parameters: Array  # (p, u) matrix to the parameters of bodies and motors, `TorqueParameters`
+
+    @property
+    def link_slices(self) -> list[slice]:
+        """The entries of each link among the u parameters."""
+        return [slice(10 * i, 10 * i + 10) for i in range(len(self.links))]
+
+    @property
+    def motor_slice(self) -> slice:
+        """The entries of all motors among the u parameters."""
+        return slice(10 * len(self.links), None)
+
+
+def collect_link_parameters(robot: ParallelRobot, parameters: TorqueParameters) -> LinkParameters:
+    """Collect the parameters of all links with mass and of the motors.
+
+    The parameters of a body are the sum of those of its links, each transformed to the axes of the body.
+    """
+    urdf = fromstring(robot.description.urdf_text)
+    links = elements_by_name(urdf, "link").items()
+    in_file = {name: read_inertial_parameters(link) for name, link in links}
+    heavy = {name: values for name, values in in_file.items() if values[0] > 0.0}  # by their mass
+    frames: list[pin.Frame] = []
+    columns: list[Array] = []  # (p, 10) of `to_parameters`, for each link
+    for i, joint in enumerate(parameters.bodies.tolist()):
+        for frame in robot.model.frames:
+            if frame.parentJoint == joint and frame.type == pin.FrameType.BODY and frame.name in heavy:
+                frames.append(frame)
+                columns.append(_link_columns(robot, parameters, i, frame))
+    motors = slice(10 * len(parameters.bodies), None)
+    motor_columns = np.eye(len(parameters.names))[:, motors]
+    link_values = [heavy[frame.name] for frame in frames]
+    return LinkParameters(
+        links=tuple(frame.name for frame in frames),
+        values=np.concatenate([*link_values, parameters.values[motors]]),
+        spread=np.concatenate([*map(_link_sizes, link_values), _motor_spread(parameters, motors)]),
+        to_parameters=np.concatenate([*columns, motor_columns], axis=1),
+    )
+
+
+def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, link: pin.Frame) -> Array:
+    """Return the columns (p, 10) of `to_parameters` for a link of body i."""
+    columns = np.zeros((len(parameters.names), 10))
+    pose_on_body = link_axes(robot.model, link.parentJoint).inverse() * link.placement
+    columns[10 * i : 10 * i + 10] = parameter_transform(pose_on_body)
+    return columns
+
+
+def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
+    """Return prior sizes (3 n_a,) of the motors' parameters, at the indices `motors` of all p.
+
+    The size of a rotor is the file's inertia; a rotor that is zero in the file stays almost zero.
+    """
+    sizes = parameters.sizes[motors].copy()
+    rotors = slice(OF_MOTORS.index("rotor_inertia"), None, len(OF_MOTORS))  # every third
+    sizes[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * sizes[rotors])
+    return sizes
+
+
+def _link_sizes(link: Array) -> Array:
+    """Compute sizes (10,) of a link's parameters (10,): mass times powers of its radius.
+
+    The powers are `LENGTH_POWERS`. The radius is the radius of gyration about the origin. It is 0 for a point
+    mass at the origin, whose moments therefore remain zero.
+    """
+    mass = link[0]
+    trace = np.trace(pseudo_inertia(link)[:3, :3])
+    radius = np.sqrt(max(trace, 0.0) / mass)
+    return mass * radius**LENGTH_POWERS
+
+
+def read_inertial_parameters(link: Element) -> Array:
+    """Read the ten parameters (10,) of a link about its origin; zeros without <inertial>."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return np.zeros(10)
+    where = f"link {link.get('name')!r}: <inertial>"
+    mass = attribute(child_element(inertial, where, "mass"), where, "value")
+    inertia = child_element(inertial, where, "inertia")
+    entries = [float(attribute(inertia, where, key)) for key in MOMENTS]
+    pose = read_origin(inertial.find("origin"), where)
+    return parameter_transform(pin.SE3(pose)) @ np.array([float(mass), 0.0, 0.0, 0.0, *entries])
+
+
+def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: Array) -> RobotDescription:
+    """Return the robot's description with other parameters of links and motors.
+
+    Args:
+        links: the layout of the parameters: a slice for each link, then one for the motors.
+        values: (u,) inertial parameters of the links; rotor inertia, damping and friction of each motor.
+    """
+    description = robot.description
+    urdf = fromstring(description.urdf_text)
+    elements = elements_by_name(urdf, "link")
+    for name, part in zip(links.links, links.link_slices, strict=True):
+        if (values[part] != links.values[part]).any():
+            write_inertial(elements[name], values[part])
+    motors = values[links.motor_slice].reshape(-1, len(OF_MOTORS))
+    actuators = []
+    joints = dict(description.joints)
+    for actuator, (rotor, damping, friction) in zip(description.actuators, motors.tolist(), strict=True):
+        actuators.append(replace(actuator, rotor_inertia=rotor))
+        in_file = joints.get(actuator.joint, JointDynamics())
+        joints[actuator.joint] = replace(in_file, damping=damping, friction=friction)
+    return replace(
+        description,
+        urdf_text=tostring(urdf, encoding="unicode"),
+        actuators=tuple(actuators),
+        joints=joints,
+    )
+
+
+def write_inertial(link: Element, parameters: Array) -> None:
+    """Write ten parameters (10,) about a link's origin as its <inertial>.
+
+    <inertial> is about the centre of mass c. With S about the origin, the second moments about c are
+    S - m c c'. The inertia is their trace times the identity, minus the second moments.
+    """
+    mass = float(parameters[0])
+    centre = parameters[1:4] / parameters[0]
+    second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
+    moments, axes = np.linalg.eigh(second_moments)
+    second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T  # moments are negative only by rounding
+    inertia = np.trace(second_moments) * np.eye(3) - second_moments
+    remove_children(link, "inertial")
+    link.insert(0, inertial_element(mass, centre, inertia))

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from framework.errors import InvalidInput, NotConverged, check_choice
-from framework.identification.combinations import Combinations, find_combinations, format_combination
+from framework.identification.combinations import Combinations, describe_unseen_direction, find_combinations
 from framework.identification.geometry import (
     Geometry,
     Measurements,
@@ -295,24 +295,6 @@ def _sensor_slopes(model: ParallelRobot, q: Array) -> dict[str, Array]:
     for column, name in encoder_names(model).items():
         slopes[name] = np.eye(model.model.nv)[column]
     return slopes
-
-
-def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
-    """Describe a direction (p,) of the parameters that the data do not determine.
-
-    If only two parameters change, and by the same amount, the data determine their difference. If they change
-    by opposite amounts, the data determine their sum.
-    """
-    used = np.flatnonzero(direction).tolist()
-    used_names = [names[k] for k in used]
-    if len(used) == 1:
-        return f"{used_names[0]} not at all"
-    if len(used) == 2:
-        change_1, change_2 = direction[used]
-        if abs(abs(change_1) - abs(change_2)) < MIN_RESPONSE * abs(change_1):
-            kind = "difference" if change_1 * change_2 > 0 else "sum"
-            return f"{' and '.join(used_names)} only as their {kind}"
-    return f"no change by {format_combination(names, direction)}"
 
 
 class GaussNewton:

@@ -129,3 +129,21 @@ def format_combination(names: Sequence[str], coefficients: Array) -> str:
         terms.append(("- " if value < 0 else "+ ") + factor + names[k])
     ending = f" and {len(used) - MAX_TERMS} more terms" if len(used) > MAX_TERMS else ""
     return (" ".join(terms) + ending).removeprefix("+ ") if terms else "0"
+
+
+def describe_unseen_direction(names: Sequence[str], direction: Array) -> str:
+    """Describe a direction (p,) of the parameters that the data do not determine.
+
+    If only two parameters change, and by the same amount, the data determine their difference. If they change
+    by opposite amounts, the data determine their sum.
+    """
+    used = np.flatnonzero(direction).tolist()
+    used_names = [names[k] for k in used]
+    if len(used) == 1:
+        return f"{used_names[0]} not at all"
+    if len(used) == 2:
+        change_1, change_2 = direction[used]
+        if abs(abs(change_1) - abs(change_2)) < COEFFICIENT_ROUNDING * abs(change_1):
+            kind = "difference" if change_1 * change_2 > 0 else "sum"
+            return f"{' and '.join(used_names)} only as their {kind}"
+    return f"no change by {format_combination(names, direction)}"

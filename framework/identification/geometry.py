@@ -1,9 +1,14 @@
-"""The geometric parameters of a robot: errors of the joint origins in its URDF.
+"""The geometric parameters of a robot, errors of the joint origins in its URDF, and equations for them.
 
 Each joint between the base and a frame of the platform or of a closure, fixed joints included, has six
 parameters: translations along the axes of its origin, then rotations about them. Each parameter is a virtual
 joint, like that of a spring. So the equations of the robot with these joints also give derivatives with
 respect to the parameters.
+
+At each instant of a recording the joints q close the loops, F(q, p) = 0, and the measurements are h(q, p)
+plus noise. The linearised loops F_q dq + F_p dp = -F have the solutions dq = step + follow dp + free z with
+any z. Least squares on the measurements determines z, and the remaining equations contain only the parameters
+p. These are regular at Type 2 singularities, and treat the noise of motors like that of the platform.
 """
 
 from __future__ import annotations

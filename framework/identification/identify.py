@@ -4,6 +4,13 @@ Base parameters are estimated by weighted least squares from the rows N' Y theta
 (`base_parameters`). Noise e of the torques is noise G' e of these rows, with G of `platform_wrench`. At a
 Type 2 singularity G' e has no component along the twist t_s of the escaping motion, and errors of the motion
 dominate there. So the noise of a row has a lower bound, which limits the row's weight.
+
+From the base parameters follow parameters of bodies that can exist, near the robot file's values. The misfit
+to the data is a quadratic form in all parameters. A prior keeps parameters that the data do not determine at
+the file's values. The pseudo-inertia of every body must be positive semidefinite (Wensing, Kim and Slotine,
+IEEE Robotics and Automation Letters 3(1), 2018), and rotor inertia, damping and friction must not be
+negative. This is a semidefinite program. Links fixed to one another form one body; the prior divides its
+parameters among the links.
 """
 
 from __future__ import annotations
@@ -13,28 +20,30 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from framework.errors import InvalidInput
+from framework.dynamics.body_parameters import pseudo_inertia
+from framework.errors import InvalidInput, NotConverged
 from framework.identification.base_parameters import (
     BaseParameters,
+    LinkParameters,
     ParameterRegressor,
     base_parameters,
+    collect_link_parameters,
     parameter_regressor,
+    read_inertial_parameters,
+    with_masses_and_motors,
+    write_inertial,
 )
 from framework.identification.measured_motion import MeasuredMotion, measured_motion
-from framework.identification.physical import (
-    LinkParameters,
-    collect_link_parameters,
-    fit_possible_parameters,
-    with_masses_and_motors,
-)
 from framework.identification.recording import Recording, load_recording
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
 from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain, select_fields
@@ -327,3 +336,84 @@ def torque_error(
     error = np.matvec(np.linalg.pinv(G_transposed), missing_wrench)  # (used, n_a)
     error_size, torque_size = (np.sqrt(np.mean(values**2, axis=0)) for values in (error, torque))
     return error_size / np.maximum(torque_size, np.finfo(float).tiny)
+
+
+# ------------------------------------------------------------------ bodies that can exist
+
+
+ROUNDED_BODY = 1e-9  # negative eigenvalues of a pseudo-inertia that count as rounding, over its size
+
+
+def fit_possible_parameters(
+    robot: ParallelRobot, links: LinkParameters, information: Array, residual: Array, prior: float
+) -> Array:
+    """Compute the most probable physically possible parameters (u,) of links and motors.
+
+    They minimise |A T (theta - theta_file) - r|^2 + |(theta - theta_file) / deviation|^2, with
+    T = `to_parameters`. Let theta = best + change y, where `best` is the unconstrained minimum and `change`
+    turns the quadratic form into |y|^2. Then the shortest y with possible parameters is the solution.
+
+    Args:
+        information, residual: A' A (p, p) and A' r (p,) of rows A with unit noise.
+        prior: standard deviation of the file's values, over the sizes of each link's parameters.
+
+    Raises:
+        NotConverged: the solver does not converge.
+    """
+    best, change = _minimise_misfit(links, information, residual, prior * links.spread)
+    cones = [_inertia_cone(links.values[part], change[part], best[part]) for part in links.link_slices]
+    motors = links.motor_slice
+    deviations = prior * links.spread[motors]
+    positive = Affine(change[motors] / deviations[:, None], best[motors] / deviations)
+    y = semidefinite_least_squares(cones, positive)
+    if isinstance(y, Unsolved):
+        raise NotConverged(
+            f"{robot.name}: no parameters of bodies that can exist were found ({y.status})",
+            residual=float(np.linalg.norm(residual)),
+        )
+    values = best + change @ y
+    values[motors] = np.maximum(values[motors], 0.0)
+    for part in links.link_slices:
+        if (values[part] != links.values[part]).any():
+            link = Element("link")
+            write_inertial(link, values[part])
+            values[part] = read_inertial_parameters(link)  # exactly as a file would store this link
+    return values
+
+
+def _minimise_misfit(
+    links: LinkParameters, information: Array, residual: Array, deviation: Array
+) -> tuple[Array, Array]:
+    """Minimise misfit plus prior without constraints; return minimum (u,) and `change` (u, u).
+
+    For any y, misfit plus prior at the parameters minimum + change y exceeds its least value by |y|^2. In
+    units of the prior deviations (u,), with T = `to_parameters`, the quadratic form has the matrix
+    T' A'A T + 1 = V diag(w) V'. The minimum differs from the file's values by V diag(1 / w) V' T' A'r.
+    """
+    T = links.to_parameters * deviation  # (p, u)
+    w, V = np.linalg.eigh(T.T @ information @ T + np.eye(len(deviation)))
+    root = np.sqrt(np.maximum(w, 1.0))  # with the prior no eigenvalue is below 1
+    change = deviation[:, None] * V / root
+    return links.values + change @ (V.T @ (T.T @ residual) / root), change
+
+
+def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
+    """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
+
+    P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
+    the values of the `file` (10,). A small multiple of the identity is added against rounding.
+    """
+    D = _balancing_scale(file)
+    slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
+    offset = D @ pseudo_inertia(best) @ D
+    return LinearMatrix(slopes, offset + ROUNDED_BODY * np.eye(4))
+
+
+def _balancing_scale(parameters: Array) -> Array:
+    """Compute the diagonal D (4, 4) that gives D P D mass 1 and largest second moment 1.
+
+    P is the pseudo-inertia of parameters (10,).
+    """
+    diagonal = np.diag(pseudo_inertia(parameters))
+    largest = diagonal[:3].max() or diagonal[3]  # all moments of a point mass at the origin are zero
+    return np.diag(1.0 / np.sqrt([largest, largest, largest, diagonal[3]]))

@@ -1,4 +1,4 @@
-"""Recorded motions: CSV files with the columns of motion.csv, read strictly.
+"""Recorded motions: CSV files with the columns of motion.csv, read strictly, and simulated sensors.
 
 Columns are time, motor_angle_JOINT and torque_JOINT (motor side of the gear), platform_AXIS, and joint_NAME
 for joints that have a sensor but no motor, in SI units and radians. Other columns are ignored.
