@@ -10,8 +10,8 @@ from pathlib import Path as FilePath
 import yaml
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_flexibility,
     add_motion,

@@ -7,7 +7,8 @@ from argparse import Namespace
 import numpy as np
 
 from framework.cli import arguments
-from framework.cli.parser import OneLineParser, Report, add_number, add_out, add_robot
+from framework.cli.commands import OneLineParser
+from framework.cli.parser import Report, add_number, add_out, add_robot
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
 from framework.tolerances import MIN_RANK_GAP

@@ -7,8 +7,8 @@ from argparse import Namespace
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_flexibility,
     add_options,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_flexibility,
     add_motion,

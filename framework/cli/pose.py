@@ -11,8 +11,8 @@ import numpy as np
 
 from framework.atlas.nearest_pose import nearest_pose
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_flexibility,
     add_number,

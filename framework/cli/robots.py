@@ -11,8 +11,8 @@ import numpy as np
 
 from framework.catalogue import catalogue
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_flexibility,
     add_missing_fields,

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_executor,
     add_number,

@@ -9,9 +9,9 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.console import tell
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_moved_robot,
     add_path_and_motion,

@@ -8,8 +8,8 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_number,
     add_out,

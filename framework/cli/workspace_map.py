@@ -33,8 +33,8 @@ from framework.atlas.workspace_map import (
 )
 from framework.catalogue import robot_file
 from framework.cli import arguments
+from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
-    OneLineParser,
     Report,
     add_executor,
     add_flexibility,
