@@ -10,7 +10,7 @@ from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import Report, add_number, add_out, add_robot
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
-from framework.identification.identify import DEFAULT_PRIOR, Identification, identify
+from framework.identification.identify import Identification, identify
 from framework.tolerances import MIN_RANK_GAP
 
 LISTED_UNSEEN = 12  # directions listed in the report; the document has all
@@ -84,7 +84,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     outliers = f"; outliers: rows {', '.join(map(str, calibration.outliers))}" if calibration.outliers else ""
     lines = [CALIBRATED.format(calibration, len(names), _noise_text(calibration), outliers)]
     errors = [*zip(measured.names, calibration.error_before, calibration.error_after, strict=True)]
-    for error in errors[measured.driven :]:  # behind the motors, which predict the other measurements
+    for error in errors[calibration.robot.n_a :]:  # behind the motors, which predict the other measurements
         lines.append("  {}\t{:.2e}\t{:.2e}".format(*error))
     lines += ["  parameters [m, rad]", "  name\toff by\tdeviation"]
     for name, value, deviation in zip(names, calibration.values, calibration.deviations, strict=True):
@@ -129,7 +129,7 @@ def add_identify_options(parser: OneLineParser) -> None:
     group.add_argument(
         "--prior",
         metavar="P",
-        default=f"{DEFAULT_PRIOR:g}",
+        default="1",
         help="how far the file's values may be off, as a share such as 20%% (default: %(default)s)",
     )
     group.add_argument(

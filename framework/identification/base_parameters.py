@@ -50,7 +50,7 @@ from framework.model.description import JointDynamics, RobotDescription
 from framework.model.documents import attribute, child_element, read_origin, remove_children
 from framework.model.urdf_edits import inertial_element
 from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
-from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP
+from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP, RANK_ROUNDING
 
 LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in the units of a body's parameters
 OF_MOTORS = ("rotor_inertia", "damping", "friction")
@@ -290,7 +290,6 @@ def _random_poses(robot: ParallelRobot, count: int, random: np.random.Generator)
 
 
 MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchio
-NO_ROTOR = 1e-9  # prior deviation of a rotor that is zero in the file, over the typical inertia of a motor
 
 
 class LinkParameters(NamedTuple):
@@ -350,11 +349,12 @@ def _link_columns(robot: ParallelRobot, parameters: TorqueParameters, i: int, li
 def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
     """Return prior sizes (3 n_a,) of the motors' parameters, at the indices `motors` of all p.
 
-    The size of a rotor is the file's inertia; a rotor that is zero in the file stays almost zero.
+    The size of a rotor is the file's inertia. A rotor that is zero in the file stays almost zero: its size is
+    RANK_ROUNDING times the typical inertia of a motor.
     """
     sizes = parameters.sizes[motors].copy()
     rotors = slice(OF_MOTORS.index("rotor_inertia"), None, len(OF_MOTORS))  # every third
-    sizes[rotors] = np.maximum(parameters.values[motors][rotors], NO_ROTOR * sizes[rotors])
+    sizes[rotors] = np.maximum(parameters.values[motors][rotors], RANK_ROUNDING * sizes[rotors])
     return sizes
 
 

@@ -163,14 +163,14 @@ def _move_origin(joint: Element, move: Array) -> None:
 class Measurements(ReadOnlyArrays):
     """m measurements at each of T instants, on the joint side of gears.
 
-    In this order: joints of motors, other joints with encoders, coordinates of the platform, and positions of
+    In this order: the n_a joints of motors, other joints with encoders, coordinates of the platform, and
+        positions of
     the platform's frame that are no coordinates.
     """
 
     names: tuple[str, ...]  # (m,) columns of the recording
     values: Array  # (T, m)
     noise: Array  # (m,) standard deviations
-    driven: int  # number of motors
     columns: IntArray  # indices of the measured joints in the velocity vector
     axes: IntArray  # indices of the measured platform coordinates
     positions: IntArray  # base axes (0, 1, 2) of the measured positions
@@ -213,7 +213,6 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
         names=(*(f"motor_angle_{joint}" for joint in robot.actuator_names), *names),
         values=np.column_stack([motors, *map(data.column, names)]),
         noise=np.array(deviations),
-        driven=robot.n_a,
         columns=np.array([*model.actuated, *encoders], dtype=np.intp),
         axes=coordinates,
         positions=np.array([LINEAR_AXES.index(axis) for axis in positions], dtype=np.intp),
@@ -263,10 +262,10 @@ def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: Fr
 
 
 class ParameterEquations(NamedTuple):
-    """Linear equations right + matrix dp = noise for steps dp of the parameters, at T instants."""
+    """Linear equations residual + matrix dp = noise for steps dp of p parameters, at T instants."""
 
-    right: Array  # (T, m) offsets over their noise, minus the part that a step of the pose can remove
-    matrix: Array  # (T, m, p) derivatives of `right` along the parameters
+    residual: Array  # (T, m) offsets over their noise, minus the part that a step of the pose can remove
+    matrix: Array  # (T, m, p) derivatives of `residual` along the parameters
     open_loops: Array  # (T, rows) loop equations that no joint can close, over LOOP_GAP
     loop_slopes: Array  # (T, rows, p) derivatives of `open_loops` along the parameters
     step: Array  # (T, k) step of the joints at constant parameters
@@ -294,7 +293,7 @@ def eliminate_poses(model: ParallelRobot, measured: Measurements, q: Array) -> P
     minus_z = np.matvec(B_inverse, r)  # (T, f) -z at constant parameters, dp = 0
     minus_z_slope = B_inverse @ A  # (T, f, p) -dz/dp
     return ParameterEquations(
-        right=r - np.matvec(B, minus_z),
+        residual=r - np.matvec(B, minus_z),
         matrix=A - B @ minus_z_slope,
         open_loops=loops.open_loops,
         loop_slopes=loops.slopes,

@@ -38,7 +38,7 @@ from framework.identification.base_parameters import (
     write_inertial,
 )
 from framework.identification.measured_motion import MeasuredMotion, measured_motion
-from framework.identification.recording import Recording, load_recording
+from framework.identification.recording import HELD_OUT_EVERY, Recording, load_recording
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
@@ -49,18 +49,17 @@ from framework.numerics.ordered_sums import singular_values
 from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import MIN_NOISE_RATIO, RANK_ROUNDING, SIGNIFICANT_DEVIATIONS
 
-HELD_OUT_BLOCKS, HELD_OUT_EVERY = 20, 4  # blocks of time in a recording; every fourth is held out
-# An additional row with a small deviation keeps an undetermined base parameter near the file's value.
-UNSEEN_SPREAD = 1e-3  # this deviation over the estimated one; largest ratio to the parameter's size
-LEAST_SPREAD = 1e-6  # smallest ratio to the parameter's size; its inverse square enters a matrix
-DEFAULT_PRIOR = 1.0  # standard deviation of the file's values over the sizes of each body's parameters
+# An additional row with a small deviation keeps an undetermined base parameter near the file's value. This is
+# the ratio of that deviation to the estimated one, and the largest ratio to the parameter's size. The
+# smallest ratio to the size is its square, as the inverse square of the deviation enters a matrix.
+UNSEEN_SPREAD = 1e-3
 
 
 class Rows(NamedTuple):
-    """Equations A theta = b with independent noise of one common size."""
+    """Equations A theta = b for the p parameters, with independent noise of one common size."""
 
-    matrix: Array  # (rows, p)
-    right: Array  # (rows,)
+    matrix: Array  # (rows, p) A
+    right: Array  # (rows,) b
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +157,7 @@ def identify(
     *,
     cutoff: float | None = None,
     poses: str | None = None,
-    prior: float = DEFAULT_PRIOR,
+    prior: float = 1.0,
     massless: bool = False,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Identification:
@@ -191,11 +190,13 @@ def identify(
             f"{data.source}: {len(rows.right)} equations at {np.count_nonzero(~test)} instants for "
             f"{base.rank} base parameters; record longer, or give a cutoff above {measured.cutoff:.3g} Hz"
         )
+
     estimate = _estimate_base_parameters(base, rows)
     file = base.described.values
     links = collect_link_parameters(robot, base.described)
     link_values = _fit_possible_bodies(base, links, rows, estimate, prior)
     parameters = file + links.to_parameters @ (link_values - links.values)
+
     error_before = torque_error(robot, regressor, measured, test, file)
     error_after = torque_error(robot, regressor, measured, test, parameters)
     if np.linalg.norm(error_before) <= np.linalg.norm(error_after):  # keep the file
@@ -226,9 +227,9 @@ def _whiten(
 ) -> Rows:
     """Return the equations of the instants in a mask (T,), whitened by the noise of the torques.
 
-    If the torques have the standard deviations E, a diagonal matrix, the wrench W = G' tau has the covariance
-    G' E E G = V diag(variance) V'. Multiplied by diag(variance)^(-1/2) V' the rows have independent unit
-    noise.
+    The equations are those of `ParameterRegressor`. If the torques have the standard deviations E, a diagonal
+    matrix, the wrench W = G' tau has the covariance G' E E G = V diag(variance) V'. Multiplied by
+    diag(variance)^(-1/2) V' the rows have independent unit noise.
     """
     scale = robot.platform_scale  # divides moments, so that they compare with forces
     noise = np.maximum(measured.torque_noise, RANK_ROUNDING * np.abs(measured.torque).max(axis=0))
@@ -251,9 +252,10 @@ def _find_undetermined(base: BaseParameters, values: Array, deviations: Array) -
 
 
 def _mask_held_out(times: Array) -> BoolArray:
-    """Return a mask (T,) of the instants held out: every fourth block of time."""
+    """Return a mask (T,) of the instants held out: every fourth of 20 blocks of time."""
     share = (times - times[0]) / (times[-1] - times[0])
-    blocks = np.minimum((share * HELD_OUT_BLOCKS).astype(int), HELD_OUT_BLOCKS - 1)
+    count = 5 * HELD_OUT_EVERY
+    blocks = np.minimum((share * count).astype(int), count - 1)  # (T,) index of each instant's block
     return blocks % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
 
 
@@ -301,7 +303,7 @@ def _fit_possible_bodies(
         prior: standard deviation of the file's values, over the sizes of each link's parameters.
     """
     sizes = base.described.sizes[base.combinations.leading]  # (rank,)
-    spread = np.clip(UNSEEN_SPREAD * estimate.deviations, LEAST_SPREAD * sizes, UNSEEN_SPREAD * sizes)
+    spread = np.clip(UNSEEN_SPREAD * estimate.deviations, UNSEEN_SPREAD**2 * sizes, UNSEEN_SPREAD * sizes)
     is_unseen = _find_undetermined(base, estimate.values, estimate.deviations)
     prior_rows = base.combinations.coefficients[is_unseen] / spread[is_unseen, None]
     information = rows.matrix.T @ rows.matrix / estimate.noise**2 + prior_rows.T @ prior_rows  # (p, p)
@@ -319,9 +321,12 @@ def torque_error(
 ) -> Array:
     """Compute root mean square errors (n_a,) of predicted torques, relative to the torques.
 
-    The errors e solve G' e = W - G' tau, with the wrench W that the parameters (p,) predict. `instants` is a
-    mask (T,). Of these instants only those count at which G is well conditioned. If there are none, the
-    result is NaN.
+    The errors e of the measured torques tau solve G' e = W - G' tau, with the wrench W that the parameters
+    predict. Only those instants count at which G is well conditioned. If there are none, the result is NaN.
+
+    Args:
+        instants: mask (T,) of the instants to be predicted.
+        parameters: (p,) values of the parameters of `TorqueParameters`.
     """
     G_transposed = regressor.motors  # (T, n, n_a)
     scaled_G = G_transposed / robot.platform_scale[:, None] / robot.column_scale[robot.actuated]
@@ -339,9 +344,6 @@ def torque_error(
 
 
 # ------------------------------------------------------------------ bodies that can exist
-
-
-ROUNDED_BODY = 1e-9  # negative eigenvalues of a pseudo-inertia that count as rounding, over its size
 
 
 def fit_possible_parameters(
@@ -401,12 +403,13 @@ def _inertia_cone(file: Array, change: Array, best: Array) -> LinearMatrix:
     """Return the scaled pseudo-inertia D P D of a link, affine in y (u,).
 
     P belongs to the link's parameters best + change y, with `best` (10,) and `change` (10, u). D belongs to
-    the values of the `file` (10,). A small multiple of the identity is added against rounding.
+    the values of the `file` (10,). D P D has eigenvalues of the order of 1 or less, of which negative ones of
+    the size of rounding are allowed.
     """
     D = _balancing_scale(file)
     slopes = np.moveaxis(D @ pseudo_inertia(change.T) @ D, 0, 2)
     offset = D @ pseudo_inertia(best) @ D
-    return LinearMatrix(slopes, offset + ROUNDED_BODY * np.eye(4))
+    return LinearMatrix(slopes, offset + RANK_ROUNDING * np.eye(4))
 
 
 def _balancing_scale(parameters: Array) -> Array:

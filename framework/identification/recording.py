@@ -24,7 +24,7 @@ from framework.numerics.rotations import whole_turns
 from framework.simulation.result import Simulation
 
 LARGEST_RECORDING = 200_000_000  # bytes
-MIN_ROWS = 2
+HELD_OUT_EVERY = 4  # every fourth part of a recording is held out for validation
 PERIOD_JITTER = 1e-3  # largest deviation of a time step, over the sampling period
 LINEAR_AXES = ("x", "y", "z")
 
@@ -108,8 +108,8 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
         raise InvalidInput(f"{file}: column {repeated[0]} is there {header.count(repeated[0])} times")
     used = [k for k, name in enumerate(header) if name in valid]
     rows = [_read_row(f"{file}: line {reader.line_num}", header, used, cells) for cells in reader if cells]
-    if len(rows) < MIN_ROWS:
-        raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least {MIN_ROWS} are needed")
+    if len(rows) < 2:
+        raise InvalidInput(f"{file}: {len(rows)} rows of numbers; at least 2 are needed")
     recording = Recording(str(file), tuple(header[k] for k in used), np.array(rows))
     check_recording(robot, recording)
     return recording

@@ -32,7 +32,7 @@ def calibrated(name: str, seed: int, count: int):
 
 def share_of_noise(found) -> float:
     """The largest error of the platform's coordinates held out, over the tracker's noise."""
-    driven = found.measured.driven
+    driven = found.robot.n_a
     return float((found.error_after[driven:] / found.measured.noise[driven:]).max())
 
 
