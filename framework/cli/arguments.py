@@ -143,10 +143,9 @@ def path(options: Namespace, robot: ParallelRobot) -> Path:
         raise InvalidInput(
             f"give either --scene (of {robot.name}: {', '.join(scenes)}) or both --from and --to"
         ).advising({**_NO_LINE, "scene": scenes[0]})
-    axes = ", ".join(robot.axis_names)
-    for flag, corners in {"--from": [start], "--to": [end], "--via": via}.items():
-        for corner in corners:
-            finite_numbers(f"{flag} ({axes})", corner, robot.n)
+    flags = ["--from", *["--via"] * len(via), "--to"]
+    for flag, corner in zip(flags, [start, *via, end], strict=True):
+        finite_numbers(f"{flag} ({', '.join(robot.axis_names)})", corner, robot.n)
     return Polyline([start, *via, end], options.blend) if via else Line(start, end)
 
 
@@ -201,15 +200,11 @@ def wrenches(options: Namespace, robot: ParallelRobot) -> MotionOptions:
 
 def limits(option: str, words: Sequence[str]) -> list[float | None] | dict[str, float | None]:
     """Parse limits of motors: numbers, or JOINT=N of some; `none` is no limit."""
-    joints: list[str] = []
-    values: list[float | None] = []
-    for word in words:
-        joint, _, text = word.rpartition("=")
-        joints.append(joint)
-        try:
-            values.append(None if text == "none" else float(text))
-        except ValueError:
-            raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
+    joints, _, texts = zip(*(word.rpartition("=") for word in words), strict=True)
+    try:
+        values = [None if text == "none" else float(text) for text in texts]
+    except ValueError:
+        raise InvalidInput(f"{option}: needs numbers, JOINT=N or none, got {' '.join(words)}") from None
     if not any(joints):
         return values
     if not all(joints):

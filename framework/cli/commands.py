@@ -232,7 +232,7 @@ class OneLineParser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse arguments; refuse unknown ones with a hint."""
-        parsed, unknown = super().parse_known_args(_move_last(args, "--set"), namespace)
+        parsed, unknown = super().parse_known_args(_move_parameters_last(args), namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._hint(unknown[0])}")
         return parsed, unknown
@@ -282,14 +282,14 @@ class OneLineParser(argparse.ArgumentParser):
         raise Misuse(f"{message} (see `{self.prog} --help`)", instead)
 
 
-def _move_last(words: Sequence[str], flag: str) -> list[str]:
-    """Move an option with its values NAME=VALUE to the end of a command line."""
+def _move_parameters_last(words: Sequence[str]) -> list[str]:
+    """Move --set with its values NAME=VALUE to the end of a command line."""
     others: list[str] = []
     moved: list[str] = []
     takes_values = False
     for word in words:
-        is_value = takes_values and ("=" in word or moved[-1] == flag) and not word.startswith("--")
-        takes_values = word == flag or is_value
+        is_value = takes_values and ("=" in word or moved[-1] == "--set") and not word.startswith("--")
+        takes_values = word == "--set" or is_value
         (moved if takes_values else others).append(word)
     return [*others, *moved]
 

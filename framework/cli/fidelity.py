@@ -132,8 +132,9 @@ def _format_row(study: FidelityStudy, comparison: Comparison) -> str:
         law = "same" if difference <= SAME_LAW else f"{difference:.1e}"
         if comparison.deflection is not None:
             deflection = "{} {:.2g}".format(*comparison.deflection)
-    errors = _format_percent(comparison.platform), law, deflection, _format_percent(indicators.error[name])
-    return "\t".join([f"  {name}", plan, torque, *errors, indicators.words[name]])
+    platform, predicted = map(_format_percent, (comparison.platform, indicators.error[name]))
+    cells = (f"  {name}", plan, torque, platform, law, deflection, predicted, indicators.words[name])
+    return "\t".join(cells)
 
 
 def _format_remarks(comparison: Comparison) -> list[str]:

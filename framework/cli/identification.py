@@ -8,12 +8,11 @@ import numpy as np
 
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
-from framework.cli.parser import Report, add_number, add_out, add_robot
+from framework.cli.parser import MAX_LISTED, Report, add_number, add_out, add_robot
 from framework.identification.calibrate import ANGLE_ERROR, LENGTH_ERROR, NOISE, Calibration, calibrate
 from framework.identification.identify import Identification, identify
 from framework.tolerances import MIN_RANK_GAP
 
-LISTED_UNSEEN = 12  # directions listed in the report; the document has all
 MIN_CHANGE = 1e-3  # least change of a parameter that is reported, over its standard deviation
 
 CALIBRATED = """\
@@ -92,9 +91,9 @@ def calibration_lines(calibration: Calibration) -> list[str]:
             lines.append(f"  {name}\t{value:.2e}\t{deviation:.1e}")
     if unseen:
         lines.append(f"  not seen by these data: {len(unseen)} directions, which stay as in the file")
-        lines += [f"    {sentence}" for sentence in unseen[:LISTED_UNSEEN]]
-    if len(unseen) > LISTED_UNSEEN:
-        lines.append(f"    and {len(unseen) - LISTED_UNSEEN} more, see --json")
+        lines += [f"    {sentence}" for sentence in unseen[:MAX_LISTED]]
+    if len(unseen) > MAX_LISTED:
+        lines.append(f"    and {len(unseen) - MAX_LISTED} more, see --json")
     return lines
 
 

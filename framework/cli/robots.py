@@ -116,13 +116,14 @@ def run_check(options: Namespace) -> Report:
     facts, smallest = asdict(diagnosis), diagnosis.smallest_singular_value
     idle, redundant = len(diagnosis.idle_joints), ", ".join(diagnosis.redundant_rows)
     angles = [f"{joint}: {value:.6g}" for joint, value in diagnosis.reference.items()]
-    words = {key: ", ".join(facts[key]) or "none" for key in LISTS}
-    words["place"] = point(diagnosis.platform)
-    words["idle"] = f", {idle} of them idle" if idle else ""
-    words["shape"] = "square" if diagnosis.square else "NOT square"
-    words["redundant"] = f"; redundant: {redundant}" if redundant else ""
-    words["angles"] = ", ".join(angles)
-    words["smallest"] = "unknown" if smallest is None else f"{smallest:.3g}"
+    words = {key: ", ".join(facts[key]) or "none" for key in LISTS} | {
+        "place": point(diagnosis.platform),
+        "idle": f", {idle} of them idle" if idle else "",
+        "shape": "square" if diagnosis.square else "NOT square",
+        "redundant": f"; redundant: {redundant}" if redundant else "",
+        "angles": ", ".join(angles),
+        "smallest": "unknown" if smallest is None else f"{smallest:.3g}",
+    }
     notes = [f"  note              {advice}" for advice in diagnosis.advice]
     return facts, [REPORT.format_map(facts | words), *notes]
 

@@ -35,6 +35,7 @@ from framework.catalogue import robot_file
 from framework.cli import arguments
 from framework.cli.commands import OneLineParser
 from framework.cli.parser import (
+    MAX_LISTED,
     Report,
     add_executor,
     add_flexibility,
@@ -54,7 +55,6 @@ from framework.planning.scenes import scene, scene_path
 
 STATISTICS = ("least", "median", "largest")  # of a quantity over the map
 STUDY_EDGE_POSES = 41  # by default
-MAX_PRINTED_DESIGNS = 20
 NOT_FOR_STUDIES = (
     "scene",
     "at",
@@ -309,8 +309,8 @@ def _report_study(study: DesignStudy, robot: str) -> Report:
     refused = sum(map(bool, study.why))
     lines = [f"{robot}: {count} designs, {size} x {size} poses each, {refused} make no robot"]
     lines += _study_table(study, with_reasons=refused > 0)
-    if count > MAX_PRINTED_DESIGNS:
-        lines.append(f"  and {count - MAX_PRINTED_DESIGNS} more; --out or --json keeps all")
+    if count > MAX_LISTED:
+        lines.append(f"  and {count - MAX_LISTED} more; --out or --json keeps all")
     return document, lines
 
 
@@ -323,4 +323,4 @@ def _study_table(study: DesignStudy, *, with_reasons: bool) -> list[str]:
     if with_reasons:
         heads.append("why no robot")
         rows = [[*row, why] for row, why in zip(rows, study.why, strict=True)]
-    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_PRINTED_DESIGNS]]]
+    return ["  " + "\t".join(row) for row in [heads, *rows[:MAX_LISTED]]]

@@ -6,7 +6,6 @@ compares the platforms with the plan, ends diverged runs and decides which runs 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -19,7 +18,7 @@ from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled, check_choice
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
@@ -200,7 +199,8 @@ class RunMonitor:
     def check(self, time: float, x: Array, planned: Array) -> None:
         """Compare platform coordinates x (R, n) with the plan (n,); end runs that deviate too far.
 
-        A run deviates too far at MAX_DEVIATION, or if its coordinates are not finite.
+        A run deviates too far at MAX_DEVIATION, or if its coordinates are not finite. `time` [s] is that of
+        the comparison.
         """
         deviations = np.abs((x - planned) / self.robot.platform_scale)
         self.error = np.nan_to_num(deviations, nan=MAX_DEVIATION).max(axis=1)
@@ -222,7 +222,7 @@ class RunMonitor:
             self.torques.append(torque)
 
     def conclude(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
-        """Judge the runs at their end; return their outcomes."""
+        """Judge the runs by the tolerances of the control loop; return their outcomes."""
         is_near_plan = self.worst <= loop.tolerance
         is_near_end = self.error <= loop.end
         for run in np.flatnonzero(self.alive & ~is_near_plan):
@@ -239,30 +239,6 @@ class RunMonitor:
             x=np.array(self.positions),
             torque=np.array(self.torques) if self.torques else None,
         )
-
-
-class DelayLine(NamedTuple):
-    """A buffer that delays the torques of each run by that run's own number of periods."""
-
-    delays: IntArray  # (R,) [sampling periods]
-    past: deque[Array]  # torques (R, n_a) of the last periods
-
-    @staticmethod
-    def of(ref: Reference, variations: Sequence[Variation]) -> DelayLine:
-        """Make an empty buffer with the delays of R varied robots."""
-        periods = np.rint([variation.delay / ref.period for variation in variations])
-        delays = np.minimum(periods, len(ref.times)).astype(np.intp)  # at most the whole motion
-        return DelayLine(delays, deque(maxlen=int(delays.max(initial=0)) + 1))
-
-    def delay(self, torque: Array) -> Array:
-        """Store commanded torques (R, n_a); return the delayed torques (R, n_a).
-
-        Until its delay has passed, a run keeps its first commanded torques.
-        """
-        self.past.append(torque)
-        newest = len(self.past) - 1
-        ages = np.minimum(self.delays, newest)  # (R,) [sampling periods]
-        return np.array([self.past[newest - age][run] for run, age in enumerate(ages)])
 
 
 def torque_limit(reference: Reference, loop: ControlLoop) -> Array:
@@ -296,6 +272,9 @@ def run_closed_loop(
     and delayed, and the robots move. Runs that diverge end early.
 
     Args:
+        loop: torque limits, sensors and tolerances.
+        spread: standard deviations of the encoders' noise; all other differences are in `variations`.
+        variations: one for each of the R robots.
         record: whether the result contains the torques of all periods.
         report_progress: called with the finished share of the motion.
 
@@ -305,20 +284,26 @@ def run_closed_loop(
     ref = controller.reference
     limit = torque_limit(ref, loop)
     robots = _VariedRobots.of(ref, spread, variations)
-    last = len(ref.times) - 1
-    delay_line = DelayLine.of(ref, variations)
     monitor = RunMonitor(len(variations), ref.robot)
+    last = len(ref.times) - 1
+    periods = np.rint([variation.delay / ref.period for variation in variations])
+    delays = np.minimum(periods, last).astype(np.intp)  # (R,) [sampling periods], at most the whole motion
+    commands = np.zeros((last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
             report_progress(k / last)
             monitor.check(ref.times[k], robots.platform_coordinates(k, q, v), ref.x[k])
+
         with np.errstate(all="ignore"):
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
-        torque = delay_line.delay(np.clip(np.nan_to_num(command, nan=0.0), -limit, limit))
+        commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
+        # until its delay has passed, a run keeps its first command
+        torque = commands[np.maximum(k - delays, 0), np.arange(len(delays))]  # (R, n_a)
         monitor.add_torque(torque, record=record)
         if k == last or not monitor.alive.any():
             break
+
         q, v = robots.step(k, q, v, torque)
         monitor.end(ref.times[k + 1], _have_diverged(ref, q, v))
         # runs that have ended wait at their start, as NaN in one run would spoil the stacked solution of all
@@ -329,7 +314,10 @@ def run_closed_loop(
 
 
 def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
-    """Return a mask (R,) of the runs with joints that are not finite or too fast."""
+    """Return a mask (R,) of the runs with joints that are not finite or too fast.
+
+    q (R, nq) and v (R, nv) are the configurations and the joint rates of the runs.
+    """
     is_slow = np.abs(v) * ref.period < MAX_JOINT_STEP * ref.robot.column_scale  # false for NaN
     is_valid = np.isfinite(q).all(axis=1) & is_slow.all(axis=1)
     return np.asarray(~is_valid)
@@ -348,7 +336,11 @@ class _VariedRobots(NamedTuple):
 
     @staticmethod
     def of(ref: Reference, spread: Spread, variations: Sequence[Variation]) -> _VariedRobots:
-        """Place the robots at rest at the start of the plan, loops closed."""
+        """Place the robots at rest at the start of the plan, loops closed.
+
+        Raises:
+            InvalidInput: the loops of a varied robot do not close.
+        """
         world = WorldForces.of(ref.robot, ref.wrenches, ref.law)
         try:
             varied_robots = [apply_variation(ref.robot, variation) for variation in variations]
@@ -378,7 +370,8 @@ class _VariedRobots(NamedTuple):
     def measure(self, k: int, q: Array, v: Array, sensors: str) -> Measurement:
         """Read the encoders at instant k, with their noise.
 
-        With encoders on all joints the platform is measured too. The noise of the joints becomes noise of the
+        q (R, nq) and v (R, nv) are the configurations and joint rates, `sensors` is one of SENSORS. With
+        encoders on all joints the platform is measured too. The noise of the joints becomes noise of the
         platform by dx/dq, the pseudo-inverse of the planned N = dq/dx.
         """
         ref = self.reference

@@ -317,13 +317,18 @@ def linearise_error(reference: Reference) -> tuple[Array, Array]:
 def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Array:
     """Solve the discrete Riccati equation backwards in time for gains (K, n_a, 2n).
 
+    Args:
+        A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics, see `linearise_error`.
+        Q, R: (2n, 2n) and (n_a, n_a) weights of errors and torque corrections.
+        period: sampling period [s].
+
     With constant torques over a period h, e_(k+1) = F e_k + G tau_k and [F, G; 0, 1] = exp([A, B; 0, 0] h).
     For the cost-to-go e' P e after a period the gain is L = (R + G' P G)^-1 G' P F. The cost-to-go before the
     period has the matrix Q + L' R L + (F - G L)' P (F - G L).
     """
     from scipy.linalg import expm
 
-    count, size, inputs = B.shape
+    count, size, inputs = B.shape  # K, 2n, n_a
     generator = np.zeros((count, size + inputs, size + inputs))
     generator[:, :size] = np.concatenate([A, B], axis=2) * period
     transition = expm(generator)
@@ -366,27 +371,31 @@ class ComputedTorque:
         return ComputedTorque(reference, multipliers)
 
     def torque(self, k: int, measurement: Measurement) -> Array:
-        """Compute motor torques (R, n_a) [N m]; infinite where the naive controller divides by zero.
+        """Compute motor torques (R, n_a) [N m] at sampling instant k.
 
-        The open tree needs the generalised forces r. Its passive joints (p) determine the multipliers lambda
-        of the loops by P' lambda = r_p. The motors (a) then need tau = r_a - J_a' lambda on the joint side.
+        They are infinite where the naive controller divides by zero. The open tree needs the generalised
+        forces r. Its passive joints (p) determine the multipliers lambda of the loops by P' lambda = r_p. The
+        motors (a) then need tau = r_a - J_a' lambda on the joint side.
         """
         ref = self.reference
         robot = ref.robot
         state = estimate_state(ref, k, measurement, aware=self.multipliers is not None)
         w = COMPUTED_TORQUE_FREQUENCY
-        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)
+        ddx = ref.ddx[k] + 2 * w * (ref.dx[k] - state.dx) + w**2 * (ref.x[k] - state.x)  # commanded
+
         motion = _constrained_motion(ref, k, state, ddx)
         r = tree_forces(robot, motion) * robot.column_scale
         # J' (R, nv, m), scaled to be dimensionless, with one row for each joint
         J_T = scale_jacobian(robot, motion.loops, robot.loops.rotation).transpose(0, 2, 1)
         P_T = J_T[:, robot.following]
         r_p = r[:, robot.following]
+
         if self.multipliers is None:
             multipliers = solve(P_T, r_p)
         else:
             planned = self.multipliers[k]
             multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned))
+
         torque = (r - matvec(J_T, multipliers)) / robot.column_scale  # (R, nv)
         n = robot.gear_ratio
         rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]

@@ -114,6 +114,7 @@ def run_study(
         raise InvalidInput(f"runs: needs at least 1, got {runs!r}")
     if seed < 0:
         raise InvalidInput(f"seed: needs a whole number of at least 0, got {seed!r}")
+
     started = time.perf_counter()
     size = min(chunk or RUNS_PER_CHUNK, RUNS_PER_CHUNK)
     chunks = {f"{first}-{first + size}": range(runs)[first : first + size] for first in range(0, runs, size)}
@@ -154,7 +155,10 @@ def run_chunk(
 ) -> Arrays:
     """Do the runs of one chunk; return their outcomes as arrays, by field of `Outcomes`.
 
-    `report_progress` is called with the finished share of the motion.
+    Args:
+        seed: seed of the study.
+        chunk: numbers of the runs.
+        report_progress: called with the finished share of the motion.
     """
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
@@ -163,7 +167,10 @@ def run_chunk(
 
 
 def _chunk_fields(motors: int, chunk: range) -> dict[str, ArrayField]:
-    """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`."""
+    """Return types and shapes of the outcomes of a chunk, by field of `Outcomes`.
+
+    `motors` is the number of motors, `chunk` has the numbers of the runs.
+    """
     runs = len(chunk)
     numbers = dict.fromkeys(("tracking_error", "end_error", "payload"), ArrayField("f", (runs,)))
     return {
