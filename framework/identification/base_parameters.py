@@ -53,7 +53,7 @@ from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP, RANK_ROUNDING
 
 LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in the units of a body's parameters
-OF_MOTORS = ("rotor_inertia", "damping", "friction")
+OF_MOTORS = ("rotor_inertia", "damping", "friction")  # parameters of each motor, in this order
 
 
 class TorqueParameters(NamedTuple):
@@ -61,7 +61,7 @@ class TorqueParameters(NamedTuple):
 
     bodies: IntArray  # (b,) indices of the bodies' joints in pinocchio
     links: tuple[str, ...]  # (b,) names of the bodies
-    names: tuple[str, ...]  # (p,)
+    names: tuple[str, ...]  # (p,) LINK.mass and so on, JOINT.rotor_inertia and so on
     values: Array  # (p,) in the robot file, SI units
     sizes: Array  # (p,) typical sizes for a body or a motor of this robot, SI units
 
@@ -116,10 +116,10 @@ def gravity_scale(robot: ParallelRobot) -> float:
 
 
 class ParameterRegressor(NamedTuple):
-    """The terms of N' Y theta + constant = N' S tau at T instants, on platform axes."""
+    """The terms of N' Y theta + constant = N' S tau at T instants, on platform axes [N, N m]."""
 
     matrix: Array  # (T, n, p) N' Y
-    constant: Array  # (T, n) springs, and armature and damping of joints without a motor
+    constant: Array  # (T, n) wrench of springs, and of armature and damping of joints without a motor
     motors: Array  # (T, n, n_a) N' S for torques on the motor side: G' of `platform_wrench`
 
 
@@ -133,6 +133,7 @@ def parameter_regressor(
     contain those of bodies and damping, but neither rotors nor dry friction.
 
     Args:
+        parameters: theta, with the values of the robot file.
         signs: (T, n_a) filtered signs of the motors' speeds; by default the signs in the motion.
     """
     G, N = motor_speeds(robot, motion.linearised)  # motor speeds (T, n_a, n) and joint rates (T, nv, n)
@@ -145,9 +146,10 @@ def parameter_regressor(
     motor_part = N_transposed[:, :, motors, None] * np.stack(unit_torques, axis=2)[:, None]  # (T, n, n_a, 3)
     matrix = np.concatenate([body_part, motor_part.reshape(*motor_part.shape[:2], -1)], axis=2)
 
-    values_in_tree = parameters.values.copy()  # theta without the parameters that r does not contain
-    for name in ("rotor_inertia", "friction"):  # every third parameter after those of the bodies
-        values_in_tree[body_part.shape[2] + OF_MOTORS.index(name) :: len(OF_MOTORS)] = 0.0
+    # theta without rotor inertias and dry friction, which r does not contain
+    values_in_tree = parameters.values.copy()
+    of_motors = values_in_tree[body_part.shape[2] :].reshape(-1, len(OF_MOTORS))  # (n_a, 3), a view
+    of_motors[:, np.array(OF_MOTORS) != "damping"] = 0.0
     constant = np.matvec(N_transposed, tree_forces(robot, motion)) - matrix @ values_in_tree
     return ParameterRegressor(matrix, constant, G.swapaxes(1, 2))
 
@@ -180,8 +182,8 @@ class BaseParameters(ReadOnlyArrays):
     without_effect: tuple[str, ...]
     left_out: tuple[str, ...]
     values: Array  # (rank,) by the robot file, SI units
-    described: TorqueParameters
-    combinations: Combinations
+    described: TorqueParameters  # the parameters with values and sizes
+    combinations: Combinations  # coefficients of the base parameters, in `parameters`
 
     @property
     def certain(self) -> bool:
@@ -352,10 +354,11 @@ def _motor_spread(parameters: TorqueParameters, motors: slice) -> Array:
     The size of a rotor is the file's inertia. A rotor that is zero in the file stays almost zero: its size is
     RANK_ROUNDING times the typical inertia of a motor.
     """
-    sizes = parameters.sizes[motors].copy()
-    rotors = slice(OF_MOTORS.index("rotor_inertia"), None, len(OF_MOTORS))  # every third
-    sizes[rotors] = np.maximum(parameters.values[motors][rotors], RANK_ROUNDING * sizes[rotors])
-    return sizes
+    sizes = parameters.sizes[motors].reshape(-1, len(OF_MOTORS)).copy()  # (n_a, 3)
+    in_file = parameters.values[motors].reshape(sizes.shape)
+    rotor = OF_MOTORS.index("rotor_inertia")
+    sizes[:, rotor] = np.maximum(in_file[:, rotor], RANK_ROUNDING * sizes[:, rotor])
+    return sizes.ravel()
 
 
 def _link_sizes(link: Array) -> Array:
@@ -371,7 +374,10 @@ def _link_sizes(link: Array) -> Array:
 
 
 def read_inertial_parameters(link: Element) -> Array:
-    """Read the ten parameters (10,) of a link about its origin; zeros without <inertial>."""
+    """Read the ten parameters (10,) of a link about its origin; zeros without <inertial>.
+
+    They are mass, first and second moments [kg, kg m, kg m^2], on the axes of the link.
+    """
     inertial = link.find("inertial")
     if inertial is None:
         return np.zeros(10)
@@ -387,8 +393,9 @@ def with_masses_and_motors(robot: ParallelRobot, links: LinkParameters, values: 
     """Return the robot's description with other parameters of links and motors.
 
     Args:
-        links: the layout of the parameters: a slice for each link, then one for the motors.
-        values: (u,) inertial parameters of the links; rotor inertia, damping and friction of each motor.
+        links: the parameters in the file. Links whose parameters do not change keep their text.
+        values: (u,) new values in the same order: inertial parameters of the links; rotor inertia, damping
+            and friction of each motor.
     """
     description = robot.description
     urdf = fromstring(description.urdf_text)
@@ -417,8 +424,8 @@ def write_inertial(link: Element, parameters: Array) -> None:
     <inertial> is about the centre of mass c. With S about the origin, the second moments about c are
     S - m c c'. The inertia is their trace times the identity, minus the second moments.
     """
-    mass = float(parameters[0])
-    centre = parameters[1:4] / parameters[0]
+    mass, *first_moments = parameters[:4].tolist()
+    centre = np.array(first_moments) / mass
     second_moments = pseudo_inertia(parameters)[:3, :3] - mass * np.outer(centre, centre)
     moments, axes = np.linalg.eigh(second_moments)
     second_moments = (axes * np.maximum(moments, 0.0)) @ axes.T  # moments are negative only by rounding

@@ -69,6 +69,7 @@ def find_combinations(regressor: Array, sizes: Array) -> Combinations:
     """Find the combinations of parameters that a regressor (rows, p) determines.
 
     Args:
+        regressor: derivatives of the data with respect to the p parameters.
         sizes: (p,) typical sizes of the parameters, which make the columns comparable.
     """
     columns = regressor * sizes

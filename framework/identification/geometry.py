@@ -184,6 +184,7 @@ def select_measurements(geometry: Geometry, data: Recording, noise: dict[str, fl
     """Select the measurements of a recording that calibration uses.
 
     Args:
+        data: the recording.
         noise: standard deviations by kind: motor_angle [rad or m, motor side], joint [rad or m] and platform
             [m]. For turns of the platform its deviation is divided by the robot's length.
 
@@ -229,10 +230,10 @@ def encoder_names(model: ParallelRobot) -> dict[int, str]:
 
 
 class MeasuredOffsets(NamedTuple):
-    """Values of the model minus measured values, and their derivatives."""
+    """Values of the model minus measured values [rad, m], and their derivatives."""
 
     offset: Array  # (T, m)
-    slope: Array  # (T, m, nv) derivatives along all joints
+    slope: Array  # (T, m, nv) derivatives along all joints, those of the parameters included
 
 
 def measurement_offsets(model: ParallelRobot, measured: Measurements, frames: FrameStack) -> MeasuredOffsets:

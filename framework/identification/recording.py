@@ -69,7 +69,7 @@ class Recording(ReadOnlyArrays):
         return "\n".join([",".join(self.names), *lines]) + "\n"
 
     def rows(self, index: slice | IntArray) -> Recording:
-        """Return the samples at an index."""
+        """Return the recording of the samples at an index or a slice."""
         return Recording(self.source, self.names, self.values[index])
 
 
@@ -116,7 +116,17 @@ def read_recording(robot: ParallelRobot, file: str | Path) -> Recording:
 
 
 def _read_row(where: str, header: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> list[float]:
-    """Read the numbers in the columns `used` of one row of cells."""
+    """Read the numbers in some columns of one row.
+
+    Args:
+        where: file and line, for messages.
+        header: names of all columns.
+        used: indices of the columns to be read.
+        cells: texts of the row.
+
+    Raises:
+        InvalidInput: another number of cells than columns; a cell that is not a finite number.
+    """
     if len(cells) != len(header):
         raise InvalidInput(f"{where}: {len(cells)} cells for {len(header)} columns")
     numbers = []
@@ -162,7 +172,7 @@ def check_recording(robot: ParallelRobot, recording: Recording) -> None:
 
 
 def _is_in_degrees(angles: Array, start: Array) -> bool:
-    """Return whether angles (T, k) fit the reference `start` (k,) only as degrees.
+    """Return whether joint angles (T, k) fit the reference `start` (k,) only as degrees.
 
     This is so under three conditions: a first angle is more than half a turn away from the reference;
     conversion to radians brings the first angles nearer than subtraction of whole turns does; and all
@@ -249,6 +259,7 @@ def record_sensors(
     count = int(periods * (1.0 + 1e-12)) + 1  # with a sample at the end, despite rounding
     if count > MAX_SAMPLES:
         raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
+
     times = np.arange(count) / sensors.rate
     times[-1] = min(times[-1], simulation.duration)
     angles = robot.gear_ratio * robot.actuated_coordinates(simulation.configuration(times))
@@ -257,6 +268,7 @@ def record_sensors(
     steps = np.where(is_slide, sensors.slide_step, sensors.angle_step)
     largest = np.abs(torques).max(axis=0)
     platform_noise = sensors.platform_noise * robot.platform_scale / robot.length
+
     columns = [
         times[:, None],
         _add_sensor_errors(random, angles, sensors.angle_noise, steps),
@@ -270,9 +282,11 @@ def record_sensors(
 def _add_sensor_errors(
     random: np.random.Generator, values: Array, noise: Array | float, step: Array | float
 ) -> Array:
-    """Add noise of this standard deviation to values (T, k); round to multiples of `step`.
+    """Add normal noise to values (T, k), and round to multiples of a step.
 
-    Columns with a step of 0 are not rounded.
+    Args:
+        noise: standard deviation, for each column or one for all.
+        step: resolution likewise; columns with a step of 0 are not rounded.
     """
     noisy = values + noise * random.standard_normal(values.shape)
     has_step = np.asarray(step) > 0
