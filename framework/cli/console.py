@@ -55,7 +55,7 @@ NUMBER = re.compile(r"[-+<>~]?\s?(\d|-?$)|-|inf|nan")
 LABEL = re.compile(r" *\S.*? {2,}(?=\S)")
 FIRST, INTERVAL = 1.0, 0.2  # [s] until the progress line appears, and between its changes
 ERASE = "\r\x1b[K"
-UNEXPECTED_EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+UNEXPECTED_EXIT_CODE = os.EX_SOFTWARE  # 70
 DEBUG_VARIABLE = "CROSSING_DEBUG"  # if this is set, an unexpected error shows its traceback
 
 

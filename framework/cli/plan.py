@@ -29,7 +29,7 @@ from framework.kinematics.parallel_robot import ParallelRobot
 from framework.laws.law import Law
 from framework.numerics.output import Document, json_text, select_fields, write_csv
 from framework.numerics.time_limit import end_searches_by_ctrl_c
-from framework.planning.motion_table import DEFAULT_ROWS, MotionTable
+from framework.planning.motion_table import DEFAULT_ROWS, MAX_SAMPLES, MIN_SAMPLES, MotionTable
 from framework.planning.options import MOTION
 from framework.planning.plan import (
     ADVANCES,
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
 MOTION_FILE = "motion.csv"
 LEAST_BEND = "least"  # value of --bend without a number
-MAX_SAMPLES = 1_000_000
 IMPROVING = "planning: there is a law; Ctrl-C ends the search for better ones"
 FIGURES = ("robot", "law", "torques", "singularity", "wrench", "eye", "phase_plane")
 FIGURE_FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf"))  # PDFs are one now
@@ -78,7 +77,7 @@ def add_plan_options(parser: OneLineParser) -> None:
     add_out(parser, "write plan.json, motion.csv and figures there")
     parser.add_argument(
         "--samples",
-        type=integer_between(2, MAX_SAMPLES),
+        type=integer_between(MIN_SAMPLES, MAX_SAMPLES),
         metavar="N",
         help=f"rows of motion.csv (default: {DEFAULT_ROWS})",
     )

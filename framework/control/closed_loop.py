@@ -18,7 +18,7 @@ from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled, check_choice
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper
@@ -159,7 +159,7 @@ class Outcomes(ReadOnlyArrays):
     """The outcomes of R runs."""
 
     passed: BoolArray  # (R,) whether the platform kept the tolerances of the `ControlLoop`
-    why: tuple[str, ...]  # (R,) reasons of failures, empty for runs that passed
+    why: Names  # (R,) reasons of failures, empty for runs that passed
     tracking_error: Array  # (R,) largest distance of the platform from the plan [robot lengths, rad]
     end_error: Array  # (R,) the same at the end
     peak_torque: Array  # (R, n_a) [N m], motor side

@@ -48,12 +48,12 @@ from framework.laws.law import MotionLaw
 from framework.numerics.arrays import Array, ReadOnlyArrays
 from framework.numerics.ordered_sums import matvec, solve
 from framework.planning.result import CrossingPlan
+from framework.tolerances import SAME_PLACE
 
 # ------------------------------------------------------------------ the planned motion
 
 
-MAX_SAMPLES = 200_000
-PERIOD_ROUNDING = 1e-12  # of the number of periods: rounding must not lose the instant at the end
+MAX_SAMPLES = 200_000  # of a planned motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,8 @@ def reference_of(plan: CrossingPlan, *, period: float) -> Reference:
             f"got {period!r}"
         )
     robot, dynamics = plan.robot, plan.dynamics
-    count = int(np.floor(plan.duration / period * (1 + PERIOD_ROUNDING))) + 1
+    # rounding must not lose the instant at the end
+    count = int(np.floor(plan.duration / period * (1 + SAME_PLACE))) + 1
     times = np.minimum(period * np.arange(count), plan.duration)
     middles = np.minimum(times + period / 2, plan.duration)
     motion = dynamics.motion(times)

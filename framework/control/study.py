@@ -46,7 +46,7 @@ from framework.numerics.fields import (
     whole,
 )
 from framework.numerics.kept import ArrayField, Arrays, KeptChunks, complete_chunks
-from framework.numerics.output import package_versions
+from framework.numerics.output import Document, package_versions
 from framework.planning.result import CrossingPlan
 from framework.planning.saved import plan_document, plan_from_document, read_document
 
@@ -140,7 +140,7 @@ def run_study(
         keeper=keeper,
         progress=report,
     )
-    outcomes: dict[str, Any] = {**arrays, "why": tuple(arrays["why"].tolist())}
+    outcomes: Document = {**arrays, "why": tuple(arrays["why"].tolist())}
     seconds = time.perf_counter() - started
     return Study(controller=name, spread=spread, seed=seed, seconds=seconds, **outcomes)
 
@@ -244,7 +244,7 @@ class StudySetup:
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
         return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
 
-    def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
+    def to_dict(self, folder: Path | None = None) -> Document:
         """Return the content of a robustness.json in `folder`, with the versions of libraries."""
         return {
             "seed": self.seed,
@@ -273,7 +273,7 @@ def library_versions() -> dict[str, str]:
     return {**package_versions(), "python": platform.python_version(), "machine": platform.machine()}
 
 
-def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, dict[str, Any]]:
+def load_study(folder: str | Path, *, robot_file: str | None = None) -> tuple[StudySetup, Document]:
     """Read the set-up of a study that `crossing robustness --out` wrote; return also its document.
 
     Args:

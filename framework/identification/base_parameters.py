@@ -49,7 +49,7 @@ from framework.kinematics.tree_model import link_axes
 from framework.model.description import JointDynamics, RobotDescription
 from framework.model.documents import attribute, child_element, read_origin, remove_children
 from framework.model.urdf_edits import inertial_element
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import BRANCHES_MEET, MIN_RANK_GAP, RANK_ROUNDING
 
 LENGTH_POWERS = np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])  # of a length in the units of a body's parameters
@@ -60,8 +60,8 @@ class TorqueParameters(NamedTuple):
     """The p parameters of a robot: ten for each body, then three for each motor."""
 
     bodies: IntArray  # (b,) indices of the bodies' joints in pinocchio
-    links: tuple[str, ...]  # (b,) names of the bodies
-    names: tuple[str, ...]  # (p,) LINK.mass and so on, JOINT.rotor_inertia and so on
+    links: Names  # (b,) names of the bodies
+    names: Names  # (p,) LINK.mass and so on, JOINT.rotor_inertia and so on
     values: Array  # (p,) in the robot file, SI units
     sizes: Array  # (p,) typical sizes for a body or a motor of this robot, SI units
 
@@ -177,10 +177,10 @@ class BaseParameters(ReadOnlyArrays):
     robot: ParallelRobot
     rank: int
     gap: float
-    names: tuple[str, ...]
-    parameters: tuple[str, ...]
-    without_effect: tuple[str, ...]
-    left_out: tuple[str, ...]
+    names: Names
+    parameters: Names
+    without_effect: Names
+    left_out: Names
     values: Array  # (rank,) by the robot file, SI units
     described: TorqueParameters  # the parameters with values and sizes
     combinations: Combinations  # coefficients of the base parameters, in `parameters`
@@ -297,7 +297,7 @@ MOMENTS = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")  # in the order of pinocchi
 class LinkParameters(NamedTuple):
     """The u parameters of links and motors: ten of each link on its axes, then three of each motor."""
 
-    links: tuple[str, ...]  # those with mass in the file
+    links: Names  # those with mass in the file
     values: Array  # (u,) in the robot file
     spread: Array  # (u,) sizes of the parameters, in which the prior deviation is measured
     to_parameters: Array  # (p, u) matrix to the parameters of bodies and motors, `TorqueParameters`

@@ -38,7 +38,7 @@ from framework.kinematics.continuation.pose_stack import forward_kinematics_stac
 from framework.kinematics.frames import frames_at, integrate_columns
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import positive
 from framework.numerics.output import Document, plain, select_fields
 from framework.tolerances import LOOP_GAP, MAX_NOISE_RATIO, MAX_PRIOR_DEVIATIONS, RANK_ROUNDING
@@ -77,7 +77,7 @@ class Calibration(ReadOnlyArrays):
     values: Array
     deviations: Array
     combinations: Combinations
-    unseen: tuple[str, ...]
+    unseen: Names
     error_before: Array
     error_after: Array
     noise: float
@@ -280,7 +280,7 @@ def _describe_unseen(
     q: Array,
     equations: ParameterEquations,
     combinations: Combinations,
-) -> tuple[str, ...]:
+) -> Names:
     """Describe the parameter directions that the data do not determine, with remedies.
 
     A step along such a direction moves the joints while all measurements stay the same. A sensor that was not

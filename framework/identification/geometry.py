@@ -30,7 +30,7 @@ from framework.model.description import AXES, RobotDescription, Spring
 from framework.model.documents import child_element, read_origin
 from framework.model.placement import placement, rotation_about
 from framework.model.urdf_edits import NewJoint, joint_element, origin_element
-from framework.numerics.arrays import Array, BoolArray, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.tolerances import LOOP_GAP, RANK_ROUNDING
 
 ERRORS = "errors"  # suffix of the names of virtual joints
@@ -43,8 +43,8 @@ class Geometry(ReadOnlyArrays):
 
     robot: ParallelRobot
     model: ParallelRobot  # the robot with an elastic virtual joint for each parameter
-    joints: tuple[str, ...]  # (p / 6,) joints whose origins have errors
-    names: tuple[str, ...]  # (p,) names of the parameters, JOINT.x .. JOINT.rz
+    joints: Names  # (p / 6,) joints whose origins have errors
+    names: Names  # (p,) names of the parameters, JOINT.x .. JOINT.rz
     turning: np.ndarray  # (p,) true for an angle [rad], false for a length [m]
 
     def description(self, values: Array) -> RobotDescription:
@@ -168,7 +168,7 @@ class Measurements(ReadOnlyArrays):
     the platform's frame that are no coordinates.
     """
 
-    names: tuple[str, ...]  # (m,) columns of the recording
+    names: Names  # (m,) columns of the recording
     values: Array  # (T, m)
     noise: Array  # (m,) standard deviations
     columns: IntArray  # indices of the measured joints in the velocity vector

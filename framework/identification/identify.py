@@ -42,7 +42,7 @@ from framework.identification.recording import HELD_OUT_EVERY, Recording, load_r
 from framework.kinematics.parallel_robot import ParallelRobot, expect_robot
 from framework.model.description import RobotDescription
 from framework.model.robot_file_writer import write_robot_file
-from framework.numerics.arrays import Array, BoolArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, Names, ReadOnlyArrays
 from framework.numerics.cone_program import Affine, LinearMatrix, Unsolved, semidefinite_least_squares
 from framework.numerics.fields import positive
 from framework.numerics.ordered_sums import singular_values
@@ -97,7 +97,7 @@ class Identification(ReadOnlyArrays):
     seconds: float
 
     @property
-    def undetermined(self) -> tuple[str, ...]:
+    def undetermined(self) -> Names:
         """Names of base parameters whose standard deviation exceeds their size."""
         return self._base_names(_find_undetermined(self.base, self.values, self.deviations))
 
@@ -107,12 +107,12 @@ class Identification(ReadOnlyArrays):
         return bool((self.link_values == self.links.values).all())
 
     @property
-    def changed(self) -> tuple[str, ...]:
+    def changed(self) -> Names:
         """Names of base parameters that differ significantly from the file's values."""
         change = np.abs(self.values - self.base.values)
         return self._base_names(change > SIGNIFICANT_DEVIATIONS * self.deviations)
 
-    def _base_names(self, mask: BoolArray) -> tuple[str, ...]:
+    def _base_names(self, mask: BoolArray) -> Names:
         """Return the names of the base parameters in a mask (rank,)."""
         return tuple(self.base.names[k] for k in np.flatnonzero(mask))
 

@@ -17,11 +17,13 @@ import numpy as np
 
 from framework.errors import InvalidInput, check_choice, choose_from, short
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, IntArray, ReadOnlyArrays
+from framework.numerics.arrays import Array, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.input import read_text
 from framework.numerics.rotations import whole_turns
+from framework.planning.motion_table import MAX_SAMPLES
 from framework.simulation.result import Simulation
+from framework.tolerances import SAME_PLACE
 
 LARGEST_RECORDING = 200_000_000  # bytes
 HELD_OUT_EVERY = 4  # every fourth part of a recording is held out for validation
@@ -34,7 +36,7 @@ class Recording(ReadOnlyArrays):
     """Measured samples by column name, in SI units, on the motor side of the gears."""
 
     source: str  # named in error messages
-    names: tuple[str, ...]  # of the columns
+    names: Names  # of the columns
     values: Array  # (T, columns)
 
     def __len__(self) -> int:
@@ -73,7 +75,7 @@ class Recording(ReadOnlyArrays):
         return Recording(self.source, self.names, self.values[index])
 
 
-def recording_columns(robot: ParallelRobot) -> tuple[str, ...]:
+def recording_columns(robot: ParallelRobot) -> Names:
     """Return all column names that a recording of this robot may have."""
     joints = robot.actuator_names
     passive = [robot.coordinates.name_of(int(column)) for column in robot.passive]
@@ -210,9 +212,6 @@ def uniform_period(recording: Recording) -> float:
 # ------------------------------------------------------------------ simulated sensors
 
 
-MAX_SAMPLES = 10_000_000
-
-
 @dataclass(frozen=True)
 class Sensors:
     """Noise (standard deviations) and resolution (steps) of sensors, on the motor side; 0 for none.
@@ -256,7 +255,7 @@ def record_sensors(
     robot = simulation.robot
     random = np.random.default_rng(sensors.seed)
     periods = simulation.duration * sensors.rate
-    count = int(periods * (1.0 + 1e-12)) + 1  # with a sample at the end, despite rounding
+    count = int(periods * (1.0 + SAME_PLACE)) + 1  # with a sample at the end, despite rounding
     if count > MAX_SAMPLES:
         raise InvalidInput(f"sensors: rate {sensors.rate:g} Hz makes {count} samples, at most {MAX_SAMPLES}")
 

@@ -59,19 +59,16 @@ def report_page(plan: CrossingPlan, *, name: str = "") -> str:
     """Return the report of a plan (HTML) in one file; `name` is the scene's title."""
     film = film_plan(plan, name=name)
     heading = f"{display_name(plan.robot.name)}: {_describe_plan(plan)}"
-    body = "\n".join(
-        [
-            '<div class="report">',
-            scene_part(heading, FILM_LEAD),
-            _section_html("What happens", _motion_html(film) + _table_html(motion_facts(plan))),
-            _section_html("Figures", _figures_html(plan, film)),
-            _section_html("The law", _law_html(plan)),
-            _section_html("The certificate", _certificate_html(plan)),
-            _section_html("Parameters", _parameters_html(plan)),
-            _section_html("How to reproduce it", _reproduction_html(plan)),
-            "</div>",
-        ]
-    )
+    contents = {
+        "What happens": _motion_html(film) + _table_html(motion_facts(plan)),
+        "Figures": _figures_html(plan, film),
+        "The law": _law_html(plan),
+        "The certificate": _certificate_html(plan),
+        "Parameters": _parameters_html(plan),
+        "How to reproduce it": _reproduction_html(plan),
+    }
+    sections = [f"<section><h2>{title}</h2>\n{content}</section>" for title, content in contents.items()]
+    body = "\n".join(['<div class="report">', scene_part(heading, FILM_LEAD), *sections, "</div>"])
     return whole_page(heading, body, film_documents([film]))
 
 
@@ -81,11 +78,6 @@ def _describe_plan(plan: CrossingPlan) -> str:
     if not count:
         return "a motion without a singularity"
     return f"through {'a' if count == 1 else count} Type 2 singularit{'y' if count == 1 else 'ies'}"
-
-
-def _section_html(title: str, content: str) -> str:
-    """Return a section (HTML) with a title in plain text."""
-    return f"<section><h2>{escape(title)}</h2>\n{content}</section>"
 
 
 def _mark_indices(text: str) -> str:
