@@ -312,7 +312,7 @@ def replay_run(options: Namespace) -> Report:
     number = options.replay
     if number >= stated["runs"]:
         raise InvalidInput(f"--replay: the study has the runs 0 to {stated['runs'] - 1}, got {number}")
-    run, seed = setup.run(name, number, record=True), [setup.seed, number]
+    run, seed = setup.run(name, number), [setup.seed, number]
     written = [failure for failure in failures if failure.get("seed") == seed]
     repeated = [] if run.passed[0] else [_describe_failure(run, 0, seed)]
     document = {

@@ -171,7 +171,7 @@ class Run(Outcomes):
     """R runs that were driven together."""
 
     x: Array  # (checks, R, n) platform coordinates, every PERIODS_PER_CHECK sampling periods
-    torque: Array | None = None  # (K, R, n_a) [N m], if recorded
+    torque: Array  # (periods, R, n_a) [N m] of the motors, until all runs have ended
 
 
 class RunMonitor:
@@ -183,7 +183,6 @@ class RunMonitor:
         is MAX_DEVIATION for runs that have ended early.
     peak: (R, n_a) largest motor torques [N m], motor side.
     positions: platform coordinates (R, n) of each check.
-    torques: motor torques (R, n_a) [N m] of each period, if recorded.
     """
 
     def __init__(self, count: int, robot: ParallelRobot) -> None:
@@ -194,7 +193,6 @@ class RunMonitor:
         self.worst = self.error = np.zeros(count)
         self.peak = np.zeros((count, robot.n_a))
         self.positions: list[Array] = []
-        self.torques: list[Array] = []
 
     def check(self, time: float, x: Array, planned: Array) -> None:
         """Compare platform coordinates x (R, n) with the plan (n,); end runs that deviate too far.
@@ -215,14 +213,15 @@ class RunMonitor:
         self.alive = self.alive & ~runs
         self.error = np.where(self.alive, self.error, MAX_DEVIATION)
 
-    def add_torque(self, torque: Array, *, record: bool) -> None:
-        """Update the peaks by torques (R, n_a) of one period; store the torques if `record`."""
+    def update_peaks(self, torque: Array) -> None:
+        """Update the peaks by the torques (R, n_a) of one period."""
         self.peak = np.fmax(self.peak, np.where(self.alive[:, None], np.abs(torque), 0.0))
-        if record:
-            self.torques.append(torque)
 
-    def conclude(self, loop: ControlLoop, variations: Sequence[Variation]) -> Run:
-        """Judge the runs by the tolerances of the control loop; return their outcomes."""
+    def conclude(self, loop: ControlLoop, variations: Sequence[Variation], torque: Array) -> Run:
+        """Judge the runs by the tolerances of the control loop; return their outcomes.
+
+        `torque` (periods, R, n_a) [N m] are the motor torques of all periods.
+        """
         is_near_plan = self.worst <= loop.tolerance
         is_near_end = self.error <= loop.end
         for run in np.flatnonzero(self.alive & ~is_near_plan):
@@ -237,7 +236,7 @@ class RunMonitor:
             peak_torque=self.peak,
             payload=np.array([variation.payload for variation in variations]),
             x=np.array(self.positions),
-            torque=np.array(self.torques) if self.torques else None,
+            torque=torque,
         )
 
 
@@ -262,8 +261,6 @@ def run_closed_loop(
     loop: ControlLoop,
     spread: Spread,
     variations: Sequence[Variation],
-    *,
-    record: bool = False,
     report_progress: Callable[[float], None] = lambda share: None,
 ) -> Run:
     """Drive R varied robots along the plan, from rest at its start.
@@ -275,7 +272,6 @@ def run_closed_loop(
         loop: torque limits, sensors and tolerances.
         spread: standard deviations of the encoders' noise; all other differences are in `variations`.
         variations: one for each of the R robots.
-        record: whether the result contains the torques of all periods.
         report_progress: called with the finished share of the motion.
 
     Raises:
@@ -288,7 +284,7 @@ def run_closed_loop(
     last = len(ref.times) - 1
     periods = np.rint([variation.delay / ref.period for variation in variations])
     delays = np.minimum(periods, last).astype(np.intp)  # (R,) [sampling periods], at most the whole motion
-    commands = np.zeros((last + 1, len(variations), ref.robot.n_a))
+    commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start
     for k in range(last + 1):
         if k % PERIODS_PER_CHECK == 0 or k == last:
@@ -299,18 +295,18 @@ def run_closed_loop(
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
         # until its delay has passed, a run keeps its first command
-        torque = commands[np.maximum(k - delays, 0), np.arange(len(delays))]  # (R, n_a)
-        monitor.add_torque(torque, record=record)
+        torques[k] = commands[np.maximum(k - delays, 0), np.arange(len(delays))]
+        monitor.update_peaks(torques[k])
         if k == last or not monitor.alive.any():
             break
 
-        q, v = robots.step(k, q, v, torque)
+        q, v = robots.step(k, q, v, torques[k])
         monitor.end(ref.times[k + 1], _have_diverged(ref, q, v))
         # runs that have ended wait at their start, as NaN in one run would spoil the stacked solution of all
         is_running = monitor.alive[:, None]
         q = np.where(is_running, q, robots.start.q)
         v = np.where(is_running, v, robots.start.v)
-    return monitor.conclude(loop, variations)
+    return monitor.conclude(loop, variations, torques[: k + 1])
 
 
 def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:

@@ -162,7 +162,7 @@ def run_chunk(
     """
     robot = controller.reference.robot
     variations = [draw(robot, spread, (seed, number)) for number in chunk]
-    run = run_closed_loop(controller, loop, spread, variations, report_progress=report_progress)
+    run = run_closed_loop(controller, loop, spread, variations, report_progress)
     return {field.name: np.asarray(getattr(run, field.name)) for field in fields(Outcomes)}
 
 
@@ -233,16 +233,15 @@ class StudySetup:
         """
         return tuned_controller(name, self.reference)
 
-    def run(self, controller: str, *numbers: int, record: bool = False) -> Run:
+    def run(self, controller: str, *numbers: int) -> Run:
         """Repeat runs of the study together.
 
         Args:
             controller: name of the controller.
             numbers: numbers of the runs, from 0.
-            record: whether the result contains the torques of all periods.
         """
         variations = [draw(self.plan.robot, self.spread, (self.seed, number)) for number in numbers]
-        return run_closed_loop(self.controller(controller), self.loop, self.spread, variations, record=record)
+        return run_closed_loop(self.controller(controller), self.loop, self.spread, variations)
 
     def to_dict(self, folder: Path | None = None) -> Document:
         """Return the content of a robustness.json in `folder`, with the versions of libraries."""

@@ -24,7 +24,14 @@ from framework.numerics.arrays import Array
 from framework.numerics.interruption import interruptible
 from framework.numerics.output import Document, plain, select_fields
 from framework.show.captions import describe_catalogue_entry, wrench_kind, wrench_unit
-from framework.show.scene import encode_floats, encode_locus, force_edges, page_robot_document, why_no_figure
+from framework.show.scene import (
+    encode_each,
+    encode_floats,
+    encode_locus,
+    force_edges,
+    page_robot_document,
+    why_no_figure,
+)
 from framework.show.sight import robot_sight
 from framework.singularity.drawn_locus import locus_curves
 from framework.singularity.jogging import (
@@ -155,12 +162,8 @@ def _wobble_document(robot: ParallelRobot, pose: JoggedPose) -> Document | None:
         return None
     poses = joint_poses(robot, loose.q)
     places = platform_positions(robot, poses)
-    return {
-        "poses": encode_floats(poses),
-        "places": encode_floats(places),
-        "count": len(places),
-        "words": _describe_wobble(robot, loose),
-    }
+    words = {"count": len(places), "words": _describe_wobble(robot, loose)}
+    return encode_each(poses=poses, places=places) | words
 
 
 def _describe_wobble(robot: ParallelRobot, loose: LooseMotion) -> str:

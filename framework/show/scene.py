@@ -56,6 +56,11 @@ def encode_floats(values: ArrayLike) -> str:
     return encode_array(np.asarray(values, dtype="<f4"))
 
 
+def encode_each(**arrays: ArrayLike) -> Document:
+    """Encode arrays as float32 for the page, by name."""
+    return {name: encode_floats(values) for name, values in arrays.items()}
+
+
 def film_documents(films: Sequence[Film]) -> list[Document]:
     """Return the page's documents of films side by side.
 
@@ -70,7 +75,7 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
 
     All `films` of the robot share sight, torque limits and scale, and the curves in `traced`.
     """
-    robot, time, platform = film.robot, film.time, film.platform
+    robot, time = film.robot, film.time
     same_robot = [other for other in films if other.robot.description == robot.description]
     sight = film_sight(min(same_robot, key=lambda other: not other.instants))  # one that crosses, if any
     limit, peak = film_limit(film, films), peak_torque(films_with_motors_of(film, films))
@@ -79,39 +84,44 @@ def _film_document(film: Film, films: Sequence[Film], traced: Traced) -> Documen
     unlimited = all(motor.torque_limit is None for motor in robot.description.actuators)
     reason = ", no limit in its file" if unlimited else ""
     drawn = page_robot_document(robot, poses, sight)
-    return drawn | {
-        "kind": "film",
-        "title": film.name or display_name(robot.name),
-        "proved": film.proved,
-        "refusal": film.refusal,
-        "subtitle": describe_film_briefly(film),
-        "summary": describe_film(film),
-        "proof": describe_proof(film),
-        "why": why_singular(robot),
-        "asked": wrench_kind(robot),
-        "unit": wrench_unit(robot),
-        "duration": time[-1],
-        "time": encode_floats(time),
-        "poses": encode_floats(poses),
-        "platform": encode_floats(platform),
-        "path": encode_floats(platform),
-        "torque": encode_floats(film.torque),
-        "torque_limit": largest_drawn_torque(film),
-        "law": encode_floats(film.law(time)),
-        "g": encode_floats(film.g) if film.has_measure else None,
-        "power": encode_floats(_power(film)),
-        "stated": describe_motors(robot, limit, peak, reason=reason),
-        "band": encode_floats(film.motors.band(film.t_s, limit)),
-        "polytope": _force_figure(film, limit),
-        "no_figure": why_no_figure(robot),
-        "lines": _action_line_document(film),
-        "t_s": _arrow_document(film.twists),
-        "W_p": W_p,
-        "world": world,
-        "instants": _instant_documents(film),
-        "springs": _spring_document(film, drawn["length"]),
-        "locus": _locus_document(film, traced),
-    }
+    curves = encode_each(
+        time=time,
+        poses=poses,
+        platform=film.platform,
+        torque=film.torque,
+        law=film.law(time),
+        power=_power(film),
+        band=film.motors.band(film.t_s, limit),
+    )
+    return (
+        drawn
+        | curves
+        | {
+            "kind": "film",
+            "title": film.name or display_name(robot.name),
+            "proved": film.proved,
+            "refusal": film.refusal,
+            "subtitle": describe_film_briefly(film),
+            "summary": describe_film(film),
+            "proof": describe_proof(film),
+            "why": why_singular(robot),
+            "asked": wrench_kind(robot),
+            "unit": wrench_unit(robot),
+            "duration": time[-1],
+            "torque_limit": largest_drawn_torque(film),
+            "g": encode_floats(film.g) if film.has_measure else None,
+            "stated": describe_motors(robot, limit, peak, reason=reason),
+            "polytope": _force_figure(film, limit),
+            "no_figure": why_no_figure(robot),
+            "lines": _action_line_document(film),
+            "t_s": _arrow_document(film.twists),
+            "W_p": W_p,
+            "world": world,
+            "instants": _instant_documents(film),
+            "springs": _spring_document(film, drawn["length"]),
+            "locus": _locus_document(film, traced),
+        }
+    )
 
 
 def _power(film: Film) -> Array:
@@ -213,7 +223,7 @@ def _arrow_document(vectors: Array) -> Document:
     """Return linear and angular parts (F, 3) of twists or wrenches (F, 6)."""
     linear, angular = vectors[:, :3], vectors[:, 3:]
     largest = [np.linalg.norm(part, axis=1).max() for part in (linear, angular)]
-    return {"linear": encode_floats(linear), "angular": encode_floats(angular), "largest": largest}
+    return encode_each(linear=linear, angular=angular) | {"largest": largest}
 
 
 def _force_figure(film: Film, limit: Array) -> Document | None:
@@ -227,12 +237,7 @@ def _force_figure(film: Film, limit: Array) -> Document | None:
     if sides is None or not len(robot.passive):
         return None
     center = -figure_vectors(robot, film.motors.rotors)
-    return {
-        "center": encode_floats(center),
-        "sides": encode_floats(sides),
-        "count": robot.n_a,
-        "flat": robot.n == 2,
-    }
+    return encode_each(center=center, sides=sides) | {"count": robot.n_a, "flat": robot.n == 2}
 
 
 def force_edges(robot: ParallelRobot, motor_speed: Array, limit: Array) -> Array | None:
@@ -278,11 +283,7 @@ def _action_line_document(film: Film) -> Document | None:
     lines = action_lines(film.robot, film.motors.motor_speed) if film.instants else None
     if lines is None:
         return None
-    return {
-        "place": encode_floats(lines.point),
-        "way": encode_floats(lines.direction),
-        "count": film.robot.n_a,
-    }
+    return encode_each(place=lines.point, way=lines.direction) | {"count": film.robot.n_a}
 
 
 def _locus_document(film: Film, traced: Traced) -> Document | None:
