@@ -84,7 +84,7 @@ def draw_noise(
 ) -> Array | None:
     """Draw encoder noise (samples, R, 2, nv) of positions and speeds; None without noise.
 
-    Positions are in rad or m, speeds in rad/s or m/s.
+    Positions are in rad or m, speeds in rad/s or m/s. `seeds` are those of the R variations.
     """
     if not (spread.noise or spread.speed_noise):
         return None
@@ -372,16 +372,15 @@ class _VariedRobots(NamedTuple):
         """
         ref = self.reference
         robot = ref.robot
-        noise = np.zeros_like(v)
-        rates = v
+        noise, rates = np.zeros_like(v), v
         if self.noise is not None:
             noise, rate_noise = self.noise[k].swapaxes(0, 1)  # (R, nv) each
             rates = v + rate_noise
-        n, motors = robot.gear_ratio, robot.actuated
-        angle = n * (robot.actuated_coordinates(q) + noise[:, motors])
-        speed = n * rates[:, motors]
+        angle = robot.gear_ratio * (robot.actuated_coordinates(q) + noise[:, robot.actuated])
+        speed = robot.gear_ratio * rates[:, robot.actuated]
         if sensors == "motors":
             return Measurement(angle, speed, state=None)
+
         dx_dq = np.linalg.pinv(ref.N[k])  # (n, nv)
         x = self.platform_coordinates(k, q, v) + matvec(dx_dq, noise)
         dx = ref.dx[k] + matvec(dx_dq, rates - ref.motion.v[k])

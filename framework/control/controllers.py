@@ -64,13 +64,13 @@ class Reference(ReadOnlyArrays):
     period: float  # [s]
     times: Array  # (K,) [s]
     motion: Motion  # q (K, nq), v, a (K, nv)
-    x: Array  # (K, n) [m, rad]
-    dx: Array  # (K, n)
-    ddx: Array  # (K, n)
-    torque: Array  # (K, n_a) [N m], motor side
-    period_torque: Array  # (K, n_a) in the middle of the period after each instant, to be constant over it
-    motor_angle: Array  # (K, n_a) [rad], motor side
-    motor_speed: Array  # (K, n_a)
+    x: Array  # (K, n) platform coordinates [m, rad]
+    dx: Array  # (K, n) their rates
+    ddx: Array  # (K, n) their accelerations
+    torque: Array  # (K, n_a) [N m], motor side, without dry friction
+    period_torque: Array  # (K, n_a) torque half a period after each instant, to be constant over the period
+    motor_angle: Array  # (K, n_a) [rad, m], motor side
+    motor_speed: Array  # (K, n_a) [rad/s, m/s], motor side
     N: Array  # (K, nv, n) dq/dx at constant deflections of the springs
     law: MotionLaw
     wrenches: ExternalWrenches  # external wrenches, as planned
@@ -136,19 +136,19 @@ FADING_RATIO = 0.1  # singular values below this share of the largest one are da
 
 
 class RobotState(NamedTuple):
-    """Configuration and platform of R runs, measured or estimated."""
+    """Configuration and platform of R runs with their rates, measured or estimated."""
 
     q: Array  # (R, nq)
-    v: Array  # (R, nv)
-    x: Array  # (R, n) [m, rad]
-    dx: Array  # (R, n)
+    v: Array  # (R, nv) joint rates
+    x: Array  # (R, n) platform coordinates [m, rad]
+    dx: Array  # (R, n) their rates
 
 
 class Measurement(NamedTuple):
     """The readings of the encoders of R runs."""
 
-    motor_angle: Array  # (R, n_a) [rad], motor side
-    motor_speed: Array  # (R, n_a) [rad/s]
+    motor_angle: Array  # (R, n_a) [rad, m], motor side
+    motor_speed: Array  # (R, n_a) [rad/s, m/s], motor side
     state: RobotState | None  # None with encoders only on the motors
 
 
@@ -197,9 +197,9 @@ def estimate_state(reference: Reference, k: int, measurement: Measurement, *, aw
 def solve_damped(matrices: Array, right: Array) -> Array:
     """Solve matrices (R, m, k) for right-hand sides (R, m) by damped least squares.
 
-    Let t be FADING_RATIO times the largest singular value. The inverse of a singular value sigma below t is
-    sigma / t^2 instead of 1 / sigma, which is continuous at t and falls to zero with sigma. The solution is
-    NaN for a matrix that is not finite.
+    The solutions have the shape (R, k). Let t be FADING_RATIO times the largest singular value. The inverse
+    of a singular value sigma below t is sigma / t^2 instead of 1 / sigma, which is continuous at t and falls
+    to zero with sigma. The solution is NaN for a matrix that is not finite.
     """
     is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))[:, None]  # (R, 1)
     U, sigma, V_rows = np.linalg.svd(np.where(is_finite[:, None], matrices, 0.0), full_matrices=False)
@@ -321,7 +321,7 @@ def solve_riccati(A: Array, B: Array, Q: Array, R: Array, period: float) -> Arra
     Args:
         A, B: (K, 2n, 2n) and (K, 2n, n_a) of the error dynamics, see `linearise_error`.
         Q, R: (2n, 2n) and (n_a, n_a) weights of errors and torque corrections.
-        period: sampling period [s].
+        period: sampling period h [s].
 
     With constant torques over a period h, e_(k+1) = F e_k + G tau_k and [F, G; 0, 1] = exp([A, B; 0, 0] h).
     For the cost-to-go e' P e after a period the gain is L = (R + G' P G)^-1 G' P F. The cost-to-go before the
@@ -398,9 +398,8 @@ class ComputedTorque:
             multipliers = planned + solve_damped(P_T, r_p - matvec(P_T, planned))
 
         torque = (r - matvec(J_T, multipliers)) / robot.column_scale  # (R, nv)
-        n = robot.gear_ratio
-        rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]
-        return rotor_torque + torque[:, robot.actuated] / n
+        rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
+        return rotor_torque + torque[:, robot.actuated] / robot.gear_ratio
 
 
 class _Motion(NamedTuple):
@@ -451,10 +450,9 @@ def _planned_multipliers(reference: Reference) -> Array:
     """
     robot = reference.robot
     motion = reference.motion
-    n = robot.gear_ratio
-    rotor_torque = robot.rotor_inertia * n * motion.a[:, robot.actuated]
+    rotor_torque = robot.rotor_inertia * robot.gear_ratio * motion.a[:, robot.actuated]
     loop_forces = tree_forces(robot, motion)  # r (K, nv), from which S' tau is subtracted
-    loop_forces[:, robot.actuated] -= n * (reference.torque - rotor_torque)
+    loop_forces[:, robot.actuated] -= robot.gear_ratio * (reference.torque - rotor_torque)
     J = scaled_loops(robot, motion.linearised)
     inverse = np.linalg.pinv(J.transpose(0, 2, 1))  # (K, m, nv)
     return np.matvec(inverse, loop_forces * robot.column_scale)
