@@ -282,8 +282,6 @@ def run_closed_loop(
     robots = _VariedRobots.of(ref, spread, variations)
     monitor = RunMonitor(len(variations), ref.robot)
     last = len(ref.times) - 1
-    periods = np.rint([variation.delay / ref.period for variation in variations])
-    delays = np.minimum(periods, last).astype(np.intp)  # (R,) [sampling periods], at most the whole motion
     commands, torques = np.zeros((2, last + 1, len(variations), ref.robot.n_a))
     q, v = robots.start
     for k in range(last + 1):
@@ -295,7 +293,7 @@ def run_closed_loop(
             command = controller.torque(k, robots.measure(k, q, v, loop.sensors))
         commands[k] = np.clip(np.nan_to_num(command, nan=0.0), -limit, limit)
         # until its delay has passed, a run keeps its first command
-        torques[k] = commands[np.maximum(k - delays, 0), np.arange(len(delays))]
+        torques[k] = commands[np.maximum(k - robots.delays, 0), np.arange(len(variations))]
         monitor.update_peaks(torques[k])
         if k == last or not monitor.alive.any():
             break
@@ -320,12 +318,13 @@ def _have_diverged(ref: Reference, q: Array, v: Array) -> BoolArray:
 
 
 class _VariedRobots(NamedTuple):
-    """R varied robots with encoders, motor friction and external wrenches."""
+    """R varied robots with encoders, delays, motor friction and external wrenches."""
 
     reference: Reference
     stepper: Stepper
     start: State  # q (R, nq), v (R, nv)
     world: WorldForces
+    delays: IntArray  # (R,) [sampling periods] from measurement to torque, at most the whole motion
     friction: Array  # (R, n_a) [N m] Coulomb friction of the motors
     smoothing_speed: Array  # (n_a,) [rad/s] motor speed below which friction is smoothed
     noise: Array | None  # (K, R, 2, nv) of the encoders, in positions and in speeds
@@ -348,12 +347,14 @@ class _VariedRobots(NamedTuple):
             raise InvalidInput(
                 f"places: with so large a spread a robot cannot be assembled: {error}"
             ) from None
+        periods = np.rint([variation.delay / ref.period for variation in variations])
+        delays = np.minimum(periods, len(ref.times)).astype(np.intp)
         seeds = [variation.seed for variation in variations]
         noise = draw_noise(ref.robot, spread, seeds, len(ref.times))
         shares = np.array([variation.friction for variation in variations])
         friction = shares * np.abs(ref.torque).max(axis=0)
         smoothing_speed = FRICTION_SMOOTHING * np.maximum(np.abs(ref.motor_speed).max(axis=0), MIN_SPEED)
-        return _VariedRobots(ref, stepper, start, world, friction, smoothing_speed, noise)
+        return _VariedRobots(ref, stepper, start, world, delays, friction, smoothing_speed, noise)
 
     def platform_coordinates(self, k: int, q: Array, v: Array) -> Array:
         """Compute platform coordinates (R, n) at instant k, with angles near the planned ones.

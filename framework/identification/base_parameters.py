@@ -116,7 +116,7 @@ def gravity_scale(robot: ParallelRobot) -> float:
 
 
 class ParameterRegressor(NamedTuple):
-    """The terms of N' Y theta + constant = N' S tau at T instants, on platform axes [N, N m]."""
+    """The terms of N' Y theta + constant = N' S tau on platform axes, at T instants."""
 
     matrix: Array  # (T, n, p) N' Y
     constant: Array  # (T, n) wrench of springs, and of armature and damping of joints without a motor
