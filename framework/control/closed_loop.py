@@ -18,7 +18,7 @@ from framework.dynamics.motor_limits import motor_limits
 from framework.errors import InvalidInput, NotAssembled, check_choice
 from framework.kinematics.frames import integrate
 from framework.kinematics.parallel_robot import ParallelRobot
-from framework.numerics.arrays import Array, BoolArray, Names, ReadOnlyArrays
+from framework.numerics.arrays import Array, BoolArray, IntArray, Names, ReadOnlyArrays
 from framework.numerics.fields import not_negative, positive
 from framework.numerics.ordered_sums import matvec
 from framework.simulation import Stepper

@@ -153,25 +153,24 @@ def calibrate(
     noise = noise or {}
     _check_errors(noise, length_error=length_error, angle_error=angle_error)
     geometry = parametrise_geometry(robot, joints)
-    model = geometry.model
     data = load_recording(robot, data)
     measured = select_measurements(geometry, data, {**NOISE, **noise})
     is_test = np.arange(len(data)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     if not is_test.any():
         raise InvalidInput(f"{data.source}: {len(data)} rows; at least {HELD_OUT_EVERY} are needed")
-    q = _solve_poses(model, measured)  # (T, nq) by the file's geometry
+    q = _solve_poses(geometry.model, measured)  # (T, nq) by the file's geometry
     prior = np.where(geometry.turning, angle_error, length_error)
 
     used = measured.select_instants(~is_test)
     used_q = q[~is_test]
-    solver = GaussNewton(model, used, used_q, prior)
+    solver = GaussNewton(geometry.model, used, used_q, prior)
     solver.run(progress)
     _check_plausible(geometry, solver.values / prior, solver.noise)
-    equations = eliminate_poses(model, used, used_q)
+    equations = eliminate_poses(geometry.model, used, used_q)
     combinations = _find_combinations(equations, used, prior)
 
     test = measured.select_instants(is_test)
-    predict_error = partial(_prediction_error, model, test, q[is_test])
+    predict_error = partial(_prediction_error, geometry.model, test, q[is_test])
     return Calibration(
         robot=robot,
         geometry=geometry,
