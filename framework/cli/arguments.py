@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path as FilePath
@@ -252,13 +252,9 @@ def saved_plan(options: Namespace) -> CrossingPlan | None:
                 {"robot_file": None}
             )
         return None
-    for key in _OF_A_PLAN:
-        value = getattr(options, key, None)
-        if value is not None and (key, value) != ("flexibility", "rigid"):  # rigid may be the default
-            flag = flag_of(key)
-            raise InvalidInput(
-                f"{flag}: the plan in {options.robot} has its own; leave it out, or plan again"
-            ).advising({flag[2:]: None})
+    refuse_options(
+        options, _OF_A_PLAN, f"the plan in {options.robot} has its own; leave it out, or plan again"
+    )
     return load_plan(options.robot, robot_file=options.robot_file)
 
 
@@ -276,6 +272,18 @@ def motion_rows(options: Namespace, plan: CrossingPlan) -> MotionTable:
             f"--rate: needs {least:.4g} to {most:.4g} rows a second here, got {options.rate:g}"
         )
     return plan.samples(period=1.0 / options.rate, columns=options.columns)
+
+
+def refuse_options(options: Namespace, keys: Iterable[str], reason: str) -> None:
+    """Refuse the first typed one of the options `keys`, for a reason; the remedy is to leave it out.
+
+    The flexibility rigid may be the default, and is not refused.
+    """
+    for key in keys:
+        value = getattr(options, key, None)
+        if value is not None and value is not False and value != "rigid":
+            flag = flag_of(key)
+            raise InvalidInput(f"{flag}: {reason}").advising({flag[2:]: None})
 
 
 def flag_of(key: str) -> str:

@@ -122,10 +122,9 @@ def _check_options(options: Namespace, file: FilePath) -> None:
             f"--out: {program} is written to {' or '.join(suffixes)}, got {options.out!r}"
         ).advising({"out": str(file.with_suffix(suffixes[0]))})
     for key, formats in FORMATS_OF.items():
-        if program not in formats and getattr(options, key) not in (None, False):
-            raise InvalidInput(
-                f"{arguments.flag_of(key)}: of {', '.join(formats)} only, not of {program}; leave it out"
-            ).advising({key: None})
+        if program not in formats:
+            reason = f"of {', '.join(formats)} only, not of {program}; leave it out"
+            arguments.refuse_options(options, [key], reason)
 
 
 def _model_file(options: Namespace, file: FilePath) -> Export:

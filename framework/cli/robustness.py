@@ -300,11 +300,9 @@ def replay_run(options: Namespace) -> Report:
         InvalidInput: an option that the study determines; no such study, controller or run.
     """
     defaults = vars(options.parser.parse_args([options.robot]))
-    for key, default in defaults.items():
-        if key not in OF_A_REPLAY and getattr(options, key) != default:
-            raise InvalidInput(
-                f"{arguments.flag_of(key)}: the study in {options.robot} has its own; leave it out"
-            )
+    changed = [key for key, default in defaults.items() if getattr(options, key) != default]
+    determined = [key for key in changed if key not in OF_A_REPLAY]
+    arguments.refuse_options(options, determined, f"the study in {options.robot} has its own; leave it out")
     setup, saved = load_study(options.robot, robot_file=options.robot_file)
     with prefix_errors(Path(options.robot) / FILE, InvalidInput):
         stated = read_table("", saved, _RUNS, others=None)

@@ -96,10 +96,8 @@ def _make_films(options: Namespace) -> list[Film]:
     if saved is not None:
         return [film_plan(saved, name=describe_saved_plan(saved, FilePath(options.robot).resolve().name))]
     if not any((options.scenes, options.start, options.end, options.via)):
-        for name in (*TYPED, *arguments.WRENCH_OPTIONS):
-            if getattr(options, name, None) is not None:
-                flag = arguments.flag_of(name)
-                raise InvalidInput(f"{flag}: needs a motion; give --scene, or --from and --to")
+        of_a_motion = (*TYPED, *arguments.WRENCH_OPTIONS)
+        arguments.refuse_options(options, of_a_motion, "needs a motion; give --scene, or --from and --to")
         return []
     robot = arguments.load(options)
     return [_film_scene(options, robot, name) for name in options.scenes or [None]]

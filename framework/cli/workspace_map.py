@@ -266,9 +266,8 @@ def _margin_lines(robot: ParallelRobot, margin: NearestSingularPose) -> list[str
 
 def report_design_study(options: Namespace) -> Report:
     """Map each design of a study; write and report the results."""
-    for key in NOT_FOR_STUDIES:
-        if getattr(options, key) is not None:
-            raise InvalidInput(f"--{key}: not for a study, whose robots have values of their own")
+    reason = "not for a study, whose robots have values of their own"
+    arguments.refuse_options(options, NOT_FOR_STUDIES, reason)
     file = robot_file(options.robot)
     designs = read_designs(file, options.table)
     robot = ParallelRobot.from_file(file, flexibility=options.flexibility)
